@@ -1,0 +1,41 @@
+# Two commands matter: `make demo` and `make test`. Each makes .venv and installs what it needs.
+PYTHON ?= python3
+BIN := .venv/bin
+UV := 0.13.8
+INSTALL = $(BIN)/python -m uv pip install --quiet --python $(BIN)/python --constraint constraints.txt
+
+.PHONY: demo test lint bench constraints clean
+
+demo: .venv/demo
+	$(BIN)/bumpbench demo
+
+test: .venv/test
+	$(BIN)/python -m pytest --quiet
+
+lint: .venv/test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: .venv/test
+	$(BIN)/python -m tests.benchmarks
+
+constraints: .venv/test
+	$(BIN)/python -m uv pip compile --quiet --universal --python-version 3.11 --upgrade \
+	    --no-header --no-annotate --all-extras pyproject.toml --output-file constraints.txt
+
+clean:
+	rm -rf .venv build *.egg-info
+
+.venv/python: Makefile
+	$(PYTHON) -m venv --clear .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv==$(UV)
+	touch $@
+
+.venv/demo: .venv/python pyproject.toml constraints.txt
+	$(INSTALL) --editable .
+	touch $@
+
+.venv/test: .venv/python pyproject.toml constraints.txt
+	$(INSTALL) --editable '.[test]'
+	touch $@ .venv/demo

@@ -1,0 +1,110 @@
+"""A channel: which physical quantity a signal is, and how it is mounted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from .vehicle import DOF, Corner
+
+
+class Quantity(StrEnum):
+    """Physical quantities that the method can use, all vertical (z up) or about x and y."""
+
+    BODY_ACCELERATION = "body_acceleration"
+    """Vertical acceleration of a body point, m/s2."""
+    PITCH_RATE = "pitch_rate"
+    ROLL_RATE = "roll_rate"
+    PITCH_ACCELERATION = "pitch_acceleration"
+    ROLL_ACCELERATION = "roll_acceleration"
+    HUB_ACCELERATION = "hub_acceleration"
+    """Vertical acceleration of a wheel hub, m/s2."""
+    SUSPENSION_TRAVEL = "suspension_travel"
+    """Wheel heave minus body heave at the corner, m: positive in compression."""
+    BODY_DISPLACEMENT = "body_displacement"
+    HUB_DISPLACEMENT = "hub_displacement"
+    UNUSED = "unused"
+    """Recorded, and not used by the identification (a yaw rate, a longitudinal acceleration)."""
+
+
+SI_UNITS = {
+    Quantity.BODY_ACCELERATION: "m/s2",
+    Quantity.PITCH_RATE: "rad/s",
+    Quantity.ROLL_RATE: "rad/s",
+    Quantity.PITCH_ACCELERATION: "rad/s2",
+    Quantity.ROLL_ACCELERATION: "rad/s2",
+    Quantity.HUB_ACCELERATION: "m/s2",
+    Quantity.SUSPENSION_TRAVEL: "m",
+    Quantity.BODY_DISPLACEMENT: "m",
+    Quantity.HUB_DISPLACEMENT: "m",
+}
+
+ON_BODY = frozenset({Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT})
+AT_CORNER = frozenset(
+    {Quantity.HUB_ACCELERATION, Quantity.SUSPENSION_TRAVEL, Quantity.HUB_DISPLACEMENT}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One measured quantity.
+
+    The stored value is ``sign * gain * SI(signal) - tare``.
+
+    Parameters
+    ----------
+    name : str
+        Unique in a session.
+    quantity : Quantity
+        What it measures.
+    unit : str
+        SI unit of the stored value.
+    signal : str
+        `Message.signal` in the DBC; empty for data that never were on a bus.
+    corner : Corner or None
+        For quantities at a wheel.
+    x_m, y_m : float
+        Mounting position on the body from the middle of the front axle (`daq.vehicle`).
+    position_sigma_m : float
+        Standard uncertainty of x_m and y_m; 0 means exact.
+    at_cg : bool
+        The position is exactly the CG, wherever that is; x_m and y_m do not count.
+    sign, gain, tare : float
+        Polarity (+1 or -1), scale correction and zero.
+    delay_s, delay_sigma_s : float
+        Known lateness of the sensor (data sheet) and its standard uncertainty.
+    """
+
+    name: str
+    quantity: Quantity
+    unit: str
+    signal: str = ""
+    corner: Corner | None = None
+    x_m: float = 0.0
+    y_m: float = 0.0
+    position_sigma_m: float = 0.0
+    at_cg: bool = False
+    sign: float = 1.0
+    gain: float = 1.0
+    tare: float = 0.0
+    delay_s: float = 0.0
+    delay_sigma_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if (self.quantity in AT_CORNER) != (self.corner is not None):
+            need = "needs" if self.quantity in AT_CORNER else "has no"
+            raise ValueError(f"channel {self.name}: {self.quantity} {need} a corner")
+
+
+def paper_channels() -> tuple[Channel, ...]:
+    """Return the seven accelerations of the paper, named as the degrees of freedom (`DOF`)."""
+    body = (
+        Channel("z_s", Quantity.BODY_ACCELERATION, "m/s2", at_cg=True),
+        Channel("theta", Quantity.PITCH_ACCELERATION, "rad/s2"),
+        Channel("phi", Quantity.ROLL_ACCELERATION, "rad/s2"),
+    )
+    hubs = (
+        Channel(name, Quantity.HUB_ACCELERATION, "m/s2", corner=corner)
+        for name, corner in zip(DOF[3:], Corner, strict=True)
+    )
+    return (*body, *hubs)

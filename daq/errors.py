@@ -1,0 +1,11 @@
+"""Errors of the acquisition side; see `dbc.errors` for their form."""
+
+from __future__ import annotations
+
+from dbc.errors import BumpbenchError, InputError, printable
+
+__all__ = ["BumpbenchError", "BusError", "InputError", "printable"]
+
+
+class BusError(BumpbenchError, OSError):
+    """A CAN bus that cannot be opened or has gone."""

@@ -1,0 +1,1 @@
+"""What a CAN frame means: frames, DBC databases, decoding, units."""

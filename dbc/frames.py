@@ -1,0 +1,113 @@
+"""CAN frames as a struct of arrays: the only form frames have inside the program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class FrameFlag(IntFlag):
+    """Properties of one frame, as bits of `FrameBatch.flags`."""
+
+    EXTENDED = 1
+    REMOTE = 2
+    ERROR = 4
+    FD = 8
+    BITRATE_SWITCH = 16
+    ERROR_STATE = 32
+    TRANSMITTED = 64
+    """Sent by this host: an echo.  Such frames are measurements like any other."""
+
+
+_T = TypeVar("_T", bound=np.generic)
+
+
+def read_only(values: NDArray[_T]) -> NDArray[_T]:
+    """Return a view of `values` that cannot be written."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
+@dataclass(frozen=True, slots=True)
+class FrameBatch:
+    """A block of frames, in order of arrival.
+
+    Parameters
+    ----------
+    t_ns : (n,) int64
+        Time stamp of each frame, ns since 1970-01-01 UTC, as given by the bus.
+    can_id : (n,) uint32
+        Identifier, 11 or 29 bits, without flag bits.
+    flags : (n,) uint16
+        Bits of `FrameFlag`.
+    bus : (n,) uint8
+        Index of the bus in the configuration.
+    length : (n,) uint8
+        Number of payload bytes.
+    data : (n, 8) or (n, 64) uint8
+        Payload, padded with zeros.
+
+    Raises
+    ------
+    ValueError
+        If a column's shape does not fit.
+    """
+
+    t_ns: NDArray[np.int64]
+    can_id: NDArray[np.uint32]
+    flags: NDArray[np.uint16]
+    bus: NDArray[np.uint8]
+    length: NDArray[np.uint8]
+    data: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        n = len(self.t_ns)
+        if self.data.ndim != 2 or self.data.shape[0] != n or self.data.shape[1] not in (8, 64):
+            raise ValueError(f"data has shape {self.data.shape}, not ({n}, 8) or ({n}, 64)")
+        for name, dtype in _COLUMNS:
+            column = getattr(self, name)
+            if name != "data" and column.shape != (n,):
+                raise ValueError(f"{name} has shape {column.shape}, not ({n},)")
+            object.__setattr__(self, name, read_only(np.ascontiguousarray(column, dtype)))
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def select(self, index: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Self:
+        """Return the frames that `index` (mask, positions or slice) picks."""
+        return type(self)(*(getattr(self, name)[index] for name, _ in _COLUMNS))
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Return a batch of no frames."""
+        return cls(*(np.zeros((0, 8) if name == "data" else 0, t) for name, t in _COLUMNS))
+
+    @classmethod
+    def concatenate(cls, batches: Sequence[Self]) -> Self:
+        """Join batches in the order given; payloads are widened to 64 bytes if any is."""
+        if not batches:
+            return cls.empty()
+        width = max(batch.data.shape[1] for batch in batches)
+        columns = [
+            np.concatenate([getattr(batch, name) for batch in batches])
+            for name, _ in _COLUMNS
+            if name != "data"
+        ]
+        data = [np.pad(b.data, ((0, 0), (0, width - b.data.shape[1]))) for b in batches]
+        return cls(*columns, np.concatenate(data))
+
+
+_COLUMNS = (
+    ("t_ns", np.int64),
+    ("can_id", np.uint32),
+    ("flags", np.uint16),
+    ("bus", np.uint8),
+    ("length", np.uint8),
+    ("data", np.uint8),
+)

@@ -1,0 +1,1 @@
+"""From runs to physical parameters with confidence intervals.  Pure computation."""

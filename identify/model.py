@@ -1,0 +1,140 @@
+"""The linear 7-DOF model (Eqs. 1-10): parameters to matrices, the only assembly there is.
+
+Symbols are the paper's; axes and degrees of freedom are those of `daq.vehicle`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.vehicle import AddedMass, BodyWeight, VehicleGeometry, VehicleParameters, body_row
+from dbc.frames import read_only
+
+N_DOF = 7
+
+
+@dataclass(frozen=True, slots=True)
+class PhysicalModel:
+    """Mass, damping and stiffness matrix of Eq. 1.
+
+    Parameters
+    ----------
+    M, C, K : (7, 7) float64
+        kg, N s/m, N/m and their rotational counterparts, order `daq.vehicle.DOF`.
+    """
+
+    M: NDArray[np.float64]
+    C: NDArray[np.float64]
+    K: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for name in ("M", "C", "K"):
+            object.__setattr__(self, name, read_only(np.array(getattr(self, name), dtype=float)))
+
+    @property
+    def A(self) -> NDArray[np.float64]:
+        """State matrix of Eq. 12 for the state (X, dX/dt), (14, 14)."""
+        return np.asarray(state_matrix(self.M, self.C, self.K), dtype=np.float64)
+
+    def with_mass(self, delta_M: NDArray[np.float64]) -> PhysicalModel:
+        """Return the model with `delta_M`, (7, 7) in kg and kg m2, added (Eq. 25)."""
+        return PhysicalModel(self.M + delta_M, self.C, self.K)
+
+
+def corner_map(a: complex, b: complex, t_f: complex, t_r: complex) -> NDArray[np.complex128]:
+    """Return L of Eq. 10, (3, 4): heave of the body at the corners is ``L.T (z_s, theta, phi)``."""
+    return np.array([[1, 1, 1, 1], [-a, -a, b, b], [t_f, -t_f, t_r, -t_r]], dtype=complex)
+
+
+def matrices(
+    theta: NDArray[np.complex128] | NDArray[np.float64],
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+    """Assemble M, C and K (Eqs. 3-10) from the 15 parameters.
+
+    Complex so that derivatives can be taken by a complex step; a real `theta` gives matrices
+    whose imaginary part is zero.
+
+    Parameters
+    ----------
+    theta : (15,) float64 or complex128
+        Parameters in the order of `daq.vehicle.PARAMETER_NAMES`.
+
+    Returns
+    -------
+    M, C, K : (7, 7) complex128
+    """
+    m_s, I_yy, I_xx, m_uf, m_ur, k_sf, k_sr, k_tf, k_tr, c_sf, c_sr, a, b, t_f, t_r = theta
+    L = corner_map(a, b, t_f, t_r)
+    C = _suspension(L, np.array([c_sf, c_sf, c_sr, c_sr]))
+    K = _suspension(L, np.array([k_sf, k_sf, k_sr, k_sr]))
+    K[3:, 3:] += np.diag([k_tf, k_tf, k_tr, k_tr])
+    M = np.diag(np.array([m_s, I_yy, I_xx, m_uf, m_uf, m_ur, m_ur], dtype=complex))
+    return M, C, K
+
+
+def _suspension(
+    L: NDArray[np.complex128], rate: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Return the block matrix of Eqs. 4 and 5 that four springs or dampers make, (7, 7)."""
+    D = np.diag(rate)
+    return np.block([[L @ D @ L.T, -L @ D], [-D @ L.T, D]])
+
+
+def state_matrix(M: NDArray, C: NDArray, K: NDArray) -> NDArray:  # type: ignore[type-arg]
+    """Return A of Eq. 12, (14, 14), for real or complex matrices."""
+    n = len(M)
+    lower = -np.linalg.solve(M, np.hstack([K, C]))
+    return np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
+
+
+def physical_model(parameters: VehicleParameters) -> PhysicalModel:
+    """Return M, C and K of a vehicle without added mass."""
+    M, C, K = matrices(parameters.to_array())
+    return PhysicalModel(M.real, C.real, K.real)
+
+
+def state_space(parameters: VehicleParameters) -> PhysicalModel:
+    """Return the model of a vehicle: its attributes are M, C, K and the state matrix A."""
+    return physical_model(parameters)
+
+
+def delta_mass(added: AddedMass, a: complex) -> NDArray[np.complex128]:
+    """Mass matrix of the added weights about the CG of the *baseline*.
+
+    A weight m at (x, y) from the CG adds ``m r r^T`` with r its `body_row`, and m h^2 to both
+    inertias for its height h above the CG; a weight on a hub adds to that wheel.
+
+    Parameters
+    ----------
+    added : AddedMass
+        Weights, positions counted from the front axle.
+    a : float or complex
+        Distance from the CG to the front axle, m: the CG lies at x = -a.
+
+    Returns
+    -------
+    (7, 7) complex128
+        In the order `daq.vehicle.DOF`; complex for complex-step derivatives.
+    """
+    total = added.matrix.astype(complex)
+    for weight in added.weights:
+        if isinstance(weight, BodyWeight):
+            r = body_row(0.0, weight.y_m).astype(complex)
+            r[1] = -(weight.x_m + a)
+            total += weight.mass_kg * np.outer(r, r)
+            total[1, 1] += weight.mass_kg * weight.height_m**2
+            total[2, 2] += weight.mass_kg * weight.height_m**2
+        else:
+            wheel = 3 + weight.corner.index
+            total[wheel, wheel] += weight.mass_kg
+    return total
+
+
+def with_geometry(parameters: VehicleParameters, geometry: VehicleGeometry) -> VehicleParameters:
+    """Return the parameters with their four lengths replaced."""
+    theta = parameters.to_array()
+    theta[-4:] = (geometry.a, geometry.b, geometry.t_f, geometry.t_r)
+    return VehicleParameters(*theta)
