@@ -62,9 +62,11 @@ class SampleGroup:
 
     def __post_init__(self) -> None:
         n = len(self.time_s)
-        for name, column in (("t_ns", self.t_ns), ("quality", self.quality), *self.values.items()):
-            if column.shape != (n,):
-                raise ValueError(f"group {self.name}: {name} has shape {column.shape}, not ({n},)")
+        columns = {"t_ns": self.t_ns.shape, "quality": self.quality.shape}
+        columns |= {name: column.shape for name, column in self.values.items()}
+        for name, shape in columns.items():
+            if shape != (n,):
+                raise ValueError(f"group {self.name}: {name} has shape {shape}, not ({n},)")
         object.__setattr__(self, "time_s", read_only(self.time_s))
         object.__setattr__(self, "t_ns", read_only(self.t_ns))
         object.__setattr__(self, "quality", read_only(self.quality))

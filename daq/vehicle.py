@@ -35,19 +35,19 @@ class Corner(StrEnum):
     REAR_RIGHT = "RR"
 
     @property
-    def index(self) -> int:
+    def position(self) -> int:
         """Position among the corners, 0..3."""
         return tuple(Corner).index(self)
 
     @property
     def front(self) -> bool:
         """Whether the corner is on the front axle."""
-        return self.index < 2
+        return self.position < 2
 
     @property
     def side(self) -> int:
         """+1 on the left side (positive y), -1 on the right."""
-        return 1 if self.index % 2 == 0 else -1
+        return 1 if self.position % 2 == 0 else -1
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,12 +81,26 @@ class FrameBatch:
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Self:
         """Return the frames that `index` (mask, positions or slice) picks."""
-        return type(self)(*(getattr(self, name)[index] for name, _ in _COLUMNS))
+        return type(self)(
+            self.t_ns[index],
+            self.can_id[index],
+            self.flags[index],
+            self.bus[index],
+            self.length[index],
+            self.data[index],
+        )
 
     @classmethod
     def empty(cls) -> Self:
         """Return a batch of no frames."""
-        return cls(*(np.zeros((0, 8) if name == "data" else 0, t) for name, t in _COLUMNS))
+        return cls(
+            np.zeros(0, np.int64),
+            np.zeros(0, np.uint32),
+            np.zeros(0, np.uint16),
+            np.zeros(0, np.uint8),
+            np.zeros(0, np.uint8),
+            np.zeros((0, 8), np.uint8),
+        )
 
     @classmethod
     def concatenate(cls, batches: Sequence[Self]) -> Self:
@@ -94,13 +108,15 @@ class FrameBatch:
         if not batches:
             return cls.empty()
         width = max(batch.data.shape[1] for batch in batches)
-        columns = [
-            np.concatenate([getattr(batch, name) for batch in batches])
-            for name, _ in _COLUMNS
-            if name != "data"
-        ]
         data = [np.pad(b.data, ((0, 0), (0, width - b.data.shape[1]))) for b in batches]
-        return cls(*columns, np.concatenate(data))
+        return cls(
+            np.concatenate([batch.t_ns for batch in batches]),
+            np.concatenate([batch.can_id for batch in batches]),
+            np.concatenate([batch.flags for batch in batches]),
+            np.concatenate([batch.bus for batch in batches]),
+            np.concatenate([batch.length for batch in batches]),
+            np.concatenate(data),
+        )
 
 
 _COLUMNS = (

@@ -1,0 +1,128 @@
+"""Sums of exponentials as data: the basis of every free decay and of its derivatives.
+
+With the eigenvalues l_k of the state matrix, a channel of a free decay is a sum of ``exp(l_k t)``,
+and its derivative by any parameter is a sum of ``exp(l_k t)`` and ``t exp(l_k t)``.  So a
+recording enters a fit only through the products of these 28 functions (and a constant) with each
+other and with the samples: the cost of a fit is linear in the samples, whatever the number of
+parameters.  The functions are evaluated at each sample's own time; there is no common grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_EQUAL = 1e-7  # eigenvalues closer than this, relative, are one double eigenvalue
+
+
+@dataclass(frozen=True, slots=True)
+class Spectrum:
+    """Eigenvalues and eigenvectors of a real state matrix, and how real functions span them.
+
+    Parameters
+    ----------
+    poles : (n,) complex128
+        Eigenvalues, rad/s; conjugate pairs adjacent.
+    V, W : (n, n) complex128
+        Right eigenvectors and their inverse.
+    to_real : (2 n + 1, 2 n + 1) complex128
+        Coefficients on (exp, t exp, 1) to coefficients on the real basis.
+    """
+
+    poles: NDArray[np.complex128]
+    V: NDArray[np.complex128]
+    W: NDArray[np.complex128]
+    to_real: NDArray[np.complex128]
+
+    def basis(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the real basis at the given times, (n_samples, 2 n + 1)."""
+        n = len(self.poles)
+        out = np.empty((len(time_s), 2 * n + 1))
+        upper = np.flatnonzero(self.poles.imag > 0)
+        real = np.flatnonzero(self.poles.imag == 0)
+        wave = np.exp(np.multiply.outer(time_s, self.poles[upper]))
+        out[:, upper] = wave.real
+        out[:, upper + 1] = wave.imag
+        out[:, real] = np.exp(np.multiply.outer(time_s, self.poles[real].real))
+        out[:, n : 2 * n] = time_s[:, None] * out[:, :n]
+        out[:, -1] = 1.0
+        return out
+
+    def propagator_slope(
+        self, rows: NDArray[np.complex128], dA: NDArray[np.float64], z: NDArray[np.complex128]
+    ) -> NDArray[np.complex128]:
+        """Coefficients of ``row . d exp(A t) . x0`` on (exp, t exp).
+
+        Parameters
+        ----------
+        rows : (n_channels, n) complex128
+            Output rows in modal coordinates (row V).
+        dA : (P, n, n) float64
+            Changes of the state matrix.
+        z : (n,) complex128
+            Initial state in modal coordinates (W x0).
+
+        Returns
+        -------
+        (P, n_channels, 2 n) complex128
+            By the divided differences of exp (Daleckii and Krein).
+        """
+        modal = self.W @ dA @ self.V
+        Q = rows[None, :, :, None] * modal[:, None] * z  # (P, n_channels, n, n)
+        gap = self.poles[:, None] - self.poles[None, :]
+        scale = np.abs(self.poles)[:, None] + np.abs(self.poles)[None, :]
+        same = np.abs(gap) < _EQUAL * scale
+        inverse = np.where(same, 0.0, 1.0 / np.where(same, 1.0, gap))
+        on_exp = ((Q + Q.swapaxes(-1, -2)) * inverse).sum(axis=-1)
+        on_t_exp = (Q * same).sum(axis=-1)
+        return np.concatenate([on_exp, on_t_exp], axis=-1)
+
+
+def spectrum(A: NDArray[np.float64]) -> Spectrum:
+    """Decompose a real state matrix, (n, n) in 1/s."""
+    poles, V = np.linalg.eig(A)
+    poles, V = poles.astype(complex), V.astype(complex)
+    n = len(poles)
+    to_real = np.zeros((2 * n + 1, 2 * n + 1), dtype=complex)
+    for offset in (0, n):
+        for k in np.flatnonzero(poles.imag >= 0):
+            if poles[k].imag == 0:
+                to_real[offset + k, offset + k] = 1.0
+            else:  # exp(conj(l) t) = cos part - i sin part
+                to_real[offset + k, [offset + k, offset + k + 1]] = 1.0
+                to_real[offset + k + 1, [offset + k, offset + k + 1]] = (1j, -1j)
+    to_real[-1, -1] = 1.0
+    return Spectrum(poles, V, np.linalg.inv(V), to_real)
+
+
+@dataclass(frozen=True, slots=True)
+class Products:
+    """A recording seen through the basis.
+
+    Parameters
+    ----------
+    gram : (m, m) float64
+        Products of the basis functions with each other, summed over the samples.
+    cross : (m, n_channels) float64
+        Products with the samples.
+    power : (n_channels,) float64
+        Sum of squares of the samples.
+    n_samples : int
+        Number of instants.
+    """
+
+    gram: NDArray[np.float64]
+    cross: NDArray[np.float64]
+    power: NDArray[np.float64]
+    n_samples: int
+
+
+def products(
+    basis: NDArray[np.float64], values: NDArray[np.float64]
+) -> Products:
+    """Multiply a basis, (n_samples, m), with itself and with samples, (n_samples, n_channels)."""
+    return Products(
+        basis.T @ basis, basis.T @ values, np.einsum("ij,ij->j", values, values), len(values)
+    )
