@@ -1,0 +1,284 @@
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import can
+import numpy as np
+import pytest
+
+from daq.bus import (
+    FAULTS_UNTIL_GONE,
+    GARBLED_UNTIL_GONE,
+    PythonCanSource,
+    open_bus,
+    open_source,
+)
+from daq.config import BusConfig
+from daq.errors import BusError
+from daq.source import BLOCK_FRAMES, FrameSource
+from dbc.frames import FrameBatch, FrameFlag
+
+NOW_NS = 1_800_000_000_123_456_789
+# Two runs of the tests on one machine must not hear each other.
+GROUP, OTHER_GROUP = (f"239.{n}.{os.getpid() >> 8 & 255}.{os.getpid() & 255}" for n in (74, 75))
+
+
+class ScriptedBus:
+    """A bus whose `recv` returns or raises what the script says, then nothing any more."""
+
+    def __init__(self, script: list[can.Message | Exception | None]) -> None:
+        self.script = script
+        self.is_shut = False
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        item = self.script.pop(0) if self.script else None
+        if isinstance(item, Exception):
+            raise item
+        return item
+
+    def shutdown(self) -> None:
+        self.is_shut = True
+        raise OSError("no such device")
+
+
+def source_of(*script: can.Message | Exception | None) -> PythonCanSource:
+    return PythonCanSource(ScriptedBus(list(script)), "scripted 0", 2, lambda: NOW_NS)  # type: ignore[arg-type]
+
+
+def frame(can_id: int = 0x100, **other: object) -> can.Message:
+    fields = {"timestamp": NOW_NS * 1e-9, "is_extended_id": False, "data": b"\1\2", **other}
+    return can.Message(arbitration_id=can_id, **fields)  # type: ignore[arg-type]
+
+
+def parse_error() -> Exception:
+    error = can.CanOperationError("could not unpack received message")
+    error.__cause__ = ValueError("bad")
+    return error
+
+
+def read_until(source: FrameSource, count: int, deadline_s: float = 10.0) -> FrameBatch:
+    blocks: list[FrameBatch] = []
+    end_s = time.monotonic() + deadline_s
+    while sum(len(b) for b in blocks) < count and time.monotonic() < end_s:
+        blocks.append(source.read(0.1))
+    return FrameBatch.concatenate(blocks)
+
+
+def test_every_property_of_a_message_arrives_in_its_column() -> None:
+    batch = source_of(
+        frame(0x123, data=b"\xaa\xbb\xcc"),
+        frame(0x1ABCDEF0, is_extended_id=True, is_rx=False),
+        frame(0x7FF, is_remote_frame=True, dlc=5, data=None),
+        frame(0x40, is_error_frame=True, data=bytes(8)),
+        frame(
+            1, is_fd=True, bitrate_switch=True, error_state_indicator=True, data=bytes(range(64))
+        ),
+    ).read(0.0)
+
+    assert list(batch.can_id) == [0x123, 0x1ABCDEF0, 0x7FF, 0x40, 1]
+    assert list(batch.flags) == [
+        0,
+        FrameFlag.EXTENDED | FrameFlag.TRANSMITTED,
+        FrameFlag.REMOTE,
+        FrameFlag.ERROR,
+        FrameFlag.FD | FrameFlag.BITRATE_SWITCH | FrameFlag.ERROR_STATE,
+    ]
+    assert list(batch.length) == [3, 2, 5, 8, 64]
+    assert list(batch.bus) == [2] * 5
+    assert batch.data.shape == (5, 64)
+    assert bytes(batch.data[0, :4]) == b"\xaa\xbb\xcc\0"
+    assert not batch.data[2].any()
+    assert bytes(batch.data[4]) == bytes(range(64))
+
+
+def test_classic_frames_make_narrow_blocks() -> None:
+    assert source_of(frame(), frame(data=bytes(8))).read(0.0).data.shape == (2, 8)
+
+
+def test_a_stamp_in_float_seconds_loses_no_more_than_the_float_did() -> None:
+    rng = np.random.default_rng(1)
+    exact_ns = NOW_NS + rng.integers(-3600 * 10**9, 3600 * 10**9, 500)
+    batch = source_of(*(frame(timestamp=int(t) / 10**9) for t in exact_ns)).read(0.0)
+    # float64 steps by 2^-22 s = 238.4 ns at this epoch: half a step, and rounding to whole ns
+    assert np.abs(batch.t_ns - exact_ns).max() <= 120
+
+
+@pytest.mark.parametrize(
+    "stamp_s",
+    [0.0, 12_345.6, NOW_NS * 1e-9 + 90_000, NOW_NS * 1e-9 - 90_000, float("nan"), float("inf")],
+)
+def test_a_stamp_of_another_epoch_is_replaced_by_the_arrival_and_counted(stamp_s: float) -> None:
+    source = source_of(frame(timestamp=stamp_s), frame(timestamp=NOW_NS // 10**9 - 80_000))
+    batch = source.read(0.0)
+    assert list(batch.t_ns) == [NOW_NS, (NOW_NS // 10**9 - 80_000) * 10**9]
+    assert source.losses().restamped == 1
+
+
+def impossible() -> list[can.Message]:
+    text = frame()
+    text.arbitration_id = "x"  # type: ignore[assignment]
+    fraction = frame()
+    fraction.arbitration_id = 1.5  # type: ignore[assignment]
+    return [
+        frame(0x800),
+        frame(1 << 29, is_extended_id=True),
+        frame(-1),
+        frame(data=bytes(9)),
+        frame(dlc=8, data=b"\1\2"),
+        frame(is_fd=True, data=bytes(65)),
+        text,
+        fraction,
+    ]
+
+
+@pytest.mark.parametrize("bad", impossible(), ids=range(8))
+def test_what_cannot_be_a_frame_is_counted_and_its_neighbours_are_kept(bad: can.Message) -> None:
+    source = source_of(frame(1), frame(2), bad, frame(3))
+    assert list(source.read(0.0).can_id) == [1, 2, 3]
+    assert source.losses().garbled == 1
+
+
+@pytest.mark.parametrize(
+    "error",
+    [parse_error(), ValueError("x"), IndexError("x"), UnicodeDecodeError("a", b"", 0, 1, "b")],
+)
+def test_unreadable_input_is_counted_and_reading_goes_on(error: Exception) -> None:
+    source = source_of(frame(1), *[error] * 50, frame(2))
+    assert list(source.read(0.0).can_id) == [1, 2]
+    assert source.losses().garbled == 50
+
+
+def test_an_interface_that_reports_a_fault_once_is_not_given_up() -> None:
+    source = source_of(can.CanOperationError("Network is down", 100), frame(1))
+    assert list(source.read(0.0).can_id) == [1]
+    assert source.losses().garbled == 0
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError(19, "No such device"), can.CanOperationError("Cannot operate on a closed bus")],
+)
+def test_an_interface_that_only_fails_has_gone_and_its_last_frames_are_returned(
+    error: Exception,
+) -> None:
+    source = source_of(frame(1), *[error] * (FAULTS_UNTIL_GONE + 1))
+    assert list(source.read(0.0).can_id) == [1]
+    with pytest.raises(BusError, match="scripted 0: has gone"):
+        source.read(0.0)
+
+
+def test_nothing_but_garbage_without_a_pause_is_a_bus_that_has_gone() -> None:
+    source = source_of(*[ValueError("x")] * (GARBLED_UNTIL_GONE + 1))
+    with pytest.raises(BusError):
+        source.read(0.0)
+
+
+def test_a_block_is_bounded_and_the_rest_comes_with_the_next() -> None:
+    source = source_of(*[frame(i % 0x800) for i in range(BLOCK_FRAMES + 5)])
+    assert [len(source.read(0.0)) for _ in range(3)] == [BLOCK_FRAMES, 5, 0]
+
+
+def test_closing_a_lost_device_raises_nothing() -> None:
+    source = source_of()
+    source.close()
+    assert source._bus.is_shut  # type: ignore[attr-defined]
+
+
+def test_a_virtual_bus_carries_the_clock_of_its_sender() -> None:
+    config = BusConfig("virtual", "test_bus_clock", 1_000_000)
+    start_ns = time.time_ns() - 3600 * 10**9
+    source = open_source(config, 1)
+    with open_bus(config) as bus:
+        for i in range(100):
+            bus.send(frame(i, timestamp=(start_ns + i * 10**6) / 10**9))
+    batch = read_until(source, 100)
+    source.close()
+    assert list(batch.can_id) == list(range(100))
+    assert np.abs(batch.t_ns - start_ns - np.arange(100) * 10**6).max() <= 120
+    assert source.losses().restamped == 0
+    assert not (batch.flags & FrameFlag.TRANSMITTED).any()
+
+
+SENDER = """
+import sys, can
+from daq.bus import open_bus
+from daq.config import BusConfig
+with open_bus(BusConfig("udp_multicast", sys.argv[1], 1_000_000)) as bus:
+    for i in range(2000):
+        bus.send(can.Message(arbitration_id=0x110, is_extended_id=False, data=i.to_bytes(8, "big")))
+"""
+
+
+def test_frames_of_another_process_cross_udp_multicast_and_a_stall_of_the_reader() -> None:
+    source = open_source(BusConfig("udp_multicast", GROUP, 1_000_000), 0)
+    # Nobody reads until all has been sent: more than the kernel's default buffer holds.
+    subprocess.run([sys.executable, "-c", SENDER, GROUP], check=True, timeout=30)
+    batch = read_until(source, 2000)
+    age_s = time.time() - batch.t_ns / 1e9
+    source.close()
+    assert [int.from_bytes(row.tobytes(), "big") for row in batch.data] == list(range(2000))
+    assert age_s.max() < 60  # stamped by the kernel in ns since 1970
+    assert (np.diff(batch.t_ns) >= 0).all()
+
+
+def test_junk_and_other_groups_on_the_same_port_do_not_disturb() -> None:
+    source = open_source(BusConfig("udp_multicast", GROUP, 1_000_000), 0)
+    neighbour = open_source(BusConfig("udp_multicast", OTHER_GROUP, 1_000_000), 0)
+    with (
+        open_bus(BusConfig("udp_multicast", OTHER_GROUP, 1_000_000)) as other,
+        open_bus(BusConfig("udp_multicast", GROUP, 1_000_000)) as bus,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+        other.send(frame(0x7F))
+        bus.send(frame(1))
+        stranger.sendto(b"\x93\1\2\3", ("127.0.0.1", 43113))
+        bus.send(frame(2))
+        batch = read_until(source, 2)
+        crossing = read_until(neighbour, 1)
+    source.close()
+    neighbour.close()
+    assert list(batch.can_id) == [1, 2]
+    assert 0x7F in crossing.can_id
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel", "said"),
+    [
+        ("nonsense", "can0", "no interface 'nonsense'.*virtual"),
+        ("", "can0", "no interface ''"),
+        ("socketcan", "nosuchcan0", "cannot be opened.*ip link"),
+        ("kvaser", "0", "cannot be opened: "),
+        ("pcan", "PCAN_USBBUS1", "cannot be opened: "),
+        ("gs_usb", "0", "cannot be opened: .*usb"),
+        ("slcan", "/dev/nosuchtty", r"cannot be opened: .*No such file.*ttyACM0"),
+        ("slcan", "/dev/null@fast", "cannot be opened: "),
+        ("slcan", "", "cannot be opened: "),
+        ("udp_multicast", "no group", "cannot be opened: "),
+    ],
+)
+@pytest.mark.parametrize("opening", [lambda config: open_source(config, 0), open_bus])
+def test_a_bus_that_cannot_be_opened_is_one_line_with_advice(
+    interface: str, channel: str, said: str, opening: Callable[[BusConfig], object]
+) -> None:
+    with pytest.raises(BusError, match=said) as caught:
+        opening(BusConfig(interface, channel, 1_000_000))
+    assert "\n" not in str(caught.value)
+    assert caught.value.advice
+
+
+def test_vendor_libraries_that_are_missing_say_nothing_on_the_terminal() -> None:
+    code = (
+        "from daq.bus import open_bus\nfrom daq.config import BusConfig\n"
+        "for name in ('kvaser', 'vector', 'pcan'):\n"
+        "    try: open_bus(BusConfig(name, '0', 1000000))\n"
+        "    except OSError: pass\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, check=True, timeout=60, env=os.environ
+    )
+    assert (done.stdout, done.stderr) == (b"", b"")
