@@ -1,1 +1,1 @@
-"""A simulated car on a simulated bench, written from forces; an independent truth for the method."""
+"""A simulated car on a simulated bench: written from forces, an independent truth."""

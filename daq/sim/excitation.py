@@ -1,0 +1,69 @@
+"""The road: half-sine bumps under chosen wheels (Eq. 34)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runs import Excitation
+from ..vehicle import Corner
+
+_LIFTED = {
+    Excitation.BOUNCE: frozenset(Corner),
+    Excitation.PITCH: frozenset({Corner.FRONT_LEFT, Corner.FRONT_RIGHT}),
+    Excitation.ROLL: frozenset({Corner.FRONT_LEFT, Corner.REAR_LEFT}),
+    Excitation.WARP: frozenset({Corner.FRONT_LEFT, Corner.REAR_RIGHT}),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Bump:
+    """A half-sine bump that the chosen wheels pass at the same time.
+
+    Parameters
+    ----------
+    excitation : Excitation
+        Which wheels: all, front, left, or front left and rear right.
+    height_m : float
+        Height of the bump.
+    start_s, duration_s : float
+        When the wheels meet it and how long they are on it.
+    """
+
+    excitation: Excitation
+    height_m: float
+    start_s: float
+    duration_s: float
+
+    @property
+    def end_s(self) -> float:
+        """When the wheels have left the bump and the free decay starts."""
+        return self.start_s + self.duration_s
+
+    @property
+    def crest_m(self) -> NDArray[np.float64]:
+        """Height of the bump under each wheel, (4, 1), m, in the order of `Corner`."""
+        lifted = _LIFTED[self.excitation]
+        return np.array([[self.height_m if corner in lifted else 0.0] for corner in Corner])
+
+
+def road_height(bump: Bump, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the height of the road under each wheel (Eq. 34).
+
+    Parameters
+    ----------
+    bump : Bump
+        What the wheels drive over.
+    t_s : (n,) float64
+        Time, s.
+
+    Returns
+    -------
+    (4, n) float64
+        m, zero before and after the bump.
+    """
+    # Limiting the phase to 0..1 makes the road flat outside the bump without a mask.
+    phase = np.minimum(np.maximum((t_s - bump.start_s) / bump.duration_s, 0.0), 1.0)
+    return np.asarray(bump.crest_m * np.sin(np.pi * phase), dtype=np.float64)
