@@ -14,9 +14,9 @@ from scipy.integrate import solve_ivp
 from .excitation import Bump, road_height
 from .plant import Array, Plant, forces, static_pose
 
-RELATIVE_TOLERANCE = 1e-9
-ABSOLUTE_TOLERANCE = 1e-11
-"""m, rad and their rates: a millionth of the finest sensor's resolution."""
+RELATIVE_TOLERANCE = 1e-10
+ABSOLUTE_TOLERANCE = 1e-12
+"""m, rad and their rates: a ten-millionth of the finest sensor's resolution."""
 
 Solution = Callable[[Array], Array]
 """State, (14, n): pose and velocity at times (n,)."""
