@@ -115,13 +115,13 @@ class VehicleParameters:
 
 
 PARAMETER_NAMES = tuple(f.name for f in fields(VehicleParameters))
-PARAMETER_UNITS = dict(
-    zip(
-        PARAMETER_NAMES,
-        "kg,kg m2,kg m2,kg,kg,N/m,N/m,N/m,N/m,N s/m,N s/m,m,m,m,m".split(","),
-        strict=True,
-    )
-)
+PARAMETER_UNITS = {
+    **dict.fromkeys(("m_s", "m_uf", "m_ur"), "kg"),
+    **dict.fromkeys(("I_yy", "I_xx"), "kg m2"),
+    **dict.fromkeys(("k_sf", "k_sr", "k_tf", "k_tr"), "N/m"),
+    **dict.fromkeys(("c_sf", "c_sr"), "N s/m"),
+    **dict.fromkeys(("a", "b", "t_f", "t_r"), "m"),
+}
 
 FORD_GRANADA = VehicleParameters(
     m_s=1380.0,

@@ -148,7 +148,9 @@ def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
     """
     used = {c.name: c for c in channels if c.quantity is not Quantity.UNUSED}
     recordings = [r for group in run.groups for r in _by_clock(group, used)]
-    return Record(run.label, run.mass_state, run.bump_s, tuple(r for r in recordings if len(r.time_s)))
+    return Record(
+        run.label, run.mass_state, run.bump_s, tuple(r for r in recordings if len(r.time_s))
+    )
 
 
 def _by_clock(group: SampleGroup, used: dict[str, Channel]) -> list[Recording]:

@@ -91,7 +91,7 @@ def estimate(
     for later in _LATER_S[1:]:
         if best.chi2_per_n <= CHI2_FITS:
             break
-        trial = _from(box, records, first + later, (_theta(box, best), *starts))
+        trial = _from(box, records, first + later, (_theta(box, best), starts[0]))
         if trial.chi2_per_n <= CHI2_FITS:
             best = trial
     if best.chi2_per_n <= CHI2_FITS and any(not np.isfinite(r.bump_s) for r in records):
@@ -158,7 +158,9 @@ def _residual_noise(left: Sequence[Residuals]) -> dict[str, float]:
     names = {name for decay in left for name in decay.values}
     return {
         name: float(
-            np.sqrt(np.mean([difference_noise(d.values[name]) ** 2 for d in left if name in d.values]))
+            np.sqrt(
+                np.mean([difference_noise(d.values[name]) ** 2 for d in left if name in d.values])
+            )
         )
         for name in names
     }

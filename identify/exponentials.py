@@ -119,9 +119,7 @@ class Products:
     n_samples: int
 
 
-def products(
-    basis: NDArray[np.float64], values: NDArray[np.float64]
-) -> Products:
+def products(basis: NDArray[np.float64], values: NDArray[np.float64]) -> Products:
     """Multiply a basis, (n_samples, m), with itself and with samples, (n_samples, n_channels)."""
     return Products(
         basis.T @ basis, basis.T @ values, np.einsum("ij,ij->j", values, values), len(values)

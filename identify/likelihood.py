@@ -142,9 +142,12 @@ def _covariance(normal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _normal_equations(
-    box: GreyBox, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: NDArray[np.float64]
+    box: GreyBox,
+    decays: tuple[FreeDecay, ...],
+    sigma: Mapping[str, float],
+    eta: NDArray[np.float64],
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Return cost, normal matrix (P, P) and right-hand side (P,) with all linear parts eliminated."""
+    """Return cost, normal matrix (P, P) and right-hand side (P,), linear parts eliminated."""
     prior = 1 / box.prior_sigma**2
     n = len(box.parameters)
     cost = float(np.sum(eta[n:] ** 2 * prior[n:]))
@@ -231,9 +234,7 @@ def _reduced(
     mixed = np.zeros((size, P))
     g = np.zeros(P)
     z = modes.W @ linear.solution[:_N]
-    for recording, product, stack in zip(
-        decay.recordings, seen, linear.coefficients, strict=True
-    ):
+    for recording, product, stack in zip(decay.recordings, seen, linear.coefficients, strict=True):
         slopes = _slopes(box, recording.clock, system, modes, z)
         cost += _squares(product, stack @ linear.solution, recording.clock, sigma)
         for c, channel in enumerate(recording.clock.channels):
@@ -320,6 +321,8 @@ def residuals(
             for c, channel in enumerate(r.clock.channels):
                 values[channel.name] = r.values[:, c] - basis @ (stack[c] @ linear.solution)
                 share = stack[c].T @ product.gram @ stack[c] * linear.normal_inverse
-                freedom[channel.name] = len(r.values) - float(share.sum()) / sigma[channel.name] ** 2
+                freedom[channel.name] = (
+                    len(r.values) - float(share.sum()) / sigma[channel.name] ** 2
+                )
         result.append(Residuals(decay.label, values, freedom))
     return tuple(result)

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
-
 from daq.channels import Quantity
 from daq.vehicle import MassState
 
@@ -57,9 +55,7 @@ def shortcomings(records: Sequence[Record], mass_states: Sequence[MassState]) ->
     by_name = {state.name: state for state in mass_states}
     present = {record.mass_state for record in records}
     loaded = {
-        name
-        for name in present
-        if by_name[name].added.weights or by_name[name].added.matrix.any()
+        name for name in present if by_name[name].added.weights or by_name[name].added.matrix.any()
     }
     if not present - loaded:
         reasons.append("no accepted baseline run: record the vehicle without added mass")

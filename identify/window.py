@@ -55,7 +55,7 @@ def onset_s(record: Record) -> float | None:
 
 
 def decay_start_s(record: Record) -> float:
-    """Return the first guess of the start of the free decay, s, at most the middle of the record."""
+    """Return where the free decay starts by the stated bump, s; at most the middle of the record."""
     onset = onset_s(record)
     first = max(float(r.time_s[0]) for r in record.recordings)
     if onset is None:
@@ -65,7 +65,7 @@ def decay_start_s(record: Record) -> float:
 
 
 def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
-    """Standard deviation of each channel at rest before the bump, pooled over the records.
+    """Return each channel's standard deviation at rest before the bump, pooled over the records.
 
     Returns
     -------

@@ -1,0 +1,1 @@
+"""Logs and files of other tools, one format a file."""

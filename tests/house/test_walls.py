@@ -1,0 +1,102 @@
+"""The walls of the house: who may import what, and what importing costs."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LAYERS = ("dbc", "daq", "identify", "tui")  # imports point left only
+SOURCES = [path for layer in LAYERS for path in sorted((ROOT / layer).rglob("*.py"))]
+
+# Library -> the only places that may import it.
+RESERVED = {
+    "can": ("daq/bus.py", "daq/slcan", "daq/formats/", "daq/sim/"),
+    "serial": ("daq/slcan",),
+    "cantools": ("dbc/",),
+    "h5py": ("daq/session", "daq/formats/"),
+    "mcap": ("daq/journal",),
+    "threading": ("daq/", "tui/"),
+    "typer": ("tui/",),
+    "rich": ("tui/",),
+}
+FORBIDDEN_IN_IDENTIFY = {"can", "cantools", "h5py", "textual", "threading", "asyncio", "socket"}
+
+
+def _imports(path: Path) -> Iterator[str]:
+    """Yield the absolute dotted name of every import in a file, function bodies included."""
+    package = path.relative_to(ROOT).with_suffix("").parts
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level] if node.level else ()
+            module = ".".join((*base, *([node.module] if node.module else [])))
+            yield module
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def _name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=_name)
+def test_imports_point_left(path: Path) -> None:
+    layer = LAYERS.index(path.relative_to(ROOT).parts[0])
+    right = {name for name in _imports(path) if name.split(".")[0] in LAYERS[layer + 1 :]}
+    assert not right, f"{_name(path)} reaches into a later layer"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=_name)
+def test_each_library_has_its_room(path: Path) -> None:
+    name = _name(path)
+    roots = {module.split(".")[0] for module in _imports(path)}
+    strays = [
+        library
+        for library, rooms in RESERVED.items()
+        if library in roots and not name.startswith(rooms)
+    ]
+    assert not strays, f"{name} imports {strays}"
+    if name.startswith("identify/"):
+        assert not roots & FORBIDDEN_IN_IDENTIFY
+
+
+def test_only_the_simulator_knows_the_simulator_and_it_knows_no_method() -> None:
+    for path in SOURCES:
+        name, modules = _name(path), list(_imports(path))
+        if name.startswith("daq/sim/"):
+            assert not [m for m in modules if m.split(".")[0] == "identify"], name
+        elif name.startswith(("daq/", "identify/")):
+            assert not [m for m in modules if m.startswith("daq.sim")], name
+
+
+def test_nothing_listens_through_a_notifier() -> None:
+    # python-can's Notifier dies without a word when a listener raises.
+    for path in SOURCES:
+        assert not [m for m in _imports(path) if m.startswith("can") and "Notifier" in m]
+        assert "can.Notifier(" not in path.read_text("utf-8")
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=_name)
+def test_files_stay_small(path: Path) -> None:
+    assert len(path.read_text("utf-8").splitlines()) <= 500
+    assert path.name != "utils.py"
+
+
+def _modules_after(statement: str) -> set[str]:
+    code = f"import sys; {statement}; print('\\n'.join(m.split('.')[0] for m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+def test_libraries_import_lightly() -> None:
+    loaded = _modules_after("import dbc, daq, identify")
+    assert not loaded & {"textual", "matplotlib", "can", "cantools", "typer", "rich", "xarray"}
+
+
+def test_the_command_line_starts_lightly() -> None:
+    loaded = _modules_after("import tui.cli")
+    assert not loaded & {"scipy", "matplotlib", "asammdf", "textual", "can", "cantools", "h5py"}

@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from daq.vehicle import FORD_GRANADA
+from identify.exponentials import spectrum
+from identify.model import physical_model
+
+TIMES = np.array([0.0, 0.013, 0.2, 1.7])
+
+
+def _systems() -> dict[str, NDArray[np.float64]]:
+    vehicle = np.asarray(physical_model(FORD_GRANADA).A)
+    overdamped = np.array([[0.0, 1.0], [-4.0, -5.0]])  # poles -1 and -4
+    equal = np.array([[-1.0, 0.0], [0.0, -1.0 - 1e-12]])
+    return {"vehicle": vehicle, "overdamped": overdamped, "equal": equal}
+
+
+@pytest.mark.parametrize("name", ["vehicle", "overdamped", "equal"])
+def test_free_decay_is_the_matrix_exponential(name: str) -> None:
+    A = _systems()[name]
+    n = len(A)
+    modes = spectrum(A)
+    rng = np.random.default_rng(1)
+    row, x0 = rng.standard_normal(n), rng.standard_normal(n)
+    modal = (row @ modes.V) * (modes.W @ x0)
+    on_basis = (modes.to_real[:, :n] @ modal).real
+    expected = [row @ expm(A * t) @ x0 for t in TIMES]
+    np.testing.assert_allclose(modes.basis(TIMES) @ on_basis, expected, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["vehicle", "overdamped", "equal"])
+def test_slope_of_the_propagator_is_its_derivative(name: str) -> None:
+    A = _systems()[name]
+    n = len(A)
+    modes = spectrum(A)
+    rng = np.random.default_rng(2)
+    row, x0 = rng.standard_normal(n), rng.standard_normal(n)
+    dA = rng.standard_normal((n, n)) * np.abs(A).max() * (A != 0)
+    on = modes.propagator_slope((row @ modes.V)[None], dA[None], modes.W @ x0)[0, 0]
+    slope = modes.basis(TIMES)[:, :-1] @ (modes.to_real[:-1, :-1] @ on).real
+    # The block matrix exponential holds the exact derivative (Van Loan 1978).
+    expected = [row @ expm(np.block([[A, dA], [0 * A, A]]) * t)[:n, n:] @ x0 for t in TIMES]
+    np.testing.assert_allclose(slope, expected, rtol=1e-7, atol=1e-9 * np.max(np.abs(expected)))
+
+
+def test_constant_is_the_last_function() -> None:
+    basis = spectrum(_systems()["vehicle"]).basis(TIMES)
+    np.testing.assert_array_equal(basis[:, -1], 1.0)
