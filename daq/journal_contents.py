@@ -1,0 +1,132 @@
+"""What a journal holds, read back: blocks, or all of it, and an account of what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch
+
+from .journal_format import JournalHead
+from .runs import Event
+from .source import HopLosses
+
+
+@dataclass(frozen=True, slots=True)
+class JournalLoss:
+    """What a journal should hold and does not.
+
+    Parameters
+    ----------
+    bytes_cut : int
+        Bytes at the ends of segments that are no whole record.
+    blocks_corrupt : int
+        Blocks whose checksum does not fit.
+    blocks_missing : int
+        Blocks that should lie between others and do not.
+    segments_unclosed : int
+        Segments that end without the mark of a proper end: the writer was killed or its disk full.
+        By itself no loss.
+    notes : tuple of str
+        The same in words, with the names of the files.
+    """
+
+    bytes_cut: int = 0
+    blocks_corrupt: int = 0
+    blocks_missing: int = 0
+    segments_unclosed: int = 0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def any(self) -> bool:
+        """Whether something that was written is missing."""
+        return bool(self.bytes_cut or self.blocks_corrupt or self.blocks_missing)
+
+    @property
+    def text(self) -> str:
+        """All notes on one line; empty if nothing is missing."""
+        return "; ".join(self.notes)
+
+
+@dataclass(frozen=True, slots=True)
+class JournalBlock:
+    """One message of the journal: frames or events.
+
+    Parameters
+    ----------
+    frames : FrameBatch
+        Empty in a block of events.
+    losses : HopLosses
+        Cumulative counts up to this block.
+    events : tuple of Event
+        Empty in a block of frames.
+    """
+
+    frames: FrameBatch
+    losses: HopLosses
+    events: tuple[Event, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class HopCounts:
+    """Cumulative losses between wire and journal, one row a block.
+
+    Parameters
+    ----------
+    t_ns : (m,) int64
+        Latest time stamp up to the block; never decreases.
+    counts : (m, 4) int64
+        The fields of `HopLosses`.
+    """
+
+    t_ns: NDArray[np.int64]
+    counts: NDArray[np.int64]
+
+    def between(self, start_ns: int, stop_ns: int) -> HopLosses:
+        """Return the losses of all blocks that reach into a span of time.
+
+        A loss is known to a block, not to a frame: the span is widened to whole blocks.
+        """
+        before = int(np.searchsorted(self.t_ns, start_ns, side="left")) - 1
+        last = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
+        if last < 0:
+            return HopLosses()
+        lost = self.counts[last] - (self.counts[before] if before >= 0 else 0)
+        return HopLosses(*map(int, lost))
+
+
+@dataclass(frozen=True, slots=True)
+class JournalContents:
+    """A whole journal in memory.
+
+    Parameters
+    ----------
+    head : JournalHead
+        bench.toml, DBC, software and clocks.
+    frames : FrameBatch
+        In order of arrival.
+    events : tuple of Event
+        In order.
+    hops : HopCounts
+        Losses on the way to the journal.
+    lost : JournalLoss
+        What the files themselves have lost.
+    """
+
+    head: JournalHead
+    frames: FrameBatch
+    events: tuple[Event, ...]
+    hops: HopCounts
+    lost: JournalLoss
+
+    @property
+    def bench_text(self) -> str:
+        """bench.toml in full."""
+        return self.head.bench_text
+
+    @property
+    def dbc_text(self) -> str:
+        """The DBC in full."""
+        return self.head.dbc_text
