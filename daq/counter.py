@@ -1,0 +1,93 @@
+"""Rolling counters: from a value that wraps to the number of frames sent.
+
+A counter says how many frames were sent modulo its range; the time of arrival tells the number of
+whole turns.  A frame arrives when it was sent or later, and a stalled reader hands over a whole
+backlog at one instant, so an arrival alone proves little: what holds a frame's sending time is
+the arrival of those that followed it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FASTEST = 0.95
+"""A sensor's true cycle is at least this part of the one in the DBC (free-running oscillators)."""
+
+_SLACK_FRAMES = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class CounterSteps:
+    """Frames sent from each frame to the next.
+
+    Parameters
+    ----------
+    step : (n - 1,) int64
+        1 where nothing is missing, 0 for a frame that was repeated.
+    restarted : (n - 1,) bool
+        The sensor began to count anew: more frames than can have been sent in the time.  The step
+        there is what the time says, at least 1.
+    late_s : float
+        How late the last frame arrived, compared with the most punctual one; s.
+    """
+
+    step: NDArray[np.int64]
+    restarted: NDArray[np.bool_]
+    late_s: float
+
+    @property
+    def missing(self) -> int:
+        """Frames that were sent and did not arrive; those around a restart are not known."""
+        return int(np.sum(np.maximum(self.step - 1, 0), where=~self.restarted))
+
+
+def counter_steps(
+    counter: NDArray[np.int64],
+    modulus: int,
+    t_ns: NDArray[np.int64],
+    cycle_s: float | None,
+    late_s: float = 0.0,
+) -> CounterSteps:
+    """Return how many frames were sent between neighbours.
+
+    Parameters
+    ----------
+    counter : (n,) int64, n > 0
+        Values of the rolling counter, 0..modulus - 1.
+    modulus : int
+        Its range.
+    t_ns : (n,) int64
+        Arrival of the frames.
+    cycle_s : float or None
+        Nominal time between two frames.  Without it no whole turns and no restarts are seen.
+    late_s : float
+        `CounterSteps.late_s` of the block that ended with the first frame of this one.
+    """
+    step = np.diff(counter) % modulus
+    if cycle_s is None or not len(step):
+        return CounterSteps(step, np.zeros(len(step), bool), late_s)
+    arrival = (t_ns - t_ns[0]) * 1e-9 / cycle_s  # in cycles
+    # The latest moment at which each can have been sent: those after it took a cycle each.
+    index = np.arange(len(arrival)) * FASTEST
+    latest = np.minimum.accumulate((arrival - index)[::-1])[::-1] + index
+    elapsed = np.diff(latest)
+    step = step + modulus * np.maximum(np.rint((elapsed - step) / modulus), 0).astype(np.int64)
+    late = _lateness(latest, step, late_s / cycle_s)
+    restarted = step > elapsed + late[:-1] + _SLACK_FRAMES
+    if np.any(restarted):
+        by_time = np.maximum(np.rint(elapsed), 1).astype(np.int64)
+        step = np.where(restarted, by_time, step)
+        late = _lateness(latest, step, late_s / cycle_s)
+    forgotten = (1 - FASTEST) * float(arrival[-1])  # a sensor slower than nominal is not late
+    return CounterSteps(step, restarted, max(float(late[-1]) - forgotten, 0.0) * cycle_s)
+
+
+def _lateness(
+    arrival: NDArray[np.float64], step: NDArray[np.int64], late: float
+) -> NDArray[np.float64]:
+    phase = arrival - np.concatenate([[0], np.cumsum(step)])
+    earliest = np.minimum(np.minimum.accumulate(phase), phase[0] - late)
+    return np.asarray(phase - earliest)

@@ -1,0 +1,88 @@
+"""From signals of the DBC to channels of the bench: units, polarity, scale and zero."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.layout import MessageLayout, SignalLayout
+from dbc.samples import UNUSABLE, Samples
+from dbc.units import to_si
+
+from .channels import SI_UNITS, Channel, Quantity
+from .errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class MappedChannel:
+    """A channel and how its values follow from the signal.
+
+    Parameters
+    ----------
+    channel : Channel
+        With the unit filled in.
+    message : MessageLayout
+        The message that carries it.
+    factor, offset : float
+        SI value = factor * signal + offset, before sign, gain and tare.
+    """
+
+    channel: Channel
+    message: MessageLayout
+    factor: float
+    offset: float
+
+    def values(self, samples: Samples) -> NDArray[np.float64]:
+        """Return ``sign * gain * SI(signal) - tare``, (n,); NaN where a sample is unusable."""
+        si = self.factor * samples.value + self.offset
+        value = self.channel.sign * self.channel.gain * si - self.channel.tare
+        return np.where((samples.quality & UNUSABLE) == 0, value, np.nan)
+
+
+def map_channels(
+    channels: Sequence[Channel], messages: Sequence[MessageLayout], dbc_name: str
+) -> tuple[MappedChannel, ...]:
+    """Find the signal of every channel and check that its unit fits the quantity.
+
+    Raises
+    ------
+    InputError
+        If the DBC lacks a signal, or its unit is unknown or of another kind.
+    """
+    by_name = {message.name: message for message in messages}
+    return tuple(_mapped(channel, by_name, dbc_name) for channel in channels)
+
+
+def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) -> MappedChannel:
+    message_name, _, signal_name = channel.signal.partition(".")
+    where = f"channel {channel.name}"
+    message = by_name.get(message_name)
+    signal = next((s for s in message.signals if s.name == signal_name), None) if message else None
+    if message is None or signal is None:
+        what = f"{dbc_name} has no signal {channel.signal!r}"
+        raise InputError(where, what, "write signal as Message.signal of the DBC")
+    if channel.quantity is Quantity.UNUSED:
+        return _unused(channel, message, signal)
+    expected = SI_UNITS[channel.quantity]
+    found = f"{channel.signal} has unit {signal.unit!r} in {dbc_name}"
+    try:
+        si = to_si(signal.unit)
+    except InputError as error:
+        what = f"{found}, which is not known; {channel.quantity} needs {expected} or a multiple"
+        raise InputError(where, what, "mend the unit in the DBC") from error
+    if si.unit != expected:
+        what = f"{found}; {channel.quantity} needs {expected} or a multiple"
+        raise InputError(where, what, "mend signal or quantity in bench.toml")
+    return MappedChannel(replace(channel, unit=expected), message, si.factor, si.offset)
+
+
+def _unused(channel: Channel, message: MessageLayout, signal: SignalLayout) -> MappedChannel:
+    """A signal that is only recorded keeps the DBC's unit where the table has none."""
+    try:
+        si = to_si(signal.unit)
+    except InputError:
+        return MappedChannel(replace(channel, unit=signal.unit), message, 1.0, 0.0)
+    return MappedChannel(replace(channel, unit=si.unit), message, si.factor, si.offset)
