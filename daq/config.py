@@ -281,10 +281,10 @@ def _read_dbc(name: str, where: str, folder: Path) -> str:
 
 
 def _weight(table: _Weight) -> BodyWeight | HubWeight:
-    if table.hub is not None:
-        return HubWeight(table.mass_kg, table.hub, table.sigma_kg)
-    assert table.x_m is not None and table.y_m is not None  # held by _Weight
-    return BodyWeight(table.mass_kg, table.x_m, table.y_m, table.height_m, table.sigma_kg)
+    if table.x_m is not None and table.y_m is not None:
+        return BodyWeight(table.mass_kg, table.x_m, table.y_m, table.height_m, table.sigma_kg)
+    assert table.hub is not None  # held by _Weight
+    return HubWeight(table.mass_kg, table.hub, table.sigma_kg)
 
 
 def _channel(table: _Channel) -> Channel:

@@ -55,7 +55,7 @@ def onset_s(record: Record) -> float | None:
 
 
 def decay_start_s(record: Record) -> float:
-    """Return where the free decay starts by the stated bump, s; at most the middle of the record."""
+    """Return where the free decay starts by the stated bump, s; at most half-way."""
     onset = onset_s(record)
     first = max(float(r.time_s[0]) for r in record.recordings)
     if onset is None:
