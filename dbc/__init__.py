@@ -1,1 +1,31 @@
 """What a CAN frame means: frames, DBC databases, decoding, units."""
+
+from .codec import Codec
+from .database import load_codec, parse_codec, read_dbc, shipped_dbc
+from .errors import BumpbenchError, InputError
+from .frames import FrameBatch, FrameFlag
+from .layout import CounterRule, MessageLayout, SignalLayout
+from .samples import UNUSABLE, DecodeCounts, Decoded, Quality, Samples
+from .units import SiUnit, to_si
+
+__all__ = [
+    "UNUSABLE",
+    "BumpbenchError",
+    "Codec",
+    "CounterRule",
+    "DecodeCounts",
+    "Decoded",
+    "FrameBatch",
+    "FrameFlag",
+    "InputError",
+    "MessageLayout",
+    "Quality",
+    "Samples",
+    "SiUnit",
+    "SignalLayout",
+    "load_codec",
+    "parse_codec",
+    "read_dbc",
+    "shipped_dbc",
+    "to_si",
+]

@@ -1,0 +1,153 @@
+"""What a DBC says about messages and signals, as plain data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class CounterRule:
+    """A counter that grows by one with each frame of a message.
+
+    Parameters
+    ----------
+    signal : str
+        Name of the signal in its message.
+    modulus : int
+        The counter runs from 0 to modulus - 1 and starts again.
+    """
+
+    signal: str
+    modulus: int
+
+
+@dataclass(frozen=True, slots=True)
+class SignalLayout:
+    """Where a signal lies in the payload and what its bits mean.
+
+    Parameters
+    ----------
+    name, unit : str
+        As in the DBC; the unit may be empty.
+    start : int
+        Start bit as in the DBC: the lowest bit of an Intel signal, the highest of a Motorola one,
+        counted as 8 * byte + bit.
+    length : int
+        Bits, 1..64.
+    is_big_endian : bool
+        Motorola byte order.
+    is_signed, is_float : bool
+        Two's complement; IEEE 754 of 16, 32 or 64 bits.
+    factor, offset : int or float
+        value = raw * factor + offset.  Whole numbers stay `int`, because arithmetic with them is
+        exact.
+    minimum, maximum : float or None
+        Range of valid values in `unit`; None where the DBC states none.
+    selector : str or None
+        Name of the multiplexer signal that decides whether this signal is in a frame.
+    selected_by : tuple of (int, int)
+        Inclusive ranges of the selector's raw value for which it is.
+    """
+
+    name: str
+    unit: str
+    start: int
+    length: int
+    is_big_endian: bool
+    is_signed: bool
+    is_float: bool
+    factor: int | float
+    offset: int | float
+    minimum: float | None
+    maximum: float | None
+    selector: str | None
+    selected_by: tuple[tuple[int, int], ...]
+
+    @property
+    def is_multiplexed(self) -> bool:
+        """Whether only some frames of the message hold this signal."""
+        return self.selector is not None
+
+    @property
+    def first_byte(self) -> int:
+        """The lowest byte of the payload that holds a bit of the signal."""
+        return self.start // 8
+
+    @property
+    def last_byte(self) -> int:
+        """The highest byte of the payload that holds a bit of the signal."""
+        if self.is_big_endian:
+            return (8 * (self.start // 8) + 7 - self.start % 8 + self.length - 1) // 8
+        return (self.start + self.length - 1) // 8
+
+    @property
+    def low_bit(self) -> int:
+        """The position of the signal's lowest bit in the byte that holds it, 0..7."""
+        if self.is_big_endian:
+            return 7 - (7 - self.start % 8 + self.length - 1) % 8
+        return self.start % 8
+
+    @property
+    def raw_range(self) -> tuple[int, int]:
+        """The lowest and the highest raw value of an integer signal."""
+        if self.is_signed:
+            return -(1 << (self.length - 1)), (1 << (self.length - 1)) - 1
+        return 0, (1 << self.length) - 1
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The lowest and the highest value, in `unit`, that the bits can express."""
+        if self.is_float:
+            return float("-inf"), float("inf")
+        ends = [float(raw * self.factor + self.offset) for raw in self.raw_range]
+        return min(ends), max(ends)
+
+
+@dataclass(frozen=True, slots=True)
+class MessageLayout:
+    """One message of a DBC.
+
+    Parameters
+    ----------
+    name : str
+        Unique in the DBC.
+    can_id : int
+        11 or 29 bits, without flag bits.
+    is_extended : bool
+        Whether `can_id` has 29 bits.  The pair decides; equal numbers may be different messages.
+    length : int
+        Payload bytes, 0..64.
+    cycle_s : float or None
+        Time between two frames, s; None where the DBC states none.
+    signals : tuple of SignalLayout
+        In order of the DBC's bits.
+    counter : CounterRule or None
+        The signal that the DBC marks as rolling counter.
+    crc : str or None
+        The signal that holds the CRC-8 of all payload bytes before it.
+    senders : tuple of str
+        Nodes that send it.
+    """
+
+    name: str
+    can_id: int
+    is_extended: bool
+    length: int
+    cycle_s: float | None
+    signals: tuple[SignalLayout, ...]
+    counter: CounterRule | None
+    crc: str | None
+    senders: tuple[str, ...]
+
+    def signal(self, name: str) -> SignalLayout:
+        """Return the signal called `name`.
+
+        Raises
+        ------
+        KeyError
+            If the message has none.
+        """
+        for signal in self.signals:
+            if signal.name == name:
+                return signal
+        raise KeyError(f"message {self.name} has no signal {name}")
