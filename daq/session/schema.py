@@ -1,0 +1,42 @@
+"""Names and limits of schema v1 that writer and reader share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SCHEMA = "bumpbench-session"
+VERSION = 1
+MAX_BYTES = 2 << 30
+"""No dataset of a run is larger; one that claims to be is refused before it is read."""
+
+TEXTS = ("dbc", "bench_toml")
+"""Items of the provenance that are whole files and go to /config."""
+
+CHANNEL_COLUMNS = {
+    "name": "S64",
+    "quantity": "S32",
+    "unit": "S16",
+    "signal": "S128",
+    "corner": "S2",
+    "x_m": "f8",
+    "y_m": "f8",
+    "position_sigma_m": "f8",
+    "at_cg": "u1",
+    "sign": "f8",
+    "gain": "f8",
+    "tare": "f8",
+    "delay_s": "f8",
+    "delay_sigma_s": "f8",
+}
+WEIGHT_COLUMNS = {
+    "mass_kg": "f8",
+    "sigma_kg": "f8",
+    "x_m": "f8",
+    "y_m": "f8",
+    "height_m": "f8",
+    "hub": "S2",
+}
+EVENT_COLUMNS = {"t_ns": "i8", "code": "S32", "value": "f8", "text": "S160"}
+FRAME_COLUMNS = {"t_ns": "i8", "can_id": "u4", "flags": "u2", "length": "u1", "data": "u1"}
+QUALITY_FLAGS = "counter_gap crc_bad sentinel out_of_range interpolated missing"
+QUALITY_MASKS = np.array([1, 2, 4, 8, 16, 32], np.uint8)

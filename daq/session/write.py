@@ -1,0 +1,236 @@
+"""Session to file: written beside its place, synced, then moved there."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch
+
+from ..errors import InputError
+from ..runs import Event, Run, SampleGroup, Session
+from ..vehicle import BodyWeight, MassState
+from .schema import (
+    CHANNEL_COLUMNS,
+    EVENT_COLUMNS,
+    FRAME_COLUMNS,
+    QUALITY_FLAGS,
+    QUALITY_MASKS,
+    SCHEMA,
+    TEXTS,
+    VERSION,
+    WEIGHT_COLUMNS,
+)
+
+_CHUNK_ROWS = 8192
+
+
+def write_session(path: Path, session: Session) -> None:
+    """Write a session file; it is complete or absent whatever happens.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced if it exists.
+    session : Session
+        What to write.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written (no such folder, no right, no space).
+    """
+    beside = path.with_name(f".{path.name}.tmp")
+    try:
+        with beside.open("w+b") as stream:
+            with h5py.File(stream, "w") as file:
+                _fill(file, session)
+            stream.flush()
+            os.fsync(stream.fileno())
+        beside.replace(path)
+        _sync_folder(path.parent)
+    except (OSError, RuntimeError) as error:  # h5py reports a full disk as RuntimeError
+        raise InputError(
+            str(path),
+            f"cannot be written: {getattr(error, 'strerror', None) or error}",
+            "check folder, rights and free space; the journal still holds everything",
+        ) from error
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    if os.name == "posix":  # elsewhere a folder cannot be opened
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _fill(file: h5py.File, session: Session) -> None:
+    file.attrs.update(
+        {
+            "Conventions": "CF-1.10",
+            "NX_class": "NXroot",
+            "schema": SCHEMA,
+            "schema_version": VERSION,
+        }
+    )
+    about = file.create_group("session")
+    about.attrs["vehicle"] = session.vehicle.name
+    if session.vehicle.geometry is not None:
+        for name, value in asdict(session.vehicle.geometry).items():
+            about.attrs[f"{name}_m"] = value
+    config = file.create_group("config")
+    for name, text in session.provenance.items():
+        if name in TEXTS:
+            raw = text.encode("utf-8", "surrogateescape")
+            _scale(config, name, np.frombuffer(raw, np.uint8))
+            config[name].attrs["sha256"] = sha256(raw).hexdigest()
+        else:
+            about.attrs[f"provenance_{name}"] = text
+    rows = [asdict(channel) | {"corner": channel.corner or ""} for channel in session.channels]
+    _table(file.create_group("channels"), "channel", CHANNEL_COLUMNS, rows)
+    for order, state in enumerate(session.mass_states):
+        group = file.create_group(f"mass_states/{state.name}")
+        group.attrs["order"] = order
+        _mass_state(group, state)
+    runs = file.create_group("runs")
+    for number, run in enumerate(session.runs, start=1):
+        _run(runs.create_group(f"r{number:03d}_{run.label}"), run, session)
+    if session.runs and session.runs[0].groups:
+        first = f"r001_{session.runs[0].label}/{session.runs[0].groups[0].name}"
+        file.attrs["default"] = f"runs/{first}"
+
+
+def _mass_state(group: h5py.Group, state: MassState) -> None:
+    rows: list[dict[str, Any]] = []
+    for weight in state.added.weights:
+        row: dict[str, Any] = {"x_m": 0.0, "y_m": 0.0, "height_m": 0.0, "hub": ""}
+        if isinstance(weight, BodyWeight):
+            row |= asdict(weight)
+        else:
+            row |= {"mass_kg": weight.mass_kg, "sigma_kg": weight.sigma_kg, "hub": weight.corner}
+        rows.append(row)
+    _table(group, "weight", WEIGHT_COLUMNS, rows)
+    _column(group, "delta_mass", state.added.matrix)
+    for axis, name in enumerate(("row", "column")):
+        _scale(group, name, np.arange(7))
+        group["delta_mass"].dims[axis].attach_scale(group[name])
+
+
+def _run(group: h5py.Group, run: Run, session: Session) -> None:
+    group.attrs.update(
+        {
+            "NX_class": "NXentry",
+            "mass_state": run.mass_state,
+            "excitation": str(run.excitation),
+            "repeat": run.repeat,
+            "t0_ns": run.t0_ns,
+            "bump_s": run.bump_s,
+            "status": str(run.status),
+            "reasons": "\n".join(run.reasons),
+            "sample_groups": "\n".join(samples.name for samples in run.groups),
+        }
+    )
+    for name, count in asdict(run.losses).items():
+        group.attrs[f"lost_{name}"] = count
+    for samples in run.groups:
+        _samples(group.create_group(samples.name), samples, session)
+    for bus in np.unique(run.frames.bus):
+        frames = run.frames.select(run.frames.bus == bus)
+        _frames(group.create_group(f"raw_bus{bus}"), frames)
+    _events(group.create_group("events"), run.events)
+
+
+def _samples(group: h5py.Group, samples: SampleGroup, session: Session) -> None:
+    names = list(samples.values)
+    _scale(group, "time", samples.time_s)
+    group["time"].attrs.update({"units": "s", "long_name": "time since t0 of the run"})
+    _along(group, "time", "t_ns", samples.t_ns)
+    group["t_ns"].attrs.update({"units": "ns", "long_name": "bus time since 1970-01-01 UTC"})
+    channels = {channel.name: channel for channel in session.channels}
+    for name, values in samples.values.items():
+        _along(group, "time", name, values)
+        channel = channels[name]
+        group[name].attrs.update(
+            {
+                "units": channel.unit,
+                "quantity": str(channel.quantity),
+                "dbc_signal": channel.signal,
+            }
+        )
+    _along(group, "time", "quality", samples.quality)
+    group["quality"].attrs["flag_masks"] = QUALITY_MASKS
+    group["quality"].attrs["flag_meanings"] = QUALITY_FLAGS
+    group.attrs["NX_class"] = "NXdata"
+    group.attrs["axes"] = "time"
+    group.attrs["channels"] = "\n".join(names)
+    if names:
+        group.attrs["signal"] = names[0]
+        group.attrs["auxiliary_signals"] = np.array(names[1:], dtype="S64")
+
+
+def _frames(group: h5py.Group, frames: FrameBatch) -> None:
+    group.attrs["bus"] = int(frames.bus[0])
+    _scale(group, "frame", np.arange(len(frames)))
+    for name, dtype in FRAME_COLUMNS.items():
+        _along(group, "frame", name, getattr(frames, name).astype(dtype))
+    _scale(group, "byte", np.arange(frames.data.shape[1]))
+    group["data"].dims[1].attach_scale(group["byte"])
+
+
+def _events(group: h5py.Group, events: Sequence[Event]) -> None:
+    _table(group, "event", EVENT_COLUMNS, [asdict(event) for event in events])
+
+
+def _table(
+    group: h5py.Group, dimension: str, columns: Mapping[str, str], rows: Sequence[Mapping[str, Any]]
+) -> None:
+    """Write rows as one dataset a column."""
+    _scale(group, dimension, np.arange(len(rows)))
+    for name, dtype in columns.items():
+        cells = [_cell(row[name], dtype) for row in rows]
+        _along(group, dimension, name, np.array(cells, dtype=dtype))
+
+
+def _cell(value: Any, dtype: str) -> Any:
+    if not dtype.startswith("S"):
+        return value
+    raw = str(value).encode("utf-8", "surrogateescape")
+    return raw[: int(dtype[1:])]
+
+
+def _scale(group: h5py.Group, name: str, values: NDArray[Any]) -> None:
+    _column(group, name, values)
+    group[name].make_scale(name)
+
+
+def _along(group: h5py.Group, scale: str, name: str, values: NDArray[Any]) -> None:
+    _column(group, name, values)
+    group[name].dims[0].attach_scale(group[scale])
+
+
+def _column(group: h5py.Group, name: str, values: NDArray[Any]) -> None:
+    if values.size == 0:  # HDF5 cannot chunk nothing
+        group.create_dataset(name, data=values)
+        return
+    chunk = (min(len(values), _CHUNK_ROWS), *values.shape[1:])
+    group.create_dataset(
+        name,
+        data=values,
+        chunks=chunk,
+        compression="gzip",
+        compression_opts=1,
+        shuffle=True,
+        fletcher32=True,
+    )

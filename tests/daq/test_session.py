@@ -1,0 +1,208 @@
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+
+from daq.channels import Channel, Quantity
+from daq.errors import InputError
+from daq.runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup, Session
+from daq.session import read_session, write_session
+from daq.vehicle import (
+    AddedMass,
+    BodyWeight,
+    Corner,
+    HubWeight,
+    MassState,
+    Vehicle,
+    VehicleGeometry,
+)
+from dbc.frames import FrameBatch
+
+
+def _frames(n: int, rng: np.random.Generator) -> FrameBatch:
+    return FrameBatch(
+        np.arange(n) * 1_000_000 + 1_700_000_000_000_000_000,
+        rng.integers(0, 2048, n).astype(np.uint32),
+        rng.integers(0, 128, n).astype(np.uint16),
+        rng.integers(0, 2, n).astype(np.uint8),
+        rng.integers(0, 9, n).astype(np.uint8),
+        rng.integers(0, 256, (n, 8)).astype(np.uint8),
+    )
+
+
+def _run(repeat: int, rng: np.random.Generator) -> Run:
+    n = 500
+    hub = SampleGroup(
+        "HUB_Front",
+        np.arange(n) / 1000.0,
+        np.arange(n) * 1_000_000 + 1_700_000_000_000_000_000,
+        {"hub_fl": rng.standard_normal(n), "hub_fr": np.where(np.arange(n) == 7, np.nan, 1.0)},
+        rng.integers(0, 64, n).astype(np.uint8),
+    )
+    imu = SampleGroup(
+        "A_IMU", np.arange(3) / 10.0, np.arange(3), {"az": np.ones(3)}, np.zeros(3, np.uint8)
+    )
+    return Run(
+        "baseline",
+        Excitation.ROLL,
+        repeat,
+        1_700_000_000_000_000_000,
+        0.2,
+        (hub, imu),
+        RunStatus.REJECTED,
+        ("too weak: 0.3 m/s2", "µ-Zeichen"),
+        Losses(bus_dropped=1, counter_gaps=2, crc_bad=3, remote_frames=9),
+        (Event(5, "bump", 1.5, "baseline_roll_1"), Event(9, "run_end")),
+        _frames(200, rng),
+    )
+
+
+@pytest.fixture
+def session() -> Session:
+    rng = np.random.default_rng(1)
+    weights = (BodyWeight(30.0, -1.0, 0.5, 0.1, 0.02), HubWeight(4.0, Corner.REAR_LEFT, 0.01))
+    return Session(
+        Vehicle("Wagen Ü", VehicleGeometry(1.25, 1.51, 0.74, 0.75)),
+        (
+            Channel("hub_fl", Quantity.HUB_ACCELERATION, "m/s2", "HUB_Front.a", Corner.FRONT_LEFT),
+            Channel("hub_fr", Quantity.HUB_ACCELERATION, "m/s2", "HUB_Front.b", Corner.FRONT_RIGHT),
+            Channel("az", Quantity.BODY_ACCELERATION, "m/s2", x_m=-1.0, y_m=0.1, delay_s=0.002),
+        ),
+        (MassState("baseline"), MassState("added", AddedMass(weights, np.eye(7)))),
+        (_run(1, rng), _run(2, rng), replace(_run(3, rng), frames=FrameBatch.empty(), events=())),
+        {"uuid": "x", "dbc": "BO_ \udce9 \x00", "bench_toml": "", "created": "2026-11-21"},
+    )
+
+
+def assert_same(left: Any, right: Any) -> None:
+    """Compare nouns field by field; arrays bit for bit."""
+    assert type(left) is type(right)
+    if isinstance(left, np.ndarray):
+        assert left.dtype == right.dtype
+        np.testing.assert_array_equal(left, right)
+    elif hasattr(left, "__dataclass_fields__"):
+        for field in fields(left):
+            assert_same(getattr(left, field.name), getattr(right, field.name))
+    elif isinstance(left, tuple):
+        assert len(left) == len(right)
+        for a, b in zip(left, right, strict=True):
+            assert_same(a, b)
+    elif hasattr(left, "items"):
+        assert list(left) == list(right)
+        for key in left:
+            assert_same(left[key], right[key])
+    else:
+        assert left == right or left != left
+
+
+def test_round_trip(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "car.h5"
+    write_session(path, session)
+    again = read_session(path)
+    assert dict(again.provenance) == dict(session.provenance)
+    assert_same(again, replace(session, provenance=again.provenance))
+    assert [p.name for p in tmp_path.iterdir()] == ["car.h5"]
+
+
+def test_a_file_of_one_fast_run_is_replaced_whole_or_not_at_all(
+    tmp_path: Path, session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "car.h5"
+    write_session(path, session)
+    before = path.read_bytes()
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(h5py.Group, "create_dataset", full)
+    with pytest.raises(InputError, match="No space left"):
+        write_session(path, session)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["car.h5"]
+
+
+def test_no_such_folder(tmp_path: Path, session: Session) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        write_session(tmp_path / "absent" / "car.h5", session)
+
+
+def test_xarray_reads_runs_with_units(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "car.h5"
+    write_session(path, session)
+    group = "runs/r001_baseline_roll_1/HUB_Front"
+    with xarray.open_dataset(path, group=group, engine="h5netcdf") as data:
+        np.testing.assert_array_equal(data["hub_fl"], session.runs[0].groups[0].values["hub_fl"])
+        assert data["hub_fl"].dims == ("time",)
+        assert data["hub_fl"].attrs["units"] == "m/s2"
+        assert data["time"].attrs["units"] == "s"
+        np.testing.assert_array_equal(data["time"], session.runs[0].groups[0].time_s)
+    tree = xarray.open_groups(path, engine="h5netcdf")
+    assert "/runs/r003_baseline_roll_3/events" in tree
+    for data in tree.values():
+        data.close()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_a_cut_off_file_is_refused(tmp_path: Path, session: Session, share: float) -> None:
+    path = tmp_path / "car.h5"
+    write_session(path, session)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(InputError, match=r"car\.h5"):
+        read_session(path)
+
+
+def test_flipped_bits_are_found(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "car.h5"
+    write_session(path, session)
+    with h5py.File(path) as file:
+        data = file["runs/r001_baseline_roll_1/HUB_Front/hub_fl"]
+        place = data.id.get_chunk_info(0).byte_offset
+    raw = bytearray(path.read_bytes())
+    raw[place + 100] ^= 4
+    path.write_bytes(raw)
+    with pytest.raises(InputError, match="damaged"):
+        read_session(path)
+
+
+def _edit(path: Path, session: Session) -> h5py.File:
+    write_session(path, session)
+    return h5py.File(path, "r+")
+
+
+def test_foreign_and_hostile_files_are_refused(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "car.h5"
+    with h5py.File(path, "w") as file:
+        file["x"] = 1
+    with pytest.raises(InputError, match="not a bench session"):
+        read_session(path)
+
+    with _edit(path, session) as file:
+        file.attrs["schema_version"] = 2
+    with pytest.raises(InputError, match="schema version 2"):
+        read_session(path)
+
+    secret = tmp_path / "secret.h5"
+    with h5py.File(secret, "w") as file:
+        file["x"] = np.zeros(500)
+    with _edit(path, session) as file:
+        del file["runs/r001_baseline_roll_1/HUB_Front/hub_fl"]
+        file["runs/r001_baseline_roll_1/HUB_Front/hub_fl"] = h5py.ExternalLink(str(secret), "x")
+    with pytest.raises(InputError, match="absent or a link"):
+        read_session(path)
+
+    with _edit(path, session) as file:
+        group = file["runs/r001_baseline_roll_1/HUB_Front"]
+        del group["hub_fl"]
+        group.create_dataset("hub_fl", shape=(2**45,), dtype="f8", chunks=(1024,))
+    with pytest.raises(InputError, match="claims"):
+        read_session(path)
+
+    with _edit(path, session) as file:
+        del file["runs/r001_baseline_roll_1/HUB_Front/time"]
+    with pytest.raises(InputError, match="damaged"):
+        read_session(path)
