@@ -144,9 +144,7 @@ def _run(group: h5py.Group) -> Run:
         repeat=int(about["repeat"]),
         t0_ns=int(about["t0_ns"]),
         bump_s=float(about["bump_s"]),
-        groups=tuple(
-            _samples(name, _group(group, name)) for name in _lines(about, "sample_groups")
-        ),
+        groups=tuple(_samples(group, name) for name in _lines(about, "sample_groups")),
         status=RunStatus(about["status"]),
         reasons=tuple(_lines(about, "reasons")),
         losses=Losses(**losses),
