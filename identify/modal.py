@@ -191,20 +191,26 @@ def _sensor_row(channel: Channel, geometry: VehicleGeometry) -> NDArray[np.float
         case Quantity.BODY_ACCELERATION | Quantity.BODY_DISPLACEMENT:
             return body_row(channel.x_m + geometry.a, channel.y_m)
         case Quantity.PITCH_RATE | Quantity.PITCH_ACCELERATION:
-            return np.eye(len(DOF))[1]
+            return _unit(1)
         case Quantity.ROLL_RATE | Quantity.ROLL_ACCELERATION:
-            return np.eye(len(DOF))[2]
+            return _unit(2)
     if channel.corner is None:  # what is left sits at a wheel, or measures nothing of the model
         raise InputError(
             f"channel {channel.name}", f"{channel.quantity} is not a motion", "leave it out"
         )
     corner = channel.corner
-    wheel = np.eye(len(DOF))[3 + corner.index]
+    wheel = np.eye(len(DOF))[3 + corner.position]
     if channel.quantity is not Quantity.SUSPENSION_TRAVEL:
         return wheel
     x = geometry.a if corner.front else -geometry.b
     half_width = geometry.t_f if corner.front else geometry.t_r
     return np.asarray(wheel - body_row(x, corner.side * half_width))
+
+
+def _unit(dof: int) -> NDArray[np.float64]:
+    row = np.zeros(len(DOF))
+    row[dof] = 1.0
+    return row
 
 
 def displacement_shapes(
