@@ -199,7 +199,7 @@ def _sensor_row(channel: Channel, geometry: VehicleGeometry) -> NDArray[np.float
             f"channel {channel.name}", f"{channel.quantity} is not a motion", "leave it out"
         )
     corner = channel.corner
-    wheel = np.eye(len(DOF))[3 + corner.position]
+    wheel = _unit(3 + corner.position)
     if channel.quantity is not Quantity.SUSPENSION_TRAVEL:
         return wheel
     x = geometry.a if corner.front else -geometry.b

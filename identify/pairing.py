@@ -1,0 +1,81 @@
+"""Which mode of the vehicle is which mode of the same vehicle with added mass.
+
+By shape, never by frequency: the mass lowers nearly equal frequencies by different amounts, and
+modes change places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from dbc.errors import InputError
+from dbc.frames import read_only
+
+from .modal import ModalModel, mac
+
+
+@dataclass(frozen=True, slots=True)
+class Pairing:
+    """Modes of two mass states, paired.
+
+    Parameters
+    ----------
+    baseline, added : (k,) intp
+        Indices of the paired modes in either model, the baseline's ascending.
+    mac : (k,) float64
+        Likeness of each pair, 0 to 1.
+    margin : (k,) float64
+        How much more alike the pair is than either of its modes is to any third.
+    swapped : tuple of (int, int)
+        Pairs of baseline modes whose partners stand in the opposite order of frequency.
+    """
+
+    baseline: NDArray[np.intp]
+    added: NDArray[np.intp]
+    mac: NDArray[np.float64]
+    margin: NDArray[np.float64]
+    swapped: tuple[tuple[int, int], ...]
+
+    def __post_init__(self) -> None:
+        for name in ("baseline", "added", "mac", "margin"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+
+def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
+    """Pair the modes of two mass states so that the sum of their MAC is largest.
+
+    Parameters
+    ----------
+    baseline, added : ModalModel
+        Modes with shapes in the same channels; if one has more modes, some stay without partner.
+
+    Raises
+    ------
+    InputError
+        If the shapes are of different channels.
+    """
+    if len(baseline.shapes) != len(added.shapes):
+        raise InputError(
+            "pairing of modes",
+            f"shapes of {len(baseline.shapes)} and of {len(added.shapes)} channels",
+            "identify both mass states from the same channels",
+        )
+    likeness = mac(baseline.shapes, added.shapes)
+    rows, columns = linear_sum_assignment(likeness, maximize=True)
+    chosen = likeness[rows, columns]
+    rivals = likeness.copy()
+    rivals[rows, columns] = 0.0
+    rival = np.maximum(
+        rivals.max(axis=1, initial=0.0)[rows], rivals.max(axis=0, initial=0.0)[columns]
+    )
+    swapped = tuple(
+        (int(rows[i]), int(rows[j]))
+        for i in range(len(rows))
+        for j in range(i + 1, len(rows))
+        if columns[i] > columns[j]
+    )
+    return Pairing(rows, columns, chosen, chosen - rival, swapped)
