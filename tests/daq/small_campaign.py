@@ -1,0 +1,62 @@
+"""A bench with a short campaign, and the frames of its hubs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from daq.campaign import Campaign
+from daq.config import Bench, TriggerConfig, load_bench
+from daq.runs import Event, Excitation
+from dbc import Codec, FrameBatch, parse_codec
+
+START_NS = 1_800_000_000_000_000_000
+PERIOD_S = 1.2
+CAMPAIGN = Campaign((Excitation.BOUNCE, Excitation.ROLL), 1)
+LABELS = [step.label for step in CAMPAIGN.steps]
+
+
+@cache
+def small_bench() -> Bench:
+    """Return the shipped bench with a campaign of four short runs."""
+    return replace(
+        load_bench(None), campaign=CAMPAIGN, trigger=TriggerConfig(3.0, 0.1, 0.5, rest_s=0.1)
+    )
+
+
+@cache
+def small_codec() -> Codec:
+    return parse_codec(small_bench().dbc_text, "shipped")
+
+
+def bumps(codec: Codec, count: int, message: str = "HUB_Front") -> FrameBatch:
+    """Frames of one message at 1 kHz: every 1.2 s, after 0.5 s of rest, 20 m/s2 for 0.2 s."""
+    layout = codec.message(message)
+    n = round(count * PERIOD_S * 1000)
+    t_s = np.arange(n) * 1e-3
+    phase_s = t_s % PERIOD_S - 0.5
+    acc_g = np.where((phase_s > 0) & (phase_s < 0.2), 20 / 9.80665, 0.0)
+    names = [s.name for s in layout.signals if s.name.startswith("acc")]
+    data = codec.encode(message, dict.fromkeys(names, acc_g))
+    return FrameBatch(
+        START_NS + np.arange(n) * 1_000_000,
+        np.full(n, layout.can_id, np.uint32),
+        np.zeros(n, np.uint16),
+        np.zeros(n, np.uint8),
+        np.full(n, layout.length, np.uint8),
+        data,
+    )
+
+
+def blocks(frames: FrameBatch, size: int = 100) -> list[FrameBatch]:
+    return [frames.select(slice(i, i + size)) for i in range(0, len(frames), size)]
+
+
+def codes(events: Sequence[Event]) -> list[tuple[str, str]]:
+    return [(event.code, event.text) for event in events]
+
+
+PLANNED = [(code, label) for label in LABELS for code in ("bump", "run_end")]
