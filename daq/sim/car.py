@@ -1,0 +1,211 @@
+"""What is simulated, and what is drawn by lot once for a whole campaign.
+
+A bench knows its sensors as far as a person can measure: a position to a centimetre, a delay as the
+data sheet states it, a weight as the scales show it.  The simulated bench differs from that by
+errors drawn from the very uncertainties that bench.toml states, so that an interval computed from
+them can be tested.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..channels import ON_BODY, Channel, Quantity
+from ..config import Bench
+from ..vehicle import FORD_GRANADA, AddedMass, MassState, VehicleParameters
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Standard deviations of an error, by kind of sensor.
+
+    Parameters
+    ----------
+    body_acceleration_m_s2, hub_acceleration_m_s2 : float
+        Accelerometers on the body and on the hubs.
+    rate_rad_s, angular_acceleration_rad_s2 : float
+        Gyroscopes, and angular accelerometers where there are any.
+    displacement_m : float
+        Suspension travel and other displacements.
+    """
+
+    body_acceleration_m_s2: float
+    hub_acceleration_m_s2: float
+    rate_rad_s: float
+    angular_acceleration_rad_s2: float
+    displacement_m: float
+
+    def of(self, quantity: Quantity) -> float:
+        """Return the standard deviation for a sensor of `quantity`, SI; 0 for an unused one."""
+        match quantity:
+            case Quantity.UNUSED:
+                return 0.0
+            case Quantity.BODY_ACCELERATION:
+                return self.body_acceleration_m_s2
+            case Quantity.HUB_ACCELERATION:
+                return self.hub_acceleration_m_s2
+            case Quantity.PITCH_RATE | Quantity.ROLL_RATE:
+                return self.rate_rad_s
+            case Quantity.PITCH_ACCELERATION | Quantity.ROLL_ACCELERATION:
+                return self.angular_acceleration_rad_s2
+        return self.displacement_m
+
+
+NOISE = Spread(0.03, 0.15, math.radians(0.1), 0.02, 0.0002)
+"""White noise of each sample: an automotive IMU, rugged hub accelerometers, string pots."""
+BIAS = Spread(0.05, 0.2, math.radians(0.2), 0.02, 0.005)
+"""Constant error of each sensor; for a displacement, how well its zero was set."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedCar:
+    """A car, its bump and its bench, as they are in truth or up to a draw.
+
+    Parameters
+    ----------
+    parameters : VehicleParameters
+        The unloaded car.
+    bump_height_m : float
+        Height of the half-sine bump.
+    noise, bias : Spread
+        Errors of the sensors beyond those that bench.toml states.
+    clock_error : float
+        Standard deviation of the relative rate error of each message's clock.
+    jitter_s : float
+        Mean time by which a frame is released late (exponential), s.
+    lead_s, tail_s : float
+        Rest before the bump, and time from the beginning of the bump to the end of the run.
+    """
+
+    parameters: VehicleParameters = FORD_GRANADA
+    bump_height_m: float = 0.05
+    noise: Spread = NOISE
+    bias: Spread = BIAS
+    clock_error: float = 10e-6
+    jitter_s: float = 50e-6
+    lead_s: float = 1.5
+    tail_s: float = 3.3
+
+    @property
+    def run_s(self) -> float:
+        """Duration of one run, s."""
+        return self.lead_s + self.tail_s
+
+
+@dataclass(frozen=True, slots=True)
+class SensorTruth:
+    """A sensor as it really is mounted.
+
+    Parameters
+    ----------
+    x_m, y_m : float
+        True position from the middle of the front axle; NaN where a position says nothing.
+    delay_s : float
+        True lateness: a frame released at t carries the value at t - delay_s.
+    bias : float
+        Constant error in the channel's SI unit, before gain, sign and tare.
+    """
+
+    x_m: float
+    y_m: float
+    delay_s: float
+    bias: float
+
+
+@dataclass(frozen=True, slots=True)
+class ClockTruth:
+    """The sampling clock of one message: tick k is at ``phase_s + k cycle_s (1 + error)``.
+
+    Parameters
+    ----------
+    phase : float
+        Time of tick 0 after the start of the campaign, in cycles, 0..1.
+    error : float
+        Relative error of its rate.
+    """
+
+    phase: float
+    error: float
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """All that was drawn for one campaign: what the identification never sees.
+
+    Parameters
+    ----------
+    parameters : VehicleParameters
+        The unloaded car.
+    mass_states : mapping of str to AddedMass
+        The weights as they really are.
+    sensors : mapping of channel name to SensorTruth
+        Of every channel.
+    clocks : mapping of message name to ClockTruth
+        Of every message that carries a channel.
+    """
+
+    parameters: VehicleParameters
+    mass_states: Mapping[str, AddedMass]
+    sensors: Mapping[str, SensorTruth]
+    clocks: Mapping[str, ClockTruth]
+
+
+def message_of(channel: Channel) -> str:
+    """Return the name of the message that carries a channel."""
+    return channel.signal.partition(".")[0]
+
+
+def signal_of(channel: Channel) -> str:
+    """Return the name of the channel's signal within its message."""
+    return channel.signal.partition(".")[2]
+
+
+def truth(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
+    """Draw what differs between the bench as described and the bench as it is.
+
+    Parameters
+    ----------
+    bench : Bench
+        The description; its sigmas are the spreads of the draw.
+    car : SimulatedCar
+        The car and the spreads that bench.toml does not state.
+    seed : int
+        The same seed gives the same campaign.
+    """
+    rng = np.random.default_rng([seed, 0])
+    messages = dict.fromkeys(message_of(channel) for channel in bench.channels)
+    # One message is one device: what delays one of its signals delays them all.
+    lateness = {message: rng.standard_normal() for message in messages}
+    clocks = {
+        message: ClockTruth(rng.uniform(), car.clock_error * rng.standard_normal())
+        for message in messages
+    }
+    sensors = {}
+    for channel in bench.channels:
+        late = lateness[message_of(channel)]
+        slip = channel.position_sigma_m * rng.standard_normal(2)
+        bias = car.bias.of(channel.quantity) * rng.standard_normal()
+        x_m, y_m = (-car.parameters.a, 0.0) if channel.at_cg else (channel.x_m, channel.y_m)
+        on_body = channel.quantity in ON_BODY
+        sensors[channel.name] = SensorTruth(
+            x_m=x_m + slip[0] if on_body else math.nan,
+            y_m=y_m + slip[1] if on_body else math.nan,
+            # No sensor foresees: a draw below zero is a sensor without delay.
+            delay_s=max(0.0, channel.delay_s + channel.delay_sigma_s * late),
+            bias=bias,
+        )
+    mass_states = {state.name: _as_weighed(state, rng) for state in bench.mass_states}
+    return Truth(car.parameters, mass_states, sensors, clocks)
+
+
+def _as_weighed(state: MassState, rng: np.random.Generator) -> AddedMass:
+    """Return the masses that the scales showed with an error of `sigma_kg`."""
+    weights = tuple(
+        replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
+        for weight in state.added.weights
+    )
+    return replace(state.added, weights=weights)

@@ -1,0 +1,210 @@
+"""The simulated sensors' controllers: each message has its own clock, all share one bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc import Codec, FrameBatch, FrameFlag, MessageLayout
+
+from ..channels import Channel
+from ..config import Bench
+from ..errors import InputError
+from ..runs import BASELINE
+from .car import ClockTruth, SimulatedCar, Truth, message_of, signal_of, truth
+from .excitation import Bump
+from .motion import Motion, drive
+from .plant import load_car, static_pose
+from .sensors import Installation, signal_values, true_reading
+from .wire import frame_time_ns, priority, transmit
+
+_MAX_CLASSIC_BYTES = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Sender:
+    """A message of the bench, the channels in it, and the clock that samples them.
+
+    Parameters
+    ----------
+    message : MessageLayout
+        What is sent.
+    cycle_s : float
+        Its cycle time as the DBC states it, s.
+    clock : ClockTruth
+        Phase and rate error of its clock.
+    channels : tuple of Channel
+        Its signals, as far as they are channels.
+    """
+
+    message: MessageLayout
+    cycle_s: float
+    clock: ClockTruth
+    channels: tuple[Channel, ...]
+
+    def ticks(self, start_s: float, end_s: float) -> tuple[int, NDArray[np.float64]]:
+        """Return the number of the first tick in start_s..end_s, and the times of all of them."""
+        period_s = self.cycle_s * (1.0 + self.clock.error)
+        phase_s = self.clock.phase * self.cycle_s
+        first, last = np.ceil((np.array([start_s, end_s]) - phase_s) / period_s).astype(int)
+        # The very first run begins between two ticks of a clock that had been running before.
+        first = max(first, 0)
+        return int(first), phase_s + period_s * np.arange(first, last)
+
+
+@dataclass(frozen=True, slots=True)
+class _Rig:
+    """What stays the same through a campaign."""
+
+    codec: Codec
+    car: SimulatedCar
+    drawn: Truth
+    installation: Installation
+
+
+@dataclass(frozen=True, slots=True)
+class _Burst:
+    """The frames of one message in one run; releases count from the start of the campaign."""
+
+    message: MessageLayout
+    release_s: NDArray[np.float64]
+    payload: NDArray[np.uint8]
+
+
+def campaign_frames(
+    bench: Bench, codec: Codec, car: SimulatedCar, seed: int, start_ns: int
+) -> Iterator[FrameBatch]:
+    """Simulate a campaign, as a recorder would see it on the bus.
+
+    Parameters
+    ----------
+    bench : Bench
+        Campaign, weights, channels and bit rate.
+    codec : Codec
+        The bench's DBC.
+    car : SimulatedCar
+        What is driven over the bumps.
+    seed : int
+        Decides every draw (`car.truth`) and all noise.
+    start_ns : int
+        Time stamp of the start, ns since 1970 UTC.
+
+    Yields
+    ------
+    FrameBatch
+        One a run, in the order of `bench.campaign.steps`: `car.lead_s` of rest, the bump and the
+        free decay.  Time and counters run on from run to run; stamps are taken at the end of each
+        transmission.  Messages that carry no channel are not sent.
+
+    Raises
+    ------
+    InputError
+        If a channel's signal is not in the DBC, its message has no cycle time or is too long for
+        classic CAN, its unit does not fit, or the weights would tip the car over.
+    """
+    drawn = truth(bench, car, seed)
+    senders = bench_senders(bench, codec, drawn)
+    plants = {name: load_car(car.parameters, added) for name, added in drawn.mass_states.items()}
+    unloaded = plants[BASELINE]
+    installation = Installation(unloaded, car.parameters.a, static_pose(unloaded))
+    rig = _Rig(codec, car, drawn, installation)
+    free_ns = start_ns
+    for number, step in enumerate(bench.campaign.steps):
+        bump = Bump(step.excitation, car.bump_height_m, car.lead_s, bench.bump_s)
+        try:
+            motion = drive(plants[step.mass_state], bump, car.run_s)
+        except ValueError as error:
+            raise InputError(
+                "bench.toml", f"mass state {step.mass_state}: {error}", "move the weights inwards"
+            ) from error
+        rng = np.random.default_rng([seed, 1, number])
+        bursts = [_sample(rig, sender, motion, number * car.run_s, rng) for sender in senders]
+        batch = _on_the_wire(bursts, bench.bus.bitrate, start_ns, free_ns)
+        free_ns = int(batch.t_ns[-1])
+        yield batch
+
+
+def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...]:
+    """Return the messages that carry the bench's channels.
+
+    Raises
+    ------
+    InputError
+        If a channel's signal is not in the DBC, or its message cannot be sent in cycles.
+    """
+    carried: dict[str, list[Channel]] = {}
+    for channel in bench.channels:
+        carried.setdefault(message_of(channel), []).append(channel)
+    senders = []
+    for name, channels in carried.items():
+        for channel in channels:
+            try:
+                message = codec.message(name)
+                message.signal(signal_of(channel))
+            except KeyError as error:
+                raise InputError(
+                    f"channel {channel.name}",
+                    f"signal {channel.signal} is not in {bench.dbc_name}",
+                    "name a signal of the DBC as Message.signal",
+                ) from error
+        if message.cycle_s is None:
+            raise InputError(
+                bench.dbc_name,
+                f"message {name} has no cycle time",
+                "state GenMsgCycleTime for it, or leave its channels out",
+            )
+        if message.length > _MAX_CLASSIC_BYTES:
+            raise InputError(
+                bench.dbc_name,
+                f"message {name} has {message.length} bytes",
+                "the simulated bench sends classic CAN, at most 8 bytes",
+            )
+        senders.append(Sender(message, message.cycle_s, drawn.clocks[name], tuple(channels)))
+    return tuple(senders)
+
+
+def _sample(
+    rig: _Rig, sender: Sender, motion: Motion, start_s: float, rng: np.random.Generator
+) -> _Burst:
+    """Sample, encode and release all frames of one message in one run."""
+    counter, tick_s = sender.ticks(start_s, start_s + rig.car.run_s)
+    sensors = {channel.name: rig.drawn.sensors[channel.name] for channel in sender.channels}
+    delays = {sensor.delay_s for sensor in sensors.values()}
+    seen = {delay_s: motion.at(tick_s - start_s - delay_s) for delay_s in delays}
+    values = {}
+    for channel in sender.channels:
+        sensor = sensors[channel.name]
+        signal = sender.message.signal(signal_of(channel))
+        reading = true_reading(channel, sensor, rig.installation, seen[sensor.delay_s])
+        values[signal.name] = signal_values(channel, signal, sensor, rig.car.noise, reading, rng)
+    payload = rig.codec.encode(sender.message.name, values, counter)
+    # Less than half a cycle late, or frames of one message would overtake each other.
+    late_s = np.minimum(rng.exponential(rig.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
+    return _Burst(sender.message, tick_s + late_s, payload)
+
+
+def _on_the_wire(bursts: list[_Burst], bitrate: int, start_ns: int, free_ns: int) -> FrameBatch:
+    """Merge the frames of all messages in the order in which the bus carries them."""
+    messages = [burst.message for burst in bursts]
+    owner = np.repeat(np.arange(len(bursts)), [len(burst.release_s) for burst in bursts])
+    release_s = np.concatenate([burst.release_s for burst in bursts])
+    t_ns = transmit(
+        start_ns + np.rint(release_s * 1e9).astype(np.int64),
+        np.array([priority(m) for m in messages])[owner],
+        np.array([frame_time_ns(m, bitrate) for m in messages])[owner],
+        free_ns,
+    )
+    order = np.argsort(t_ns)
+    owner = owner[order]
+    flags = [FrameFlag.EXTENDED if m.is_extended else 0 for m in messages]
+    return FrameBatch(
+        t_ns=t_ns[order],
+        can_id=np.array([m.can_id for m in messages], np.uint32)[owner],
+        flags=np.array(flags, np.uint16)[owner],
+        bus=np.zeros(len(owner), np.uint8),
+        length=np.array([m.length for m in messages], np.uint8)[owner],
+        data=np.concatenate([burst.payload for burst in bursts])[order],
+    )

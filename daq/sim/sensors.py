@@ -1,0 +1,174 @@
+"""Sensors: from the motion of the car to the values that they report, in the units of the DBC."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dbc.layout import SignalLayout
+from dbc.units import to_si
+
+from ..channels import Channel, Quantity
+from ..errors import InputError
+from .car import SensorTruth, Spread
+from .motion import Kinematics
+from .plant import GRAVITY_M_S2, Array, Plant, corner_motion
+
+
+@dataclass(frozen=True, slots=True)
+class Installation:
+    """The car as the sensors were put on it.
+
+    Parameters
+    ----------
+    plant : Plant
+        Where its corners are.
+    a_m : float
+        Distance from the CG to the front axle, from which positions are counted.
+    design_pose : (7, 1) float64
+        The pose in which the IMU was levelled and the displacements were zeroed: the unloaded
+        car at rest.  Any other loading therefore shows as a constant offset.
+    """
+
+    plant: Plant
+    a_m: float
+    design_pose: Array
+
+
+def _specific_force_x(tilt: Array) -> Array:
+    """Return x: nose down turns it towards the ground, so gravity pulls the proof mass forward."""
+    return np.asarray(-GRAVITY_M_S2 * tilt[1])
+
+
+def _specific_force_y(tilt: Array) -> Array:
+    """Return y: left side up turns it away from the ground."""
+    return np.asarray(GRAVITY_M_S2 * tilt[2])
+
+
+def _yaw_rate(tilt: Array) -> Array:
+    """Return zero: a car that bounces on the spot does not turn."""
+    return np.zeros(tilt.shape[1])
+
+
+_SPARE: dict[str, tuple[Quantity, Callable[[Array], Array]]] = {
+    "IMU_Accel.acc_x": (Quantity.BODY_ACCELERATION, _specific_force_x),
+    "IMU_Accel.acc_y": (Quantity.BODY_ACCELERATION, _specific_force_y),
+    "IMU_Rate.rate_z": (Quantity.PITCH_RATE, _yaw_rate),
+}
+"""What the shipped IMU senses and the method does not use: the kind of sensor, for its errors, and
+the reading from the pose against the design pose."""
+
+
+def kind(channel: Channel) -> Quantity:
+    """Return what the sensor behind a channel senses, be it used or not."""
+    if channel.quantity is Quantity.UNUSED and channel.signal in _SPARE:
+        return _SPARE[channel.signal][0]
+    return channel.quantity
+
+
+def true_reading(
+    channel: Channel, sensor: SensorTruth, car: Installation, motion: Kinematics
+) -> Array:
+    """Return what a perfect sensor in the true place would measure.
+
+    Rotations are small, as in the plant: an accelerometer's share of gravity is 1 g on z, and
+    the tilt angle times 1 g on x and y.
+
+    Parameters
+    ----------
+    channel : Channel
+        What is measured.
+    sensor : SensorTruth
+        Where the sensor really sits.
+    car : Installation
+        The car it sits on.
+    motion : Kinematics
+        n instants.
+
+    Returns
+    -------
+    (n,) float64
+        In the channel's SI unit.  An unused channel that the simulator does not know reads 0.
+    """
+    moved = motion.pose - car.design_pose
+    x_m, y_m = sensor.x_m + car.a_m, sensor.y_m
+    wheel = 3 + channel.corner.position if channel.corner is not None else 0
+    match channel.quantity:
+        case Quantity.BODY_ACCELERATION:
+            value = _body_point(motion.acceleration, x_m, y_m) + GRAVITY_M_S2
+        case Quantity.BODY_DISPLACEMENT:
+            value = _body_point(moved, x_m, y_m)
+        case Quantity.PITCH_RATE:
+            value = motion.velocity[1]
+        case Quantity.ROLL_RATE:
+            value = motion.velocity[2]
+        case Quantity.PITCH_ACCELERATION:
+            value = motion.acceleration[1]
+        case Quantity.ROLL_ACCELERATION:
+            value = motion.acceleration[2]
+        case Quantity.HUB_ACCELERATION:
+            value = motion.acceleration[wheel] + GRAVITY_M_S2
+        case Quantity.HUB_DISPLACEMENT:
+            value = moved[wheel]
+        case Quantity.SUSPENSION_TRAVEL:
+            value = moved[wheel] - corner_motion(car.plant, moved)[wheel - 3]
+        case Quantity.UNUSED:
+            _, reading = _SPARE.get(channel.signal, (None, _yaw_rate))
+            value = reading(moved)
+    return np.asarray(value, dtype=np.float64)
+
+
+def _body_point(motion: Array, x_m: float, y_m: float) -> Array:
+    """Vertical motion of a point of the rigid body at (x, y) from the CG."""
+    return np.asarray(motion[0] - x_m * motion[1] + y_m * motion[2])
+
+
+def signal_values(
+    channel: Channel,
+    signal: SignalLayout,
+    sensor: SensorTruth,
+    noise: Spread,
+    reading: Array,
+    rng: np.random.Generator,
+) -> Array:
+    """Turn true readings into what the sensor puts into its frames.
+
+    Parameters
+    ----------
+    channel : Channel
+        Sign, gain and tare: the recorder computes ``sign * gain * SI(signal) - tare``.
+    signal : SignalLayout
+        Unit and range of the signal.
+    sensor : SensorTruth
+        Its bias.
+    noise : Spread
+        Standard deviation of the white noise.
+    reading : (n,) float64
+        From `true_reading`.
+    rng : numpy.random.Generator
+        Source of the noise.
+
+    Returns
+    -------
+    (n,) float64
+        In the DBC's unit, limited to what the signal's bits can express, as a sensor saturates.
+
+    Raises
+    ------
+    InputError
+        If the signal's unit does not measure the channel's quantity.
+    """
+    measured = reading + sensor.bias + noise.of(kind(channel)) * rng.standard_normal(len(reading))
+    value = (measured + channel.tare) / (channel.sign * channel.gain)
+    if channel.quantity is not Quantity.UNUSED or channel.signal in _SPARE:
+        si = to_si(signal.unit)
+        if channel.unit not in ("", si.unit):
+            raise InputError(
+                f"channel {channel.name}",
+                f"is in {channel.unit}, but {channel.signal} is in {signal.unit}",
+                "name the right signal or quantity in bench.toml",
+            )
+        value = (value - si.offset) / si.factor
+    return np.asarray(np.clip(value, *signal.span), dtype=np.float64)
