@@ -91,7 +91,8 @@ class Codec:
         for reader, n in zip(self._readers, count.tolist(), strict=False):
             if n:
                 frames = _gather(batch, order[start : start + n], reader.width)
-                decoded, bad = decode_message(reader, frames)
+                with np.errstate(invalid="ignore", over="ignore"):  # a payload may hold any float
+                    decoded, bad = decode_message(reader, frames)
                 samples.update(decoded)
                 crc_bad += bad
                 wrong_length += int(np.count_nonzero(frames.length != reader.layout.length))
@@ -136,10 +137,9 @@ class Codec:
         index = self._standard.take(batch.can_id, mode="clip")
         special = FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR
         flags = batch.flags & np.uint16(special)
-        if not flags.any():
-            index[batch.can_id >= _STANDARD_IDS] = unknown
-            return index, 0, 0
         index[batch.can_id >= _STANDARD_IDS] = unknown
+        if not flags.any():
+            return index, 0, 0
         extended = np.flatnonzero(flags & np.uint16(FrameFlag.EXTENDED))
         index[extended] = unknown
         if len(self._extended):
