@@ -50,8 +50,6 @@ class Sender:
         period_s = self.cycle_s * (1.0 + self.clock.error)
         phase_s = self.clock.phase * self.cycle_s
         first, last = np.ceil((np.array([start_s, end_s]) - phase_s) / period_s).astype(int)
-        # The very first run begins between two ticks of a clock that had been running before.
-        first = max(first, 0)
         return int(first), phase_s + period_s * np.arange(first, last)
 
 

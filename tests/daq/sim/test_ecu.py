@@ -94,6 +94,38 @@ def test_messages_keep_their_cycle_times_to_the_clock_error(decoded: Decoded) ->
         assert np.median(late_s) < 0.0005
 
 
+def test_a_fast_clock_ticks_fast(codec: Codec) -> None:
+    car = replace(QUIET, clock_error=0.01)
+    clocks = truth(short_bench(), car, SEED).clocks
+    batch = next(campaign_frames(short_bench(), codec, car, SEED, START_NS))
+    samples = codec.decode(batch)
+    for name, cycle_s in (("IMU_Accel", 0.002), ("HUB_Rear", 0.001)):
+        t_s = (samples[f"{name}.counter"].t_ns - START_NS) * 1e-9
+        period_s = np.polyfit(np.arange(len(t_s)), t_s, 1)[0]
+        assert period_s / cycle_s - 1 == pytest.approx(clocks[name].error, abs=1e-4)
+
+
+def test_jitter_only_makes_frames_late(codec: Codec) -> None:
+    stamps = []
+    for jitter_s in (0.0, 200e-6):
+        car = replace(QUIET, jitter_s=jitter_s)
+        batch = next(campaign_frames(short_bench(), codec, car, SEED, START_NS))
+        stamps.append(codec.decode(batch)["SUSP_Rear.counter"].t_ns)
+    late_ns = stamps[1] - stamps[0]
+    assert np.mean(late_ns) == pytest.approx(200e3, rel=0.25)
+    assert np.median(late_ns) < np.mean(late_ns)  # a long tail on one side
+    assert late_ns.max() < 2_000_000
+
+
+def test_an_overloaded_bus_stays_late_into_the_next_run(codec: Codec) -> None:
+    bench = replace(short_bench(), bus=replace(short_bench().bus, bitrate=250_000))
+    joined = FrameBatch.concatenate(list(campaign_frames(bench, codec, CAR, SEED, START_NS)))
+    takes = {m.can_id: frame_time_ns(m, 250_000) for m in codec.messages}
+    duration = np.array([takes[can_id] for can_id in joined.can_id.tolist()])
+    assert (np.diff(joined.t_ns) >= duration[1:]).all()
+    assert joined.t_ns[-1] - START_NS > 1.5 * 4 * CAR.run_s * 1e9
+
+
 def test_clock_errors_are_a_few_ppm_and_each_message_has_its_own() -> None:
     drawn = [truth(short_bench(), CAR, seed) for seed in range(60)]
     errors = np.array([[clock.error for clock in d.clocks.values()] for d in drawn])
@@ -169,6 +201,13 @@ def quiet_imu(bench: Bench, codec: Codec) -> tuple[NDArray[np.float64], NDArray[
     (batch,) = campaign_frames(bench, codec, QUIET, SEED, START_NS)
     samples = codec.decode(batch).samples
     return samples["IMU_Accel.acc_z"].value, samples["IMU_Rate.rate_y"].value
+
+
+def test_messages_with_29_bit_identifiers_are_sent_as_such(codec: Codec) -> None:
+    wide = Codec(tuple(replace(m, can_id=m.can_id << 18, is_extended=True) for m in codec.messages))
+    batch = next(campaign_frames(short_bench(), wide, CAR, SEED, START_NS))
+    assert wide.decode(batch).counts == DecodeCounts(0, 0, 0, 0, 0)
+    assert codec.decode(batch).counts.unknown_id == len(batch)
 
 
 def refused(bench: Bench, codec: Codec) -> str:

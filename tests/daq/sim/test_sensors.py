@@ -175,6 +175,14 @@ def test_noise_and_bias_are_those_asked_for(codec: Codec) -> None:
         assert abs(values.mean()) < 5 * spread / np.sqrt(len(zero))
 
 
+def test_a_bias_adds_to_what_is_measured(codec: Codec) -> None:
+    channel = shipped_channel("body_acc_z")
+    biased = replace(PERFECT, bias=0.25)
+    layout = codec.message("IMU_Accel").signal("acc_z")
+    rng = np.random.default_rng(0)
+    assert signal_values(channel, layout, biased, SILENT, np.ones(1), rng)[0] == 1.25
+
+
 def test_a_signal_of_another_unit_is_refused(codec: Codec) -> None:
     channel = replace(shipped_channel("body_acc_z"), signal="SUSP_Front.travel_fl")
     layout = codec.message("SUSP_Front").signal("travel_fl")
