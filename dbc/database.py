@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from importlib.resources import files
@@ -13,11 +12,13 @@ from typing import Any
 from .codec import Codec
 from .errors import InputError
 from .layout import CounterRule, MessageLayout, SignalLayout
-from .limits import MAX_BYTES, check_text
+from .limits import MAX_BYTES, PICK_DBC, Source, check_text
+from .lint import check_messages
 
+ROLE_ATTRIBUTE = "SignalRole"
+VALUE_ROLE = "value"
 COUNTER_ROLE = "counter"
 CRC_ROLE = "crc8_j1850"
-_ROLE = "SignalRole"
 
 
 def shipped_dbc() -> str:
@@ -44,15 +45,15 @@ def read_dbc(path: str | Path) -> str:
         If it cannot be read, is too large or is not text.
     """
     path = Path(path)
+    if path.exists() and not path.is_file():  # a directory; or a device, which may never end
+        raise InputError(str(path), "not a file", PICK_DBC)
     try:
-        if path.exists() and not path.is_file():
-            raise InputError(str(path), "not a file", "give a DBC file")
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), "give a DBC file") from error
+        raise InputError(str(path), error.strerror or str(error), PICK_DBC) from error
     if len(content) > MAX_BYTES:
-        raise InputError(str(path), f"larger than {MAX_BYTES // 1_000_000} MB", "give a DBC file")
+        raise InputError(str(path), f"larger than {MAX_BYTES // 1_000_000} MB", PICK_DBC)
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -60,7 +61,7 @@ def read_dbc(path: str | Path) -> str:
     try:
         return content.decode("cp1252")
     except UnicodeDecodeError as error:
-        raise InputError(str(path), "neither UTF-8 nor Windows text", "give a DBC file") from error
+        raise InputError(str(path), "neither UTF-8 nor Windows text", PICK_DBC) from error
 
 
 def load_codec(path: str | Path) -> Codec:
@@ -107,76 +108,64 @@ def parse_codec(text: str, name: str) -> Codec:
         If it is not a DBC, or says something that cannot be meant: ambiguous names or
         identifiers, signals outside their message, factors of zero or infinity.
     """
-    check_text(text, name)
-    messages = tuple(_message(message, name) for message in _parse(text, name))
-    if not messages:
-        raise InputError(name, "the DBC has no messages", "give the DBC of the sensors")
-    _refuse_twins([message.name for message in messages], name, "messages")
+    source = check_text(text, name)
+    try:
+        messages = tuple(_message(message, source) for message in _parse(text, source))
+        check_messages(messages, source)
+    except OverflowError as error:
+        raise InputError(name, "a number is beyond float64", "mend factors and ranges") from error
     return Codec(messages)
 
 
-def _parse(text: str, name: str) -> Sequence[Any]:
+def _parse(text: str, source: Source) -> Sequence[Any]:
     from cantools.database.can.formats import dbc
 
+    # The parser takes a text that ends within a definition for a whole one, and leaves out what
+    # it did not understand.  A definition after the end turns that into a syntax error.
+    whole = f'{text}\nCM_ "";\n'
     try:
-        return tuple(dbc.load_string(text, strict=False).messages)
-    except RecursionError as error:
-        raise InputError(name, "too deeply nested", "give a DBC file") from error
+        return tuple(dbc.load_string(whole, strict=False).messages)
     except Exception as error:
-        # cantools raises whatever comes up (ValueError, KeyError, its own, the tokenizer's).
-        what = str(error).splitlines()[0] if str(error) else type(error).__name__
-        place = re.search(r"line (\d+)", what)
-        where = f"{name}:{place[1]}" if place else name
-        raise InputError(where, f"not a valid DBC: {what}", "mend the file") from error
+        # cantools raises whatever comes up: ValueError, KeyError, its own, the tokenizer's.
+        what = str(error).split("\n", 1)[0] or type(error).__name__
+        place = re.search(r"\bline (\d+)", what)
+        if place and int(place[1]) > text.count("\n") + 1:
+            raise InputError(source.name, "ends within a definition", PICK_DBC) from error
+        where = f"{source.name}:{place[1]}" if place else source.name
+        raise InputError(where, f"not a valid DBC: {what}", "mend it or give another") from error
 
 
-def _message(message: Any, name: str) -> MessageLayout:
-    where = f"message {message.name}"
-    signals = tuple(_signal(signal, message, name) for signal in message.signals)
-    _refuse_twins([signal.name for signal in signals], name, f"signals of {where}")
-    roles = {s.name: _role(s) for s in message.signals}
-    counters = [signal for signal in signals if roles[signal.name] == COUNTER_ROLE]
-    crcs = [signal for signal in signals if roles[signal.name] == CRC_ROLE]
-    for signal in counters + crcs:
-        integer = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
-        if not integer or signal.is_signed or signal.is_multiplexed:
-            what = f"{where}: {signal.name} has a role but is not a plain unsigned integer"
-            raise InputError(name, what, "mend its line or its SignalRole")
-    if any(crc.length != 8 or crc.low_bit != 0 for crc in crcs):
-        raise InputError(name, f"{where}: the checksum is not one whole byte", "mend its line")
-    if len(counters) > 1 or len(crcs) > 1:
-        raise InputError(name, f"{where} has two signals of one role", "mend its SignalRole")
+def _message(message: Any, source: Source) -> MessageLayout:
+    signals = tuple(map(_signal, message.signals))
+    roles = _roles(message, source)
+    counter = next((signal for signal in signals if signal.name == roles.get(COUNTER_ROLE)), None)
+    cycle_ms = message.cycle_time
     return MessageLayout(
         name=message.name,
         can_id=message.frame_id,
         is_extended=message.is_extended_frame,
         length=message.length,
-        cycle_s=message.cycle_time / 1000 if message.cycle_time else None,
+        cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
         signals=signals,
-        counter=CounterRule(counters[0].name, 1 << counters[0].length) if counters else None,
-        crc=crcs[0].name if crcs else None,
+        counter=CounterRule(counter.name, 1 << counter.length) if counter else None,
+        crc=roles.get(CRC_ROLE),
         senders=tuple(message.senders),
     )
 
 
-def _signal(signal: Any, message: Any, name: str) -> SignalLayout:
-    where = f"signal {message.name}.{signal.name}"
-    conversion = signal.conversion
-    factor, offset = conversion.scale, conversion.offset
-    if not (math.isfinite(factor) and math.isfinite(offset)) or factor == 0:
-        raise InputError(name, f"{where}: factor {factor}, offset {offset}", "mend its line")
-    if conversion.is_float and signal.length not in (16, 32, 64):
-        raise InputError(name, f"{where}: a float of {signal.length} bits", "mend its SIG_VALTYPE_")
-    if not conversion.is_float and float(factor).is_integer() and float(offset).is_integer():
+def _signal(signal: Any) -> SignalLayout:
+    is_float = signal.conversion.is_float
+    factor, offset = signal.conversion.scale, signal.conversion.offset
+    if not is_float and factor == factor // 1 and offset == offset // 1:
         factor, offset = int(factor), int(offset)
-    layout = SignalLayout(
+    return SignalLayout(
         name=signal.name,
         unit=signal.unit or "",
         start=signal.start,
         length=signal.length,
         is_big_endian=signal.byte_order == "big_endian",
         is_signed=signal.is_signed,
-        is_float=conversion.is_float,
+        is_float=is_float,
         factor=factor,
         offset=offset,
         minimum=None if signal.minimum is None else float(signal.minimum),
@@ -184,24 +173,27 @@ def _signal(signal: Any, message: Any, name: str) -> SignalLayout:
         selector=signal.multiplexer_signal,
         selected_by=_ranges(signal.multiplexer_ids or ()),
     )
-    if layout.last_byte >= message.length:
-        what = f"{where} ends in byte {layout.last_byte + 1} of {message.length}"
-        raise InputError(name, what, "mend its start, its length or the message's")
-    if layout.selector is not None and not layout.selected_by:
-        raise InputError(name, f"{where} has no selector value", "mend its multiplexing")
-    return layout
 
 
-def _role(signal: Any) -> str:
-    """Return the signal's role: an index into the ENUM, or its text, as editors write both."""
-    attribute = signal.dbc.attributes.get(_ROLE) if signal.dbc.attributes else None
-    if attribute is None:
-        return ""
-    value = attribute.value
-    choices = attribute.definition.choices or []
-    if isinstance(value, int) and 0 <= value < len(choices):
-        return str(choices[value])
-    return str(value)
+def _roles(message: Any, source: Source) -> dict[str, str]:
+    """Return the names of the signals that have a role other than to carry a value, by role."""
+    found: dict[str, str] = {}
+    for signal in message.signals:
+        attribute = (signal.dbc.attributes or {}).get(ROLE_ATTRIBUTE)
+        if attribute is None:
+            continue
+        choices = dict(enumerate(attribute.definition.choices or ()))
+        role = choices.get(
+            attribute.value, attribute.value
+        )  # an ENUM has the index, a STRING the text
+        if role == VALUE_ROLE:
+            continue
+        if role not in (COUNTER_ROLE, CRC_ROLE) or role in found:
+            what = f"{message.name}.{signal.name}: the role {role} is unknown or there twice"
+            advice = f"give {ROLE_ATTRIBUTE} as {VALUE_ROLE}, {COUNTER_ROLE} or {CRC_ROLE}"
+            raise InputError(source.name, what, advice)
+        found[role] = signal.name
+    return found
 
 
 def _ranges(values: Sequence[int]) -> tuple[tuple[int, int], ...]:
@@ -209,9 +201,3 @@ def _ranges(values: Sequence[int]) -> tuple[tuple[int, int], ...]:
     runs = groupby(enumerate(sorted(values)), lambda pair: pair[1] - pair[0])
     groups = [[value for _, value in run] for _, run in runs]
     return tuple((group[0], group[-1]) for group in groups)
-
-
-def _refuse_twins(names: list[str], where: str, kind: str) -> None:
-    twins = sorted({name for name in names if names.count(name) > 1})
-    if twins:
-        raise InputError(where, f"two {kind} are called {twins[0]}", "rename one")
