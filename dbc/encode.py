@@ -15,18 +15,16 @@ def encode_message(
     layout: MessageLayout, values: Mapping[str, ArrayLike], counter_start: int
 ) -> NDArray[np.uint8]:
     """Return the payloads of n frames; see `Codec.encode`."""
-    columns = {name: np.atleast_1d(np.asarray(value)) for name, value in values.items()}
+    columns = {name: np.asarray(value) for name, value in values.items()}
     filled = {layout.crc, layout.counter.signal if layout.counter else None}
     for name in columns:
         if name in filled:
             raise ValueError(f"{layout.name}.{name} is filled in here and cannot be given")
         layout.signal(name)
-    if (
-        len({column.shape for column in columns.values()}) != 1
-        or next(iter(columns.values())).ndim != 1
-    ):
+    shapes = {column.shape for column in columns.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 1:
         raise ValueError(f"the signals of {layout.name} must be arrays of one length")
-    n = len(next(iter(columns.values())))
+    (n,) = shapes.pop()
     if layout.counter is not None:
         columns[layout.counter.signal] = (counter_start + np.arange(n)) % layout.counter.modulus
     raw = {name: _raw(layout, layout.signal(name), column) for name, column in columns.items()}
@@ -68,6 +66,8 @@ def _present(
     """Tell the frames whose selector, and its selector, name this signal."""
     present = np.ones(n, np.bool_)
     while signal.selector is not None:
+        if signal.selector not in raw:
+            raise ValueError(f"{layout.name}.{signal.name} needs its selector {signal.selector}")
         selector = raw[signal.selector]
         present &= np.logical_or.reduce(
             [(selector >= low) & (selector <= high) for low, high in signal.selected_by]

@@ -13,6 +13,8 @@ from .errors import InputError
 from .layout import MessageLayout, SignalLayout
 from .limits import PICK_DBC, Source
 
+MAX_COUNTER = 1 << 32
+
 
 def check_messages(messages: Sequence[MessageLayout], source: Source) -> None:
     """Refuse messages that cannot be decoded, or not in one way only.
@@ -101,6 +103,9 @@ def _check_roles(message: MessageLayout, where: str) -> None:
         if not plain or signal.is_signed or signal.is_multiplexed:
             what = f"{message.name}.{name} has a role but is not a plain unsigned number"
             raise InputError(where, what, "mend its line or its SignalRole")
+    if message.counter is not None and message.counter.modulus > MAX_COUNTER:
+        what = f"{message.name}.{message.counter.signal} counts in more than 32 bits"
+        raise InputError(where, what, "mend its line or its SignalRole")
     if message.crc is not None:
         crc = message.signal(message.crc)
         if crc.length != 8 or crc.low_bit != 0:

@@ -107,6 +107,10 @@ REFUSED = {
         with_signal('s : 0|8@1- (1,0) [0|0] ""', ROLES + 'BA_ "SignalRole" SG_ 256 s 1;'),
         "not a plain unsigned number",
     ),
+    "counter of 33 bits": (
+        with_signal('s : 0|33@1+ (1,0) [0|0] ""', ROLES + 'BA_ "SignalRole" SG_ 256 s 1;'),
+        "counts in more than 32 bits",
+    ),
     "crc of 7 bits": (
         with_signal('s : 0|7@1+ (1,0) [0|0] ""', ROLES + 'BA_ "SignalRole" SG_ 256 s 2;'),
         "not one whole byte",

@@ -3,11 +3,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from cantools.database import Database, load_string
 from cantools.database.errors import DecodeError
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dbc import FrameFlag, Quality, parse_codec
+from tests.benchmarks.decode import database_text, interleaved_frames
 
 from .databases import Field, Message, database, messages, multiplexed, parse_one, payloads
 from .frames import block
@@ -136,6 +138,21 @@ def test_multiplexed_signals_exist_where_their_selectors_say_so(
         except DecodeError:
             continue  # cantools gives up on a frame with an undefined selector
         assert {name: values[i] for name, values in rows.items() if i in values} == theirs
+
+
+def test_frames_of_the_benchmark_equal_those_of_cantools() -> None:
+    frames = interleaved_frames(400, seed=2)
+    oracle = load_string(database_text(), "dbc")
+    assert isinstance(oracle, Database)
+    decoded = parse_codec(database_text(), "benchmark").decode(frames)
+    for number in range(4):
+        rows = np.flatnonzero(frames.can_id == 256 + number)
+        decode = oracle.get_message_by_name(f"M{number}").decode_simple
+        theirs = [decode(frames.data[i].tobytes()) for i in rows]
+        for signal in ("s0", "s1", "s2", "s3"):
+            ours = decoded[f"M{number}.{signal}"]
+            assert ours.value.tolist() == [values[signal] for values in theirs]
+            assert ours.t_ns.tolist() == frames.t_ns[rows].tolist()
 
 
 def test_a_block_without_frames_says_nothing() -> None:
