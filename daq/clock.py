@@ -1,0 +1,165 @@
+"""The sensor's own clock, recovered from its rolling counter.
+
+A frame is stamped when it arrives, which is later than its sample by a delay that varies: other
+frames on the bus, the operating system, a reader that takes a whole block at one instant.  The
+sensor itself samples evenly.  Sample k was taken at ``a + r k``; its frame arrives at
+``t_k = a + r k + d_k`` with ``d_k >= 0``.  The line that lies below all points and has the least
+mean distance from them is the maximum-likelihood line for exponential delays, and it is right to
+about the smallest delay divided by the number of punctual frames whatever their distribution is,
+because it only asks that some frames are punctual.  Stalls do not move it.
+
+Where the scatter is so small that it is rather the noise of a hardware clock, which has two sides,
+least squares does better.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .counter import FASTEST, counter_steps
+
+NOMINAL_TOLERANCE = 500e-6
+"""A quartz keeps the nominal cycle to this; more is believed only if the data show it clearly."""
+
+LARGEST_TOLERANCE = 1 - FASTEST
+
+HARDWARE_SCATTER_S = 15e-6
+"""Quartiles closer than this are the noise of a stamping clock rather than delays."""
+
+_FEWEST = 20
+
+
+@dataclass(frozen=True, slots=True)
+class SensorTimes:
+    """Times of the samples of one message.
+
+    Parameters
+    ----------
+    time_s : (n,) float64
+        Time of each sample since the given origin, strictly increasing; NaN for repeated ones.
+    repeated : (n,) bool
+        The frame repeats the one before it and is no new sample.
+    """
+
+    time_s: NDArray[np.float64]
+    repeated: NDArray[np.bool_]
+
+
+def arrival_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
+    """Return the arrival times, made strictly increasing by nanoseconds where they are not."""
+    return SensorTimes(_increasing((t_ns - t0_ns) * 1e-9), np.zeros(len(t_ns), bool))
+
+
+def sensor_times(
+    counter: NDArray[np.int64],
+    modulus: int,
+    t_ns: NDArray[np.int64],
+    cycle_s: float,
+    t0_ns: int,
+) -> SensorTimes:
+    """Return when the samples were taken, up to the smallest delay of the way.
+
+    Parameters
+    ----------
+    counter : (n,) int64
+        Rolling counter of the frames, 0..modulus - 1.
+    modulus : int
+        Its range.
+    t_ns : (n,) int64
+        Arrival time stamps, in order of arrival.
+    cycle_s : float
+        Nominal time between two samples.
+    t0_ns : int
+        Origin of the result.
+
+    Notes
+    -----
+    Frames may be missing.  After a restart of the sensor the line is fitted anew.  Fewer than 20
+    frames, and a counter that mostly stands still, give the arrival times.
+    """
+    if len(t_ns) < _FEWEST:
+        return arrival_times(t_ns, t0_ns)
+    steps = counter_steps(counter, modulus, t_ns, cycle_s)
+    repeated = np.concatenate([[False], steps.step == 0])
+    if np.mean(repeated) > 0.5:
+        return arrival_times(t_ns, t0_ns)
+    index = np.concatenate([[0], np.cumsum(steps.step)]).astype(np.float64)
+    arrival = (t_ns - t0_ns) * 1e-9
+    time = np.full(len(t_ns), np.nan)
+    cuts = np.flatnonzero(steps.restarted) + 1
+    for rows in np.split(np.arange(len(t_ns)), cuts):
+        rows = rows[~repeated[rows]]
+        time[rows] = _fitted(index[rows], arrival[rows], cycle_s)
+    time[~repeated] = _increasing(time[~repeated])
+    return SensorTimes(time, repeated)
+
+
+def _fitted(
+    index: NDArray[np.float64], arrival: NDArray[np.float64], cycle_s: float
+) -> NDArray[np.float64]:
+    if len(index) < _FEWEST:
+        return arrival
+    k = index - index.mean()
+    origin = arrival[0]
+    y = arrival - origin
+    start, rate = lower_line(k, y, cycle_s, NOMINAL_TOLERANCE)
+    free_start, free_rate = lower_line(k, y, cycle_s, LARGEST_TOLERANCE)
+    if np.mean(y) - start > 2 * (np.mean(y) - free_start):  # k has mean 0: the mean distances
+        start, rate = free_start, free_rate
+    late = y - start - rate * k
+    low, middle, high = np.quantile(late, [0.25, 0.5, 0.75])
+    if high - low < HARDWARE_SCATTER_S:
+        punctual = np.abs(late - middle) <= max(5 * (high - low), 1e-6)
+        rate, start = np.polyfit(k[punctual], y[punctual], 1).tolist()
+    return np.asarray(origin + start + rate * k)
+
+
+def lower_line(
+    k: NDArray[np.float64], y: NDArray[np.float64], cycle_s: float, tolerance: float
+) -> tuple[float, float]:
+    """Return the line below all points with the least mean distance from them.
+
+    The mean distance is convex in the slope, and the best line is the edge of the lower convex
+    hull above the mean of k.  It is found by cutting planes: a chord between a point left and a
+    point right of the mean, replaced by the point furthest below it until there is none.
+
+    Parameters
+    ----------
+    k : (n,) float64
+        Abscissae with mean 0.
+    y : (n,) float64
+        Ordinates.
+    cycle_s, tolerance : float
+        The slope is kept within ``cycle_s (1 +- tolerance)``.
+
+    Returns
+    -------
+    start, slope : float
+        Of the line ``start + slope k``.
+    """
+    slowest, fastest = cycle_s * (1 + tolerance), cycle_s * (1 - tolerance)
+    left, right = int(np.argmin(y - fastest * k)), int(np.argmin(y - slowest * k))
+    if k[left] >= 0:
+        return float(y[left] - fastest * k[left]), fastest
+    if k[right] <= 0:
+        return float(y[right] - slowest * k[right]), slowest
+    while True:
+        slope = float((y[right] - y[left]) / (k[right] - k[left]))
+        height = y - slope * k
+        lowest = int(np.argmin(height))
+        if height[lowest] >= min(height[left], height[right]):
+            return float(height[lowest]), slope
+        if k[lowest] < 0:
+            left = lowest
+        else:
+            right = lowest
+
+
+def _increasing(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    if np.all(np.diff(time_s) > 0):
+        return time_s
+    ns = np.arange(len(time_s)) * 1e-9
+    return np.asarray(np.maximum.accumulate(time_s - ns) + ns)
