@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from dbc import shipped_dbc
+from dbc import read_dbc, shipped_dbc
 
 from .campaign import Campaign
 from .channels import AT_CORNER, SI_UNITS, Channel, Quantity
@@ -230,7 +230,7 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
         if names.count(name) > 1:
             raise InputError(where, f"channel {name} occurs twice", "give each its own name")
     if dbc_text is None:
-        dbc_text = _read_dbc(table.dbc, where, folder)
+        dbc_text = read_dbc(folder / table.dbc) if table.dbc else shipped_dbc()
     geometry = table.vehicle.geometry
     return Bench(
         text=text,
@@ -269,17 +269,6 @@ def _validated(text: str, where: str) -> _BenchFile:
         raise InputError(where, f"{key}: {first['msg']}", "mend that value") from error
 
 
-def _read_dbc(name: str, where: str, folder: Path) -> str:
-    if not name:
-        return shipped_dbc()
-    path = folder / name
-    try:
-        return path.read_bytes().decode("utf-8-sig", errors="surrogateescape")
-    except OSError as error:
-        what = f"dbc: {path}: {error.strerror}"
-        raise InputError(where, what, "name a DBC file, relative to bench.toml") from error
-
-
 def _weight(table: _Weight) -> BodyWeight | HubWeight:
     if table.x_m is not None and table.y_m is not None:
         return BodyWeight(table.mass_kg, table.x_m, table.y_m, table.height_m, table.sigma_kg)
@@ -290,3 +279,13 @@ def _weight(table: _Weight) -> BodyWeight | HubWeight:
 def _channel(table: _Channel) -> Channel:
     fields = table.model_dump()
     return Channel(unit=SI_UNITS.get(table.quantity, ""), **fields)
+
+
+def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
+    """Return the bench on another bus, where one is named."""
+    bus = replace(
+        bench.bus,
+        interface=interface or bench.bus.interface,
+        channel=channel or bench.bus.channel,
+    )
+    return replace(bench, bus=bus)

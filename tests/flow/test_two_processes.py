@@ -1,0 +1,113 @@
+"""The real input: a car simulated in one process, recorded in another, over two kinds of bus.
+
+Real time, 4,000 frames a second, stamped on arrival by a busy user-space process: the sensors'
+clocks must be recovered from their counters for this to work.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ..daq.pty_pair import pty_pair
+
+PATIENCE_S = 150
+TRANSPORTS = ("udp_multicast", "slcan")
+
+
+def _start(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "tui", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _result(process: subprocess.Popen[str], allowed: set[int]) -> dict[str, Any]:
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode in allowed, err
+    document = json.loads(out)
+    assert isinstance(document, dict)
+    return document
+
+
+def _wait_for_journal(folder: Path, recorder: subprocess.Popen[str]) -> None:
+    deadline_s = time.monotonic() + 30
+    while not list(folder.glob("journal/*")):
+        assert recorder.poll() is None, recorder.communicate()
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def results(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[dict[str, dict[str, dict[str, Any]]]]:
+    """Run the campaign over both transports at once and identify each session."""
+    with pty_pair() as (left, right):
+        ends = {"udp_multicast": ("239.74.163.77", "239.74.163.77"), "slcan": (left, right)}
+        running = {}
+        for transport, (sender, receiver) in ends.items():
+            folder = tmp_path_factory.mktemp(transport)
+            bench = folder / "bench.toml"
+            default = (Path(__file__).parents[2] / "daq" / "bench.toml").read_text()
+            bench.write_text(default.replace("repeats = 2", "repeats = 1"))
+            bus = ["--interface", transport, "--channel"]
+            recorder = _start(
+                "record", str(bench), "--out", str(folder), *bus, receiver, "--json"
+            )
+            _wait_for_journal(folder, recorder)
+            car = _start("simulate", str(bench), *bus, sender, "--seed", "5", "--json")
+            running[transport] = (recorder, car)
+        documents: dict[str, dict[str, dict[str, Any]]] = {}
+        for transport, (recorder, car) in running.items():
+            documents[transport] = {"simulate": _result(car, {0})}
+            # A lost frame is no failure of the recorder as long as it says so (exit code 3).
+            documents[transport]["record"] = _result(recorder, {0, 3})
+            session = str(documents[transport]["record"]["session"])
+            documents[transport]["identify"] = _result(_start("identify", session, "--json"), {0})
+        yield documents
+
+
+@pytest.mark.parametrize("transport", TRANSPORTS)
+def test_every_run_is_recorded_and_labelled(
+    results: dict[str, dict[str, dict[str, Any]]], transport: str
+) -> None:
+    runs = results[transport]["record"]["runs"]
+    assert [run["label"] for run in runs] == [
+        f"{state}_{bump}_1" for state in ("baseline", "added") for bump in ("bounce", "pitch", "roll")
+    ]
+    sent = results[transport]["simulate"]["frames"]
+    missing = sum(run["losses"]["counter_gaps"] for run in runs)
+    assert missing < 0.001 * sent
+    for run in runs:
+        assert run["status"] == "accepted", run["reasons"]
+        assert run["losses"]["crc_bad"] == run["losses"]["unknown_id"] == 0
+
+
+@pytest.mark.parametrize("transport", TRANSPORTS)
+def test_the_car_is_found_within_its_intervals(
+    results: dict[str, dict[str, dict[str, Any]]], transport: str
+) -> None:
+    found, truth = results[transport]["identify"], results[transport]["simulate"]["truth"]
+    assert found["verdict"] == "ok", found["reasons"]
+    assert 0.9 < found["chi2_per_n"] < 1.1
+    for name, estimate in found["parameters"].items():
+        assert abs(estimate["value"] / truth[name] - 1) < 0.03, name
+        assert abs(estimate["value"] - truth[name]) < 4 * estimate["std"], name
+
+
+def test_both_ways_give_the_same_car(results: dict[str, dict[str, dict[str, Any]]]) -> None:
+    one, other = (results[transport]["identify"]["parameters"] for transport in TRANSPORTS)
+    for name in one:
+        # The same seed: the same noise, so the two differ by the transport alone.
+        gap = abs(one[name]["value"] - other[name]["value"])
+        assert gap < min(one[name]["std"], other[name]["std"]), name

@@ -1,0 +1,5 @@
+"""`python -m tui` is `bumpbench`."""
+
+from .cli import main
+
+main()

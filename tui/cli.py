@@ -1,0 +1,68 @@
+"""`bumpbench`: one console command; each subcommand is a file in `commands`.
+
+Nothing heavy is imported here, nor at the top of a command's file, so that `--help` is instant.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from dbc.errors import BumpbenchError
+
+from .commands.decode import decode
+from .commands.demo import demo
+from .commands.identify import identify
+from .commands.inspect import inspect
+from .commands.record import record
+from .commands.simulate import simulate
+from .commands.study import study
+from .diagnostics import ExitCode, report, report_usage
+
+app = typer.Typer(
+    help="Bump tests over CAN: every physical parameter of a 7-DOF vehicle, with intervals.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+for command in (demo, simulate, record, decode, inspect, identify):
+    app.command()(command)
+app.add_typer(study, name="study")
+
+
+def main() -> None:
+    """Run the command line and exit."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments : list of str
+        As after `bumpbench` in a shell.
+
+    Returns
+    -------
+    int
+        The exit code (`tui.diagnostics.ExitCode`).
+    """
+    try:
+        code = app(arguments, standalone_mode=False, prog_name="bumpbench")
+        sys.stdout.flush()
+    except BumpbenchError as error:
+        return report(error)
+    except typer.exceptions.TyperException as error:
+        if not arguments:  # the help text has been asked for by saying nothing
+            sys.stdout.write(f"{error}\n")
+            return ExitCode.OK
+        return report_usage(str(error))
+    except (KeyboardInterrupt, typer.Abort):
+        return ExitCode.INTERRUPTED
+    except BrokenPipeError:  # the reader of our stdout has gone: so may we
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return ExitCode.OK
+    return int(code or ExitCode.OK)

@@ -1,0 +1,81 @@
+"""`bumpbench decode`: a log and a DBC in, samples as CSV out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from dbc import Codec, Decoded
+
+
+def decode(
+    log: Annotated[Path, typer.Argument(help="Any log that python-can reads.")],
+    dbc: Annotated[Path | None, typer.Option(help="DBC file; the shipped one if absent.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON instead.")] = False,
+) -> None:
+    """Decode a log to CSV: time_s, message, signal, value, unit."""
+    import sys
+    from collections import Counter
+    from dataclasses import asdict
+
+    from daq.errors import InputError
+    from daq.formats.log import read_log
+    from dbc import load_codec
+
+    from ..diagnostics import say
+    from ..output import print_json
+
+    codec = load_codec(dbc)
+    totals: Counter[str] = Counter()
+    samples: Counter[str] = Counter()
+    header = "" if json else "time_s,message,signal,value,unit\n"
+    for batch in read_log(log):
+        decoded = codec.decode(batch)
+        totals.update(frames=len(batch), **asdict(decoded.counts))
+        samples.update({name: len(s.value) for name, s in decoded.samples.items()})
+        if not json and decoded.samples:
+            sys.stdout.write(header)
+            sys.stdout.writelines(_rows(codec, decoded))
+            header = ""
+    if not samples:
+        what = f"none of its {totals['frames']} frames is in {dbc or 'the shipped DBC'}"
+        raise InputError(str(log), what, "name the DBC of that bus with --dbc")
+    if json:
+        print_json({"log": str(log), **totals, "samples": samples})
+    lost = [f"{number} {name}" for name, number in totals.items() if name != "frames" and number]
+    if lost:
+        say(f"of {totals['frames']} frames not all were decoded: {', '.join(lost)}")
+
+
+def _rows(codec: Codec, decoded: Decoded) -> list[str]:
+    """Return the CSV lines of a block in order of time; a missing value is left out."""
+    import numpy as np
+
+    units = {
+        f"{message.name}.{signal.name}": signal.unit
+        for message in codec.messages
+        for signal in message.signals
+    }
+    times, lines = [], []
+    for name, samples in decoded.samples.items():
+        message, signal = name.split(".", 1)
+        present = ~np.isnan(samples.value)
+        stamps = samples.t_ns[present]
+        times.append(stamps)
+        tail = f",{message},{signal},"
+        unit = _quoted(units[name])
+        lines += [
+            f"{t // 1_000_000_000}.{t % 1_000_000_000:09d}{tail}{value:.17g},{unit}\n"
+            for t, value in zip(stamps.tolist(), samples.value[present].tolist(), strict=True)
+        ]
+    order = np.argsort(np.concatenate(times), kind="stable") if times else []
+    return [lines[i] for i in order]
+
+
+def _quoted(text: Any) -> str:
+    """Return a CSV field: quoted where it must be."""
+    text = str(text or "")
+    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n\r') else text

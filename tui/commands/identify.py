@@ -1,0 +1,33 @@
+"""`bumpbench identify`: a session in, parameters with intervals and a verdict out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..diagnostics import ExitCode
+
+
+def identify(
+    session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> int:
+    """Identify the physical parameters of a session's vehicle."""
+    import daq
+    import identify as method
+
+    from ..output import print_json, progress
+    from ..result import identification_document, print_identification
+
+    with progress("identify") as stage:
+        stage(0.1, "reading")
+        loaded = daq.read_session(session)
+        stage(0.3, "fitting")
+        result = method.identify(loaded)
+    if json:
+        print_json(identification_document(result))
+    else:
+        print_identification(result, {})
+    return ExitCode.OK if result.quality.verdict == "ok" else ExitCode.ANSWER_IS_NO

@@ -1,0 +1,41 @@
+"""Exit codes and error lines: the only place that decides how the command line fails."""
+
+from __future__ import annotations
+
+import sys
+from enum import IntEnum
+
+from dbc.errors import BumpbenchError, printable
+
+
+class ExitCode(IntEnum):
+    """What the shell is told."""
+
+    OK = 0
+    ANSWER_IS_NO = 1
+    """It ran, and the answer is no: identification refused, checks failed."""
+    BAD_INPUT = 2
+    """Usage, configuration or input that cannot be used."""
+    DATA_LOST = 3
+    """Done, but data was lost on the way."""
+    NO_BUS = 4
+    INTERRUPTED = 130
+
+
+def say(text: str) -> None:
+    """Write one line of talk to stderr; stdout is for data."""
+    sys.stderr.write(f"bumpbench: {text}\n")
+
+
+def report(error: BumpbenchError) -> ExitCode:
+    """Write an error as one line and return its exit code."""
+    from daq.errors import BusError
+
+    say(f"error: {error}")
+    return ExitCode.NO_BUS if isinstance(error, BusError) else ExitCode.BAD_INPUT
+
+
+def report_usage(message: str) -> ExitCode:
+    """Write a mistake in the command line itself as one line."""
+    say(f"error: {printable(' '.join(message.split()))} (bumpbench --help lists what there is)")
+    return ExitCode.BAD_INPUT

@@ -1,0 +1,79 @@
+"""Results on stdout, progress on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from math import isfinite
+from typing import Any, Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """Write one JSON document; numbers that are not finite become null."""
+    sys.stdout.write(json.dumps(_strict(document), indent=1, allow_nan=False) + "\n")
+
+
+def _strict(value: Any) -> Any:
+    match value:
+        case Mapping():
+            return {str(key): _strict(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_strict(item) for item in value]
+        case float():
+            return value if isfinite(value) else None
+        case _:
+            return value
+
+
+def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
+    """Write a table: the first column to the left, numbers to the right."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i == 0 else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    console().print(table)
+
+
+def print_line(text: str = "") -> None:
+    """Write one line to stdout, foreign text included: nothing in it is markup."""
+    console().print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def console() -> Console:
+    """Return the console on today's stdout (tests and pipes replace it)."""
+    return Console(file=sys.stdout)
+
+
+class Stage(Protocol):
+    """One line of progress."""
+
+    def __call__(self, done: float, text: str = "") -> None:
+        """Say what share is done, 0..1, and what is happening."""
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Stage]:
+    """Show a bar on stderr while something takes time; silent where stderr is no terminal."""
+    bar = Progress(
+        TextColumn("{task.description:<12}", markup=False),
+        BarColumn(bar_width=28),
+        TextColumn("{task.fields[text]}", markup=False),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        disable=not sys.stderr.isatty(),
+    )
+    with bar:
+        task = bar.add_task(title, total=1.0, text="")
+
+        def stage(done: float, text: str = "") -> None:
+            bar.update(task, completed=done, text=text)
+
+        yield stage
+        bar.update(task, completed=1.0)
