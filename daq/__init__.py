@@ -2,7 +2,18 @@
 
 from .arrays import session_from_arrays
 from .channels import Channel, Quantity, paper_channels
-from .runs import Excitation, Run, RunStatus, SampleGroup, Session
+from .errors import BumpbenchError, BusError, InputError
+from .runs import (
+    ADDED,
+    BASELINE,
+    Event,
+    Excitation,
+    Losses,
+    Run,
+    RunStatus,
+    SampleGroup,
+    Session,
+)
 from .session import read_session, write_session
 from .vehicle import (
     FORD_GRANADA,
@@ -10,19 +21,28 @@ from .vehicle import (
     BodyWeight,
     Corner,
     HubWeight,
+    MassState,
     Vehicle,
     VehicleGeometry,
     VehicleParameters,
 )
 
 __all__ = [
+    "ADDED",
+    "BASELINE",
     "FORD_GRANADA",
     "AddedMass",
     "BodyWeight",
+    "BumpbenchError",
+    "BusError",
     "Channel",
     "Corner",
+    "Event",
     "Excitation",
     "HubWeight",
+    "InputError",
+    "Losses",
+    "MassState",
     "Quantity",
     "Run",
     "RunStatus",

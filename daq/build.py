@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from dbc import Codec, parse_codec
 from dbc.frames import FrameBatch
-from dbc.layout import MessageLayout
-from dbc.samples import UNUSABLE, Decoded
+from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 
 from . import health, trigger
 from .campaign import Step
-from .clock import SensorTimes, arrival_times, sensor_times
+from .channels import Quantity
+from .clock import arrival_times, sensor_times
 from .config import Bench, parse_bench
+from .errors import InputError
 from .journal_contents import HopCounts, JournalContents
 from .mapping import MappedChannel, map_channels
 from .runs import Event, Losses, Run, RunStatus, SampleGroup, Session
@@ -84,14 +85,26 @@ def build_session(
         Losses between wire and journal.
     provenance : mapping of str to str
         Taken over.
+
+    Returns
+    -------
+    Session
+        One run for each bump.  It is rejected if the recording, or a message that the
+        identification needs, does not cover it.
+
+    Raises
+    ------
+    InputError
+        If a channel does not fit the DBC, or a bump is no step of the campaign.
     """
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     steps = {step.label: step for step in bench.campaign.steps}
-    runs = [
-        _run(bench, codec, mapped, steps[event.text], event, frames, events, hops)
-        for event in events
-        if event.code == trigger.BUMP and event.text in steps
-    ]
+    bumps = [event for event in events if event.code == trigger.BUMP]
+    for bump in bumps:
+        if bump.text not in steps:
+            what = f"the recording has a bump {bump.text!r}, which is no step of the campaign"
+            raise InputError("bench.toml", what, "use the bench.toml of the recording")
+    runs = [_run(bench, codec, mapped, steps[e.text], e, frames, events, hops) for e in bumps]
     return Session(
         vehicle=bench.vehicle,
         channels=tuple(m.channel for m in mapped),
@@ -115,76 +128,107 @@ def _run(
     stop_ns = bump.t_ns + round(bench.trigger.post_s * 1e9)
     own = frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns))
     decoded = codec.decode(own)
-    groups, reasons = [], []
-    for message in codec.messages:
-        channels = [m for m in mapped if m.message.name == message.name]
-        if not channels:
-            continue
-        group = _group(message, channels, decoded, start_ns)
-        if group is None:
-            reasons.append(f"no frame of {message.name} ({message.can_id:#x}) was received")
-            continue
-        groups.append(group)
-        length_s = (stop_ns - start_ns) * 1e-9
-        if group.time_s[0] > _EDGE_S or group.time_s[-1] < length_s - _EDGE_S:
-            span = f"{group.time_s[0]:.2f} to {group.time_s[-1]:.2f} s"
-            reasons.append(f"{message.name} was received only from {span} of {length_s:.2f} s")
+    groups = _groups(mapped, decoded, start_ns)
+    reasons = _shortcomings(mapped, groups, own, start_ns, stop_ns)
     return Run(
         mass_state=step.mass_state,
         excitation=step.excitation,
         repeat=step.repeat,
         t0_ns=start_ns,
         bump_s=bench.bump_s,
-        groups=tuple(groups),
+        groups=groups,
         status=RunStatus.REJECTED if reasons else RunStatus.ACCEPTED,
-        reasons=tuple(reasons),
+        reasons=reasons,
         losses=_losses(codec, decoded, hops, start_ns, stop_ns),
         events=tuple(e for e in events if start_ns <= e.t_ns <= stop_ns),
         frames=own,
     )
 
 
+def _groups(
+    mapped: Sequence[MappedChannel], decoded: Decoded, t0_ns: int
+) -> tuple[SampleGroup, ...]:
+    """Gather the channels by message; multiplexed ones stand alone, for they come less often."""
+    members: dict[str, list[MappedChannel]] = {}
+    for m in mapped:
+        if m.channel.signal in decoded.samples:
+            name = m.channel.signal.replace(".", "_") if m.is_multiplexed else m.message.name
+            members.setdefault(name, []).append(m)
+    groups = (_group(name, channels, decoded, t0_ns) for name, channels in members.items())
+    return tuple(group for group in groups if len(group.time_s))
+
+
 def _group(
-    message: MessageLayout, channels: Sequence[MappedChannel], decoded: Decoded, t0_ns: int
-) -> SampleGroup | None:
-    """Return the samples of one message, None if there are none."""
-    first = decoded.samples.get(channels[0].channel.signal)
-    if first is None or not len(first.t_ns):
-        return None
-    times = _times(message, decoded, first.t_ns, t0_ns)
-    keep = ~times.repeated
-    values: dict[str, NDArray[np.float64]] = {}
-    quality = np.zeros(int(keep.sum()), np.uint8)
+    name: str, channels: Sequence[MappedChannel], decoded: Decoded, t0_ns: int
+) -> SampleGroup:
+    first = channels[0]
+    t_ns = decoded[first.channel.signal].t_ns
+    counter = None if first.is_multiplexed else first.message.counter
+    if counter is None or first.message.cycle_s is None:
+        rows, quality = np.arange(len(t_ns)), np.zeros(len(t_ns), np.uint8)
+        time_s = arrival_times(t_ns, t0_ns).time_s
+    else:
+        rows, time_s, quality = _sensor_clock(
+            decoded[f"{first.message.name}.{counter.signal}"],
+            counter.modulus,
+            first.message.cycle_s,
+            t0_ns,
+        )
     for m in channels:
-        samples = decoded[m.channel.signal]
-        values[m.channel.name] = m.values(samples)[keep]
-        quality |= samples.quality[keep]
-    return SampleGroup(message.name, times.time_s[keep], first.t_ns[keep], values, quality)
+        quality = quality | decoded[m.channel.signal].quality[rows]
+    values = {m.channel.name: m.values(decoded[m.channel.signal])[rows] for m in channels}
+    return SampleGroup(name, time_s, t_ns[rows], values, quality)
 
 
-def _times(
-    message: MessageLayout, decoded: Decoded, t_ns: NDArray[np.int64], t0_ns: int
-) -> SensorTimes:
-    """Return when the samples were taken: by the sensor's counter if it has one."""
-    if message.counter is None or message.cycle_s is None:
-        return arrival_times(t_ns, t0_ns)
-    counter = decoded[f"{message.name}.{message.counter.signal}"]
-    good = (counter.quality & UNUSABLE) == 0
-    if good.all():
-        value = counter.value.astype(np.int64)
-        return sensor_times(value, message.counter.modulus, t_ns, message.cycle_s, t0_ns)
-    # A frame that was garbled has no counter; its samples are unusable, and so its time is free.
+def _sensor_clock(
+    counter: Samples, modulus: int, cycle_s: float, t0_ns: int
+) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.uint8]]:
+    """Return which frames are samples, when those were taken, and which come after a gap.
+
+    A frame whose checksum fails has no counter: its time is between those of its neighbours, and
+    at the edge of a run it is left out.  A repeated frame is no sample.
+    """
+    good = np.flatnonzero((counter.quality & UNUSABLE) == 0)
+    if not len(good):
+        return good, np.zeros(0), np.zeros(0, np.uint8)
     value = counter.value[good].astype(np.int64)
-    fitted = sensor_times(value, message.counter.modulus, t_ns[good], message.cycle_s, t0_ns)
-    time_s = np.full(len(t_ns), np.nan)
-    repeated = np.ones(len(t_ns), bool)
-    time_s[good], repeated[good] = fitted.time_s, fitted.repeated
-    return SensorTimes(time_s, repeated)
+    times = sensor_times(value, modulus, counter.t_ns[good], cycle_s, t0_ns)
+    fresh = times.step > 0
+    sure, time_s, step = good[fresh], times.time_s[fresh], times.step[fresh]
+    rows = np.setdiff1d(np.arange(sure[0], sure[-1] + 1), good[~fresh])
+    place = np.searchsorted(rows, sure)
+    quality = np.zeros(len(rows), np.uint8)
+    quality[place[1:][step[1:] > np.diff(place)]] = Quality.COUNTER_GAP
+    return rows, np.interp(rows, sure, time_s), quality
 
 
-def _losses(
-    codec: Codec, decoded: Decoded, hops: HopCounts, start_ns: int, stop_ns: int
-) -> Losses:
+def _shortcomings(
+    mapped: Sequence[MappedChannel],
+    groups: Sequence[SampleGroup],
+    own: FrameBatch,
+    start_ns: int,
+    stop_ns: int,
+) -> tuple[str, ...]:
+    """Say why a run cannot be used, as far as that is certain without identifying anything."""
+    length_s = (stop_ns - start_ns) * 1e-9
+    end_s = (int(own.t_ns.max()) - start_ns) * 1e-9 if len(own) else 0.0
+    if end_s < length_s - _EDGE_S:
+        return (f"the recording ended {length_s - end_s:.2f} s before the run did",)
+    group_of = {name: group for group in groups for name in group.values}
+    reasons: dict[str, None] = {}  # a set that keeps its order: channels share messages
+    for m in mapped:
+        if m.channel.quantity is Quantity.UNUSED:
+            continue
+        group, edge_s = group_of.get(m.channel.name), _EDGE_S + 2 * (m.message.cycle_s or 0.0)
+        if group is None:
+            reasons[f"no frame of {m.message.name} ({m.message.can_id:#x}) was received"] = None
+        elif group.time_s[0] > edge_s or group.time_s[-1] < length_s - edge_s:
+            span = f"{group.time_s[0]:.2f} to {group.time_s[-1]:.2f} s"
+            reasons[f"{m.message.name} was received only from {span} of {length_s:.2f} s"] = None
+    return tuple(reasons)
+
+
+def _losses(codec: Codec, decoded: Decoded, hops: HopCounts, start_ns: int, stop_ns: int) -> Losses:
     sensors = health.advance(codec.messages, health.HealthState(), decoded).losses
     wire = hops.between(start_ns, stop_ns)
     return health.losses_added(

@@ -40,17 +40,19 @@ class SensorTimes:
     ----------
     time_s : (n,) float64
         Time of each sample since the given origin, strictly increasing; NaN for repeated ones.
-    repeated : (n,) bool
-        The frame repeats the one before it and is no new sample.
+    step : (n,) int64
+        Samples taken since the frame before: 1 where none is missing, 0 for a repeated frame,
+        which is no new sample.
     """
 
     time_s: NDArray[np.float64]
-    repeated: NDArray[np.bool_]
+    step: NDArray[np.int64]
 
 
 def arrival_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
     """Return the arrival times, made strictly increasing by nanoseconds where they are not."""
-    return SensorTimes(_increasing((t_ns - t0_ns) * 1e-9), np.zeros(len(t_ns), bool))
+    time_s = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
+    return SensorTimes(_increasing(time_s), np.ones(len(t_ns), np.int64))
 
 
 def sensor_times(
@@ -83,10 +85,11 @@ def sensor_times(
     if len(t_ns) < _FEWEST:
         return arrival_times(t_ns, t0_ns)
     steps = counter_steps(counter, modulus, t_ns, cycle_s)
-    repeated = np.concatenate([[False], steps.step == 0])
+    step = np.concatenate([[1], steps.step])
+    repeated = step == 0
     if np.mean(repeated) > 0.5:
         return arrival_times(t_ns, t0_ns)
-    index = np.concatenate([[0], np.cumsum(steps.step)]).astype(np.float64)
+    index = np.cumsum(step).astype(np.float64)
     arrival = (t_ns - t0_ns) * 1e-9
     time = np.full(len(t_ns), np.nan)
     cuts = np.flatnonzero(steps.restarted) + 1
@@ -94,7 +97,7 @@ def sensor_times(
         rows = rows[~repeated[rows]]
         time[rows] = _fitted(index[rows], arrival[rows], cycle_s)
     time[~repeated] = _increasing(time[~repeated])
-    return SensorTimes(time, repeated)
+    return SensorTimes(time, step)
 
 
 def _fitted(

@@ -21,7 +21,6 @@ from dbc.samples import UNUSABLE, DecodeCounts, Decoded
 from .counter import counter_steps
 from .runs import Losses
 
-
 NOTHING = DecodeCounts(0, 0, 0, 0, 0)
 
 

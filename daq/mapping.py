@@ -35,6 +35,11 @@ class MappedChannel:
     factor: float
     offset: float
 
+    @property
+    def is_multiplexed(self) -> bool:
+        """Whether only some frames of the message hold the signal."""
+        return self.message.signal(self.channel.signal.partition(".")[2]).is_multiplexed
+
     def values(self, samples: Samples) -> NDArray[np.float64]:
         """Return ``sign * gain * SI(signal) - tare``, (n,); NaN where a sample is unusable."""
         si = self.factor * samples.value + self.offset
@@ -80,7 +85,7 @@ def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) 
 
 
 def _unused(channel: Channel, message: MessageLayout, signal: SignalLayout) -> MappedChannel:
-    """A signal that is only recorded keeps the DBC's unit where the table has none."""
+    """Map a signal that is only recorded; it keeps the unit of the DBC where the table has none."""
     try:
         si = to_si(signal.unit)
     except InputError:
