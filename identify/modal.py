@@ -81,8 +81,10 @@ class ModalModel:
         poles = np.asarray(self.poles, dtype=np.complex128)[order]
         shapes = np.asarray(self.shapes, dtype=np.complex128)[:, order]
         if shapes.size:
-            largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(len(poles))]
-            shapes = shapes / largest
+            size = np.abs(shapes)
+            # The first of equals: rounding must not decide which entry of a symmetric shape it is.
+            largest = np.argmax(size > (1.0 - 1e-6) * size.max(axis=0), axis=0)
+            shapes = shapes / shapes[largest, np.arange(len(poles))]
         object.__setattr__(self, "poles", read_only(poles))
         object.__setattr__(self, "shapes", read_only(shapes))
 

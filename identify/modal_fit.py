@@ -16,6 +16,9 @@ from scipy.special import chdtri
 
 _FALSE_ALARM = 1e-3
 _SWEEPS = 10
+_SETTLED = 1e-4
+"""Relative change of the squares left over below which the sweeps stop."""
+_RIDGE = 1e-12
 _NOISE_FLOOR = 1e-24
 """Variance, relative to the channel's, below which noise is not told from rounding."""
 
@@ -42,13 +45,13 @@ class ModalFit:
 
 @dataclass(frozen=True, slots=True)
 class _Projected:
-    """One record in the space that its exponentials span.
+    """All records in the spaces that their exponentials span.
 
     Parameters
     ----------
-    u, v : (k, m) float64
+    u, v : (n_records, k, m) float64
         Coordinates of the real part and of the negative imaginary part of each exponential.
-    target : (k, n_channels) float64
+    target : (n_records, k, n_channels) float64
         Coordinates of the samples.
     outside : (n_channels,) float64
         Squares of the samples that no amplitudes reach.
@@ -82,59 +85,97 @@ def fit_modes(
         Shapes to start from.
     """
     n = sum(len(decay) for decay in decays)
-    records = [_project(decay, rate_hz, poles) for decay in decays]
-    outside = np.sum([record.outside for record in records], axis=0)
-    residual = outside
+    residual = np.sum([np.sum(decay**2, axis=0) for decay in decays], axis=0)
     if len(poles):
-        weight = 1.0 / np.sqrt(np.maximum(outside / n, _NOISE_FLOOR))
+        records = _project(decays, rate_hz, poles)
+        weight = 1.0 / np.sqrt(np.maximum(records.outside / n, _NOISE_FLOOR))
         for _ in range(_SWEEPS):
-            amplitudes = [_amplitudes(record, shapes, weight) for record in records]
-            shapes, inside = _shapes(records, amplitudes)
-        residual = outside + inside
+            before = residual
+            shapes, inside = _shapes(records, _amplitudes(records, shapes, weight))
+            residual = records.outside + inside
+            if np.all(np.abs(before - residual) <= _SETTLED * residual):
+                break
     likelihood = -n * np.sum(np.log(np.maximum(residual / n, _NOISE_FLOOR)))
     return ModalFit(poles, shapes, float(likelihood - _feigned(poles, shapes, len(decays), n)))
 
 
 def _project(
-    decay: NDArray[np.float64], rate_hz: float, poles: NDArray[np.complex128]
+    decays: Sequence[NDArray[np.float64]], rate_hz: float, poles: NDArray[np.complex128]
 ) -> _Projected:
     m, oscillating = len(poles), poles.imag > 0.0
-    wave = np.exp(np.outer(np.arange(len(decay)) / rate_hz, poles))
-    basis, triangle = np.linalg.qr(np.hstack([wave.real, -wave.imag[:, oscillating]]))
-    target = basis.T @ decay
-    v = np.zeros((len(triangle), m))
-    v[:, oscillating] = triangle[:, m:]
-    return _Projected(triangle[:, :m], v, target, np.sum((decay - basis @ target) ** 2, axis=0))
+    longest = max(len(decay) for decay in decays)
+    wave = np.exp(np.outer(np.arange(longest) / rate_hz, poles))
+    waves = np.hstack([wave.real, -wave.imag[:, oscillating]])
+    k = waves.shape[1]
+    triangles = np.stack([_triangle(np.hstack([waves[: len(d)], d])) for d in decays])
+    v = np.zeros((len(decays), k, m))
+    v[..., oscillating] = triangles[:, :k, m:k]
+    outside = np.sum(triangles[:, k:, k:] ** 2, axis=(0, 1))
+    return _Projected(triangles[:, :k, :m], v, triangles[:, :k, k:], outside)
+
+
+def _triangle(table: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return R of the QR decomposition of a tall table, by blocks of rows.
+
+    Many such tables are decomposed, and a whole one is just large enough for the linear algebra
+    library to wake its threads, which on a busy machine takes longer than the work.
+    """
+    width = table.shape[1]
+    height = 4 * width
+    while len(table) > height:
+        missing = -len(table) % height
+        blocks = np.pad(table, ((0, missing), (0, 0))).reshape(-1, height, width)
+        table = np.asarray(np.linalg.qr(blocks, mode="r")).reshape(-1, width)
+    table = np.pad(table, ((0, max(0, width - len(table))), (0, 0)))
+    return np.asarray(np.linalg.qr(table, mode="r"))
 
 
 def _amplitudes(
-    record: _Projected, shapes: NDArray[np.complex128], weight: NDArray[np.float64]
+    records: _Projected, shapes: NDArray[np.complex128], weight: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """Return the best amplitude of each mode in one record, (m,)."""
-    re, im = shapes.real[:, None, :], shapes.imag[:, None, :]
-    columns = np.concatenate([record.u * re + record.v * im, record.v * re - record.u * im], axis=2)
-    columns = (columns * weight[:, None, None]).reshape(-1, 2 * shapes.shape[1])
-    found = np.linalg.lstsq(columns, (record.target * weight).T.ravel(), rcond=None)[0]
-    return np.asarray(found[: shapes.shape[1]] + 1j * found[shapes.shape[1] :])
+    """Return the best amplitude of each mode in each record, (n_records, m)."""
+    n_records, _, m = records.u.shape
+    re, im = ((part * weight[:, None])[:, None, None] for part in (shapes.real, shapes.imag))
+    columns = np.concatenate(
+        [records.u * re + records.v * im, records.v * re - records.u * im], axis=-1
+    )  # (n_channels, n_records, k, 2 m)
+    columns = columns.transpose(1, 0, 2, 3).reshape(n_records, -1, 2 * m)
+    target = (records.target * weight).transpose(0, 2, 1).reshape(n_records, -1, 1)
+    found = _least_squares(columns, target)[..., 0]
+    return np.asarray(found[:, :m] + 1j * found[:, m:])
 
 
 def _shapes(
-    records: Sequence[_Projected], amplitudes: Sequence[NDArray[np.complex128]]
+    records: _Projected, amplitudes: NDArray[np.complex128]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     """Return the best shapes, (n_channels, m), and the squares they leave in each channel."""
-    columns = np.vstack(
-        [
-            np.hstack([r.u * a.real + r.v * a.imag, r.v * a.real - r.u * a.imag])
-            for r, a in zip(records, amplitudes, strict=True)
-        ]
-    )
-    target = np.vstack([record.target for record in records])
-    found = np.linalg.lstsq(columns, target, rcond=None)[0]
-    m = len(amplitudes[0])
+    m = amplitudes.shape[1]
+    re, im = amplitudes.real[:, None], amplitudes.imag[:, None]
+    columns = np.concatenate(
+        [records.u * re + records.v * im, records.v * re - records.u * im], axis=-1
+    ).reshape(-1, 2 * m)
+    target = records.target.reshape(len(columns), -1)
+    found = _least_squares(columns, target)
     shapes: NDArray[np.complex128] = (found[:m] + 1j * found[m:]).T
     size = np.linalg.norm(shapes, axis=0)
     left: NDArray[np.float64] = np.sum((target - columns @ found) ** 2, axis=0)
     return shapes / np.where(size > 0.0, size, 1.0), left
+
+
+def _least_squares(
+    columns: NDArray[np.float64], target: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Solve by normal equations: columns are few, and a hundred fits compare sets of modes.
+
+    The ridge is far below noise; it decides only between poles that are the same to rounding.
+    """
+    transposed = np.swapaxes(columns, -1, -2)
+    normal = transposed @ columns
+    n = normal.shape[-1]
+    ridge = _RIDGE * np.trace(normal, axis1=-2, axis2=-1) / n + np.finfo(float).tiny
+    return np.asarray(
+        np.linalg.solve(normal + ridge[..., None, None] * np.eye(n), transposed @ target)
+    )
 
 
 def _feigned(

@@ -90,21 +90,27 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
 def clean_modes(spaces: Sequence[DelaySpace]) -> Poles | None:
     """Return the modes of noise-free records, or None if the records are noisy.
 
+    They are taken from the layout that shows most, and must come again in another one.
+
     Parameters
     ----------
     spaces : sequence of DelaySpace
-        The records in several layouts, the longest last; a mode is in all that have a gap.
+        The records in several layouts, the preferred first.
     """
-    ranks = [_numerical_rank(space.strength) for space in spaces]
-    if ranks[-1] is None:
-        return None
-    poles, shapes = poles_of_rank(spaces[-1], ranks[-1])
-    modes = _vibrates(poles)
-    for space, rank in zip(spaces[:-1], ranks[:-1], strict=True):
+    found = []
+    for space in spaces:
+        rank = _numerical_rank(space.strength)
         if rank is not None:
-            again = poles_of_rank(space, rank)
-            modes &= _seen_in((poles, shapes), again, np.abs(poles) * _SAME_POLE_CLEAN)
-    return poles[modes], shapes[:, modes]
+            poles, shapes = poles_of_rank(space, rank)
+            modes = _vibrates(poles)
+            found.append((poles[modes], shapes[:, modes]))
+    if not found:
+        return None
+    poles, shapes = most = max(found, key=lambda layout: len(layout[0]))
+    tolerance = _SAME_POLE_CLEAN * np.abs(poles)
+    again = [_seen_in(most, other, tolerance) for other in found if other is not most]
+    confirmed = np.any(again, axis=0) if again else np.ones(len(poles), dtype=bool)
+    return poles[confirmed], shapes[:, confirmed]
 
 
 def noisy_modes(

@@ -97,7 +97,8 @@ def checked_records(
     decays = []
     for number, record in enumerate(records, start=1):
         try:
-            decay = np.asarray(record, dtype=np.float64)
+            decay = np.asarray(record)
+            decay = np.asarray(decay, np.float64) if decay.dtype.kind in "fiu" else np.empty(0)
         except (TypeError, ValueError):
             decay = np.empty(0)
         if decay.ndim != 2 or decay.shape[1] == 0:
@@ -130,17 +131,20 @@ def checked_records(
 
 
 def layouts(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Delays, ...]:
-    """Return the layouts of delay vectors to try: a quarter, a half and the whole of what fits.
+    """Return the layouts of delay vectors to try, those that usually serve best first.
 
-    The step is a tenth of a period of the highest frequency that matters in the records; the
-    longest vector is at most half a record.
+    The step is a tenth of a period of the highest frequency that matters in the records, the
+    longest vector at most half a record.  A step of one sample is tried as well: a weak mode far
+    above could turn by whole periods in a longer one.
     """
     longest = max(len(decay) for decay in decays)
-    step = max(1, int(rate_hz / (10.0 * _highest_frequency_hz(decays, rate_hz))))
-    step = min(step, max(1, longest // 16))
-    most = max(4, min(_MAX_ROWS // decays[0].shape[1], longest // (2 * step)))
-    blocks = sorted({max(4, most // 4), max(4, most // 2), most})
-    return tuple(Delays(number, step) for number in blocks)
+    coarse = max(1, int(rate_hz / (10.0 * _highest_frequency_hz(decays, rate_hz))))
+    coarse = min(coarse, max(1, longest // 16))
+    chosen = []
+    for step, parts in ((coarse, (1, 2, 4)), (1, (1, 2))):
+        most = max(4, min(_MAX_ROWS // decays[0].shape[1], longest // (2 * step)))
+        chosen += [Delays(max(4, most // part), step) for part in parts]
+    return tuple(dict.fromkeys(chosen))
 
 
 def delay_space(

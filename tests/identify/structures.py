@@ -1,0 +1,54 @@
+"""Structures with known modes, and their free decays in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def oscillators(frequencies_hz: list[float], damping: list[float]) -> NDArray[np.complex128]:
+    """Return the pole of each oscillator: ``omega (-zeta + i sqrt(1 - zeta^2))``."""
+    omega, zeta = 2.0 * np.pi * np.array(frequencies_hz), np.array(damping)
+    return np.asarray(omega * (-zeta + 1j * np.sqrt(1.0 - zeta**2)), dtype=np.complex128)
+
+
+def chain_poles(n: int, k: float, c: float, m: float) -> NDArray[np.complex128]:
+    """Return the poles of n masses between two walls, joined by n + 1 springs and dampers.
+
+    Textbook closed form: ``omega_j = 2 sqrt(k / m) sin(j pi / (2 (n + 1)))`` undamped, and the
+    dampers, alike in proportion to the springs, give ``zeta_j = c omega_j / (2 k)``.
+    """
+    omega = 2.0 * np.sqrt(k / m) * np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1)))
+    zeta = c * omega / (2.0 * k)
+    return np.asarray(omega * (-zeta + 1j * np.sqrt(1.0 - zeta**2)))
+
+
+def chain_shapes(n: int) -> NDArray[np.float64]:
+    """Return the shapes of that chain, (n, n): standing sine waves."""
+    masses = np.arange(1, n + 1)
+    return np.sin(np.outer(masses, masses) * np.pi / (n + 1))
+
+
+def free_decay(
+    poles: NDArray[np.complex128],
+    shapes: NDArray[np.complex128] | NDArray[np.float64],
+    amplitudes: NDArray[np.complex128] | NDArray[np.float64],
+    rate_hz: float,
+    duration_s: float,
+) -> NDArray[np.float64]:
+    """Return ``Re sum amplitude shape exp(pole t)``, (n_samples, n_channels)."""
+    time = np.arange(int(duration_s * rate_hz)) / rate_hz
+    return np.asarray(((np.exp(np.outer(time, poles)) * amplitudes) @ shapes.T).real)
+
+
+def with_noise(
+    record: NDArray[np.float64], snr_db: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Add white noise to each channel, so much below its own RMS."""
+    sigma = 10.0 ** (-snr_db / 20.0) * np.sqrt(np.mean(record**2, axis=0))
+    return np.asarray(record + sigma * rng.standard_normal(record.shape))
+
+
+def random_amplitudes(n: int, rng: np.random.Generator) -> NDArray[np.complex128]:
+    """Return amplitudes between 0.5 and 1.5 of any phase."""
+    return np.asarray(rng.uniform(0.5, 1.5, n) * np.exp(2j * np.pi * rng.random(n)))

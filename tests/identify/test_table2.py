@@ -1,0 +1,41 @@
+"""Table 2 of the paper."""
+
+from __future__ import annotations
+
+import pytest
+
+from identify.study.table2 import table2
+
+KNOWN = {
+    "m_s": 1380,
+    "I_yy": 2440,
+    "I_xx": 380,
+    "m_uf": 40.5,
+    "m_ur": 45.4,
+    "k_sf": 17000,
+    "k_sr": 22000,
+    "k_tf": 192000,
+    "k_tr": 192000,
+    "c_sf": 1500,
+    "c_sr": 1500,
+    "a": 1.25,
+    "b": 1.51,
+    "t_f": 0.74,
+    "t_r": 0.74,
+}
+PRINTED = {"m_s": -0.011, "I_yy": -0.011, "I_xx": -0.023, "m_uf": 0.093, "m_ur": 0.095}
+
+
+def test_the_exact_response_gives_every_parameter() -> None:
+    rows = table2("exact")
+    assert {row.name: row.known for row in rows} == KNOWN
+    for row in rows:
+        assert row.identified == pytest.approx(row.known, rel=1e-7)
+        assert abs(row.error_percent) < 1e-5
+
+
+def test_wilson_theta_makes_the_errors_that_the_paper_prints() -> None:
+    errors = {row.name: row.error_percent for row in table2("wilson")}
+    for name, printed in PRINTED.items():
+        assert round(errors[name], 3) == printed
+    assert max(abs(error) for error in errors.values()) < 0.25
