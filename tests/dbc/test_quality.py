@@ -73,6 +73,7 @@ def test_marks_follow_the_frames_of_a_multiplexed_signal() -> None:
     text = (
         'VERSION ""\n\nBU_: A\n\nBO_ 5 M: 4 A\n'
         ' SG_ top M : 0|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ zero m0 : 8|8@1+ (1,0) [0|0] "" A\n'
         ' SG_ one m1 : 8|8@1+ (1,0) [0|9] "" A\n'
         ' SG_ two m2 : 8|16@1+ (1,0) [0|0] "" A\n'
         ' SG_ crc : 24|8@1+ (1,0) [0|0] "" A\n\n'
@@ -94,3 +95,4 @@ def test_marks_follow_the_frames_of_a_multiplexed_signal() -> None:
     assert np.isnan(two.value[1])
     assert two.quality.tolist() == [0, Quality.MISSING]
     assert decoded.counts.crc_bad == 1
+    assert len(decoded["M.zero"].t_ns) == 0, "without its selector nothing is known to be there"
