@@ -223,7 +223,7 @@ def _shortcomings(
         if group is None:
             reasons[f"no frame of {m.message.name} ({m.message.can_id:#x}) was received"] = None
         elif group.time_s[0] > edge_s or group.time_s[-1] < length_s - edge_s:
-            span = f"{group.time_s[0]:.2f} to {group.time_s[-1]:.2f} s"
+            span = f"{max(group.time_s[0], 0.0):.2f} to {group.time_s[-1]:.2f} s"
             reasons[f"{m.message.name} was received only from {span} of {length_s:.2f} s"] = None
     return tuple(reasons)
 

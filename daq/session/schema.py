@@ -12,6 +12,11 @@ MAX_BYTES = 2 << 30
 TEXTS = ("dbc", "bench_toml")
 """Items of the provenance that are whole files and go to /config."""
 
+RESERVED_IN_GROUP = {"time", "t_ns", "quality"}
+"""Datasets of a sample group that are no channels."""
+RESERVED_IN_RUN = ("raw_bus", "events")
+"""What the names of groups in a run begin with that are no sample groups."""
+
 CHANNEL_COLUMNS = {
     "name": "S64",
     "quantity": "S32",

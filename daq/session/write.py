@@ -24,6 +24,8 @@ from .schema import (
     FRAME_COLUMNS,
     QUALITY_FLAGS,
     QUALITY_MASKS,
+    RESERVED_IN_GROUP,
+    RESERVED_IN_RUN,
     SCHEMA,
     TEXTS,
     VERSION,
@@ -33,12 +35,12 @@ from .schema import (
 _CHUNK_ROWS = 8192
 
 
-def write_session(path: Path, session: Session) -> None:
+def write_session(path: Path | str, session: Session) -> None:
     """Write a session file; it is complete or absent whatever happens.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         Replaced if it exists.
     session : Session
         What to write.
@@ -46,8 +48,11 @@ def write_session(path: Path, session: Session) -> None:
     Raises
     ------
     InputError
-        If the file cannot be written (no such folder, no right, no space).
+        If the file cannot be written (no such folder, no right, no space), or a name in the
+        session cannot be one in HDF5.
     """
+    path = Path(path)
+    _check_names(session)
     beside = path.with_name(f".{path.name}.tmp")
     try:
         with beside.open("w+b") as stream:
@@ -65,6 +70,21 @@ def write_session(path: Path, session: Session) -> None:
         ) from error
     finally:
         beside.unlink(missing_ok=True)
+
+
+def _check_names(session: Session) -> None:
+    """Refuse names that would make other groups, or be cut, in place of writing them awry."""
+    groups = {group.name for run in session.runs for group in run.groups}
+    channels = {channel.name for channel in session.channels}
+    states = {state.name for state in session.mass_states}
+    for name in groups | channels | states:
+        if not name.isprintable() or not 0 < len(name.encode()) <= 64 or set(name) & set("/."):
+            what = f"name {name!r} cannot be written"
+            raise InputError("session", what, "use 1 to 64 printable bytes without / and .")
+    taken = (channels & RESERVED_IN_GROUP) | {n for n in groups if n.startswith(RESERVED_IN_RUN)}
+    if taken:
+        what = f"name {min(taken)!r} means something else in a session file"
+        raise InputError("session", what, "choose another name")
 
 
 def _sync_folder(folder: Path) -> None:
@@ -207,7 +227,10 @@ def _cell(value: Any, dtype: str) -> Any:
     if not dtype.startswith("S"):
         return value
     raw = str(value).encode("utf-8", "surrogateescape")
-    return raw[: int(dtype[1:])]
+    if len(raw) > int(dtype[1:]):
+        what = f"{value!r} is longer than {dtype[1:]} bytes"
+        raise InputError("session", what, "shorten that text")
+    return raw
 
 
 def _scale(group: h5py.Group, name: str, values: NDArray[Any]) -> None:
