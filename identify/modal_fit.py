@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 _FALSE_ALARM = 1e-3
-_SWEEPS = 10
+SWEEPS = 10
 _SETTLED = 1e-4
 """Relative change of the squares left over below which the sweeps stop."""
 _RIDGE = 1e-12
@@ -68,6 +68,7 @@ def fit_modes(
     rate_hz: float,
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
+    sweeps: int = SWEEPS,
 ) -> ModalFit:
     """Fit shapes and amplitudes for given poles by alternating least squares.
 
@@ -83,13 +84,15 @@ def fit_modes(
         Poles with an imaginary part of at least zero, rad/s.
     shapes : (n_channels, m) complex128
         Shapes to start from.
+    sweeps : int
+        Alternations at most; few are enough to compare sets that start near their optimum.
     """
     n = sum(len(decay) for decay in decays)
     residual = np.sum([np.sum(decay**2, axis=0) for decay in decays], axis=0)
     if len(poles):
         records = _project(decays, rate_hz, poles)
         weight = 1.0 / np.sqrt(np.maximum(records.outside / n, _NOISE_FLOOR))
-        for _ in range(_SWEEPS):
+        for _ in range(sweeps):
             before = residual
             shapes, inside = _shapes(records, _amplitudes(records, shapes, weight))
             residual = records.outside + inside

@@ -101,7 +101,11 @@ def state_space(parameters: VehicleParameters) -> PhysicalModel:
     return physical_model(parameters)
 
 
-def delta_mass(added: AddedMass, a: complex) -> NDArray[np.complex128]:
+def delta_mass(
+    added: AddedMass,
+    a: complex,
+    masses_kg: NDArray[np.complex128] | NDArray[np.float64] | None = None,
+) -> NDArray[np.complex128]:
     """Mass matrix of the added weights about the CG of the *baseline*.
 
     A weight m at (x, y) from the CG adds ``m r r^T`` with r its `body_row`, and m h^2 to both
@@ -113,6 +117,8 @@ def delta_mass(added: AddedMass, a: complex) -> NDArray[np.complex128]:
         Weights, positions counted from the front axle.
     a : float or complex
         Distance from the CG to the front axle, m: the CG lies at x = -a.
+    masses_kg : (n_weights,) float64 or complex128, optional
+        Masses in place of the nominal ones.
 
     Returns
     -------
@@ -120,16 +126,17 @@ def delta_mass(added: AddedMass, a: complex) -> NDArray[np.complex128]:
         In the order `daq.vehicle.DOF`; complex for complex-step derivatives.
     """
     total = added.matrix.astype(complex)
-    for weight in added.weights:
+    nominal = [weight.mass_kg for weight in added.weights]
+    for weight, mass in zip(added.weights, nominal if masses_kg is None else masses_kg, strict=True):
         if isinstance(weight, BodyWeight):
             r = body_row(0.0, weight.y_m).astype(complex)
             r[1] = -(weight.x_m + a)
-            total += weight.mass_kg * np.outer(r, r)
-            total[1, 1] += weight.mass_kg * weight.height_m**2
-            total[2, 2] += weight.mass_kg * weight.height_m**2
+            total += mass * np.outer(r, r)
+            total[1, 1] += mass * weight.height_m**2
+            total[2, 2] += mass * weight.height_m**2
         else:
-            wheel = 3 + weight.corner.index
-            total[wheel, wheel] += weight.mass_kg
+            wheel = 3 + weight.corner.position
+            total[wheel, wheel] += mass
     return total
 
 
