@@ -23,7 +23,7 @@ def session_from_arrays(
     runs: Iterable[ArrayRun],
     channels: Iterable[Channel] | None = None,
     delta_mass: AddedMassLike | None = None,
-    vehicle: Vehicle | str = "vehicle",
+    vehicle: Vehicle | str | None = None,
     bump_s: float = float("nan"),
 ) -> Session:
     """Make a session of data that are in memory.
@@ -40,7 +40,7 @@ def session_from_arrays(
     delta_mass : (7, 7) or (7,) array_like, sequence of weights, or AddedMass, optional
         What the vehicle carries in the state "added": a mass matrix about the baseline CG, its
         diagonal, or weights at places.
-    vehicle : Vehicle or str
+    vehicle : Vehicle or str, optional
         What is known of it beforehand, or just its name.
     bump_s : float
         Duration of the bump, s, if it is known; else the misfit tells where the decay starts.
@@ -55,11 +55,18 @@ def session_from_arrays(
     InputError
         Naming the run and the channel, if anything does not fit.
     """
-    known = {channel.name: channel for channel in channels or paper_channels()}
+    described = tuple(paper_channels() if channels is None else channels)
+    known = {channel.name: channel for channel in described}
+    if len(known) < len(described):
+        raise InputError("channels", "two have the same name", "give each its own name")
     counts: dict[tuple[str, Excitation], int] = {}
     result = []
-    for number, (mass_state, excitation, records) in enumerate(runs, start=1):
+    for number, entry in enumerate(runs, start=1):
         where = f"run {number}"
+        if len(entry) != 3:
+            what = f"has {len(entry)} items"
+            raise InputError(where, what, "give mass state, excitation and a dict of channels")
+        mass_state, excitation, records = entry
         if mass_state not in (BASELINE, ADDED):
             raise InputError(where, f"mass state {mass_state!r}", f"use {BASELINE} or {ADDED}")
         if excitation not in list(Excitation):
@@ -83,7 +90,7 @@ def session_from_arrays(
         )
     used = {name for run in result for group in run.groups for name in group.values}
     return Session(
-        vehicle=Vehicle(vehicle) if isinstance(vehicle, str) else vehicle,
+        vehicle=vehicle if isinstance(vehicle, Vehicle) else Vehicle(vehicle or "vehicle"),
         channels=tuple(channel for name, channel in known.items() if name in used),
         mass_states=(MassState(BASELINE), MassState(ADDED, _added_mass(delta_mass))),
         runs=tuple(result),

@@ -30,6 +30,7 @@ from .schema import (
     EVENT_COLUMNS,
     FRAME_COLUMNS,
     MAX_BYTES,
+    MAX_TOTAL_BYTES,
     SCHEMA,
     VERSION,
     WEIGHT_COLUMNS,
@@ -80,7 +81,16 @@ def read_session(path: Path | str) -> Session:
             raise InputError(where, what, "build it again from its journal") from error
 
 
+def _check_size(file: h5py.File) -> None:
+    """Refuse a file whose datasets unpack to more than a session can hold, before reading any."""
+    sizes: list[int] = []
+    file.visititems(lambda _, item: sizes.append(getattr(item, "nbytes", 0)))
+    if sum(sizes) > MAX_TOTAL_BYTES:
+        raise ValueError(f"its datasets claim {sum(sizes)} bytes")
+
+
 def _session(file: h5py.File) -> Session:
+    _check_size(file)
     about = _group(file, "session").attrs
     provenance = {
         name.removeprefix("provenance_"): str(value)

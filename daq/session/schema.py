@@ -8,6 +8,8 @@ SCHEMA = "bumpbench-session"
 VERSION = 1
 MAX_BYTES = 2 << 30
 """No dataset of a run is larger; one that claims to be is refused before it is read."""
+MAX_TOTAL_BYTES = 8 << 30
+"""Nor is a session: zeros pack a thousandfold, so many datasets of a small file could be large."""
 
 TEXTS = ("dbc", "bench_toml")
 """Items of the provenance that are whole files and go to /config."""

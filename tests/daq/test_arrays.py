@@ -1,11 +1,13 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from daq.arrays import ArrayRun, session_from_arrays
+from daq.arrays import session_from_arrays
 from daq.channels import Channel, Quantity
 from daq.errors import InputError
-from daq.vehicle import BodyWeight, Corner, HubWeight
+from daq.vehicle import BodyWeight, Corner, HubWeight, Vehicle
 
 T = np.arange(10) / 100.0
 RUN = {"z_s": (T, np.sin(T)), "theta": (T, np.cos(T))}
@@ -68,11 +70,13 @@ def test_own_channels() -> None:
         (("baseline", "bounce", {"phi": (T, T[:5])}), "phi"),
         (("baseline", "bounce", {"phi": (T[::-1], T)}), "phi"),
         (("baseline", "bounce", {"phi": (T, ["a"] * 10)}), "phi"),
+        (("baseline", "bounce", {"phi": (np.where(T > 0.05, np.nan, T), T)}), "phi"),
         (("baseline", "bounce", {}), "no channel"),
+        (("baseline", "bounce"), "has 2 items"),
     ],
 )
 def test_what_does_not_fit_is_named(
-    run: ArrayRun,
+    run: Any,
     names: str,
 ) -> None:
     with pytest.raises(InputError, match=names) as caught:
@@ -84,3 +88,15 @@ def test_what_does_not_fit_is_named(
 def test_what_is_no_mass_matrix(given: ArrayLike) -> None:
     with pytest.raises(InputError, match="delta_mass"):
         session_from_arrays([("added", "roll", RUN)], delta_mass=given)
+
+
+@pytest.mark.parametrize("given", [None, "vehicle", Vehicle("vehicle")])
+def test_the_vehicle_may_be_a_name_or_nothing(given: Vehicle | str | None) -> None:
+    session = session_from_arrays([("baseline", "roll", RUN)], vehicle=given)
+    assert session.vehicle == Vehicle("vehicle")
+
+
+def test_channels_of_one_name_are_refused() -> None:
+    hub = Channel("hub", Quantity.HUB_ACCELERATION, "m/s2", corner=Corner.FRONT_LEFT)
+    with pytest.raises(InputError, match="same name"):
+        session_from_arrays([("baseline", "roll", {"hub": (T, T)})], channels=[hub, hub])

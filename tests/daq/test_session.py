@@ -229,7 +229,14 @@ def test_foreign_and_hostile_files_are_refused(tmp_path: Path, session: Session)
         group = file["runs/r001_baseline_roll_1/HUB_Front"]
         del group["hub_fl"]
         group.create_dataset("hub_fl", shape=(2**45,), dtype="f8", chunks=(1024,))
-    with pytest.raises(InputError, match="claims"):
+    with pytest.raises(InputError, match="claim"):
+        read_session(path)
+
+    with _edit(path, session) as file:
+        for number in range(5):
+            bomb = file.create_group(f"runs/r9{number}")
+            bomb.create_dataset("x", shape=(2**28 - 1,), dtype="f8", chunks=(1024,))
+    with pytest.raises(InputError, match="its datasets claim"):
         read_session(path)
 
     with _edit(path, session) as file:
