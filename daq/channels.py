@@ -39,6 +39,19 @@ SI_UNITS = {
     Quantity.HUB_DISPLACEMENT: "m",
 }
 
+TIME_DERIVATIVE = {
+    Quantity.BODY_ACCELERATION: 2,
+    Quantity.PITCH_ACCELERATION: 2,
+    Quantity.ROLL_ACCELERATION: 2,
+    Quantity.HUB_ACCELERATION: 2,
+    Quantity.PITCH_RATE: 1,
+    Quantity.ROLL_RATE: 1,
+    Quantity.SUSPENSION_TRAVEL: 0,
+    Quantity.BODY_DISPLACEMENT: 0,
+    Quantity.HUB_DISPLACEMENT: 0,
+}
+"""Order of the time derivative of a displacement that each quantity is."""
+
 ON_BODY = frozenset({Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT})
 AT_CORNER = frozenset(
     {Quantity.HUB_ACCELERATION, Quantity.SUSPENSION_TRAVEL, Quantity.HUB_DISPLACEMENT}

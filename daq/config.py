@@ -123,7 +123,7 @@ class _Campaign(_Table):
 class _Trigger(_Table):
     level: _Positive = 3.0
     pre_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
-    post_s: Annotated[float, Field(ge=0.5, le=600)] = 3.0
+    post_s: Annotated[float, Field(ge=0.5, le=600)] = 2.5
     rest_s: Annotated[float, Field(ge=0.05, le=60)] = 0.3
 
 

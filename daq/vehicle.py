@@ -3,7 +3,7 @@
 Axes are those of ISO 8855: x forward, y left, z up; positive pitch is nose down, positive roll
 lifts the left side.  The seven degrees of freedom stand in the order `DOF` everywhere.  A point of
 the body at (x, y) from the centre of gravity (CG) of the sprung mass moves vertically by
-``z_s - x theta + y phi``; `body_row` is that sentence.
+``z_s - x theta + y phi``.
 
 Where a person measures, the CG is not known.  Positions of sensors and weights are therefore given
 from the **middle of the front axle**: x forward (so most positions are negative), y left.  The CG
@@ -141,22 +141,6 @@ FORD_GRANADA = VehicleParameters(
     t_r=0.74,
 )
 """The vehicle of the paper (Table 1)."""
-
-
-def body_row(x_m: float, y_m: float) -> NDArray[np.float64]:
-    """Vertical motion of a body point per degree of freedom.
-
-    Parameters
-    ----------
-    x_m, y_m : float
-        Position from the CG, m.
-
-    Returns
-    -------
-    (7,) float64
-        ``(1, -x, y, 0, 0, 0, 0)``.
-    """
-    return np.array([1.0, -x_m, y_m, 0.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)

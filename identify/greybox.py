@@ -14,20 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import Channel, Quantity
+from daq.channels import TIME_DERIVATIVE, Channel
 from daq.vehicle import PARAMETER_NAMES, MassState, VehicleGeometry
 
 from .decay import Clock
-from .model import delta_mass, matrices, state_matrix
+from .model import delta_mass, matrices, motion_row, state_matrix
 
 _STEP = 1e-30  # complex step: no subtraction, so no lower limit from rounding
-_ACCELERATIONS = (
-    Quantity.BODY_ACCELERATION,
-    Quantity.PITCH_ACCELERATION,
-    Quantity.ROLL_ACCELERATION,
-    Quantity.HUB_ACCELERATION,
-)
-_RATES = (Quantity.PITCH_RATE, Quantity.ROLL_RATE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,28 +172,15 @@ class GreyBox:
         A: NDArray[np.complex128],
     ) -> NDArray[np.complex128]:
         """Return the output row of a channel on the state (X, dX/dt), (14,)."""
-        r = np.zeros(7, dtype=complex)
-        a, b, t_f, t_r = theta[11:]
-        match channel.quantity:
-            case Quantity.BODY_ACCELERATION | Quantity.BODY_DISPLACEMENT:
-                x, y = self._place(channel, eta, a)
-                r[:3] = (1.0, -x, y)
-            case Quantity.PITCH_RATE | Quantity.PITCH_ACCELERATION:
-                r[1] = 1.0
-            case Quantity.ROLL_RATE | Quantity.ROLL_ACCELERATION:
-                r[2] = 1.0
-            case _:
-                assert channel.corner is not None  # held by Channel
-                r[3 + channel.corner.position] = 1.0
-                if channel.quantity is Quantity.SUSPENSION_TRAVEL:
-                    x, half = (a, t_f) if channel.corner.front else (-b, t_r)
-                    r[:3] = (-1.0, x, -channel.corner.side * half)
-        zero = np.zeros(7)
-        if channel.quantity in _ACCELERATIONS:
-            return r @ A[7:]
-        if channel.quantity in _RATES:
-            return np.concatenate([zero, r])
-        return np.concatenate([r, zero])
+        x, y = self._place(channel, eta, theta[11])
+        row = motion_row(channel, x, y, theta[11:])
+        zero = np.zeros(len(row))
+        match TIME_DERIVATIVE[channel.quantity]:
+            case 2:
+                return np.asarray(row @ A[len(row) :])
+            case 1:
+                return np.concatenate([zero, row])
+        return np.concatenate([row, zero])
 
     def _place(
         self, channel: Channel, eta: NDArray[np.complex128], a: complex

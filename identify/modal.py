@@ -13,22 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import Channel, Quantity
-from daq.vehicle import DOF, VehicleGeometry, body_row
+from daq.channels import TIME_DERIVATIVE, Channel
+from daq.vehicle import DOF, VehicleGeometry
 from dbc.errors import InputError
 from dbc.frames import read_only
 
-_TIME_DERIVATIVE = {
-    Quantity.BODY_ACCELERATION: 2,
-    Quantity.PITCH_ACCELERATION: 2,
-    Quantity.ROLL_ACCELERATION: 2,
-    Quantity.HUB_ACCELERATION: 2,
-    Quantity.PITCH_RATE: 1,
-    Quantity.ROLL_RATE: 1,
-    Quantity.SUSPENSION_TRAVEL: 0,
-    Quantity.BODY_DISPLACEMENT: 0,
-    Quantity.HUB_DISPLACEMENT: 0,
-}
+from .model import N_DOF, motion_row
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,36 +173,12 @@ def sensor_rows(channels: Sequence[Channel], geometry: VehicleGeometry) -> NDArr
     (n_channels, 7) float64
         Row times displacements of `daq.vehicle.DOF` is the sensor's motion.
     """
-    return np.array([_sensor_row(channel, geometry) for channel in channels]).reshape(-1, len(DOF))
-
-
-def _sensor_row(channel: Channel, geometry: VehicleGeometry) -> NDArray[np.float64]:
-    match channel.quantity:
-        case Quantity.BODY_ACCELERATION | Quantity.BODY_DISPLACEMENT if channel.at_cg:
-            return body_row(0.0, 0.0)
-        case Quantity.BODY_ACCELERATION | Quantity.BODY_DISPLACEMENT:
-            return body_row(channel.x_m + geometry.a, channel.y_m)
-        case Quantity.PITCH_RATE | Quantity.PITCH_ACCELERATION:
-            return _unit(1)
-        case Quantity.ROLL_RATE | Quantity.ROLL_ACCELERATION:
-            return _unit(2)
-    if channel.corner is None:  # what is left sits at a wheel, or measures nothing of the model
-        raise InputError(
-            f"channel {channel.name}", f"{channel.quantity} is not a motion", "leave it out"
-        )
-    corner = channel.corner
-    wheel = _unit(3 + corner.position)
-    if channel.quantity is not Quantity.SUSPENSION_TRAVEL:
-        return wheel
-    x = geometry.a if corner.front else -geometry.b
-    half_width = geometry.t_f if corner.front else geometry.t_r
-    return np.asarray(wheel - body_row(x, corner.side * half_width))
-
-
-def _unit(dof: int) -> NDArray[np.float64]:
-    row = np.zeros(len(DOF))
-    row[dof] = 1.0
-    return row
+    g = geometry
+    rows = []
+    for channel in channels:
+        x, y = (0.0, 0.0) if channel.at_cg else (channel.x_m + g.a, channel.y_m)
+        rows.append(motion_row(channel, x, y, (g.a, g.b, g.t_f, g.t_r)).real)
+    return np.array(rows).reshape(-1, N_DOF)
 
 
 def displacement_shapes(
@@ -260,6 +226,6 @@ def displacement_shapes(
             f"the sensors do not determine {names}",
             "add a sensor that sees them",
         )
-    derivative = np.array([_TIME_DERIVATIVE[channel.quantity] for channel in channels])
+    derivative = np.array([TIME_DERIVATIVE[channel.quantity] for channel in channels])
     displacement = sensed.shapes / sensed.poles ** derivative[:, None]
     return ModalModel(sensed.poles, np.linalg.pinv(rows) @ displacement)

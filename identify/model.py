@@ -8,9 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from daq.vehicle import AddedMass, BodyWeight, VehicleGeometry, VehicleParameters, body_row
+from daq.channels import Channel, Quantity
+from daq.vehicle import AddedMass, BodyWeight, VehicleGeometry, VehicleParameters
+from dbc.errors import InputError
 from dbc.frames import read_only
 
 N_DOF = 7
@@ -75,9 +77,7 @@ def matrices(
     return M, C, K
 
 
-def _suspension(
-    L: NDArray[np.complex128], rate: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
+def _suspension(L: NDArray[np.complex128], rate: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the block matrix of Eqs. 4 and 5 that four springs or dampers make, (7, 7)."""
     D = np.diag(rate)
     return np.block([[L @ D @ L.T, -L @ D], [-D @ L.T, D]])
@@ -108,7 +108,7 @@ def delta_mass(
 ) -> NDArray[np.complex128]:
     """Mass matrix of the added weights about the CG of the *baseline*.
 
-    A weight m at (x, y) from the CG adds ``m r r^T`` with r its `body_row`, and m h^2 to both
+    A weight m at (x, y) from the CG adds ``m r r^T`` with ``r = (1, -x, y, 0, 0, 0, 0)``, and m h^2 to both
     inertias for its height h above the CG; a weight on a hub adds to that wheel.
 
     Parameters
@@ -127,10 +127,12 @@ def delta_mass(
     """
     total = added.matrix.astype(complex)
     nominal = [weight.mass_kg for weight in added.weights]
-    for weight, mass in zip(added.weights, nominal if masses_kg is None else masses_kg, strict=True):
+    for weight, mass in zip(
+        added.weights, nominal if masses_kg is None else masses_kg, strict=True
+    ):
         if isinstance(weight, BodyWeight):
-            r = body_row(0.0, weight.y_m).astype(complex)
-            r[1] = -(weight.x_m + a)
+            r = np.zeros(N_DOF, dtype=complex)
+            r[:3] = (1.0, -(weight.x_m + a), weight.y_m)
             total += mass * np.outer(r, r)
             total[1, 1] += mass * weight.height_m**2
             total[2, 2] += mass * weight.height_m**2
@@ -138,6 +140,50 @@ def delta_mass(
             wheel = 3 + weight.corner.position
             total[wheel, wheel] += mass
     return total
+
+
+def motion_row(
+    channel: Channel, x: complex, y: complex, lengths: ArrayLike
+) -> NDArray[np.complex128]:
+    """Return what a sensor sees of the seven degrees of freedom, its time derivative apart.
+
+    Parameters
+    ----------
+    channel : Channel
+        The sensor.
+    x, y : float or complex
+        Where it sits from the CG, m; only a sensor on the body asks for it.
+    lengths : (4,) array_like
+        a, b, t_f, t_r, m; only a suspension travel asks for them.
+
+    Returns
+    -------
+    (7,) complex128
+        Row times displacements of `daq.vehicle.DOF` is the sensor's motion.
+
+    Raises
+    ------
+    InputError
+        If the channel is no motion of the model.
+    """
+    row = np.zeros(N_DOF, dtype=complex)
+    match channel.quantity:
+        case Quantity.BODY_ACCELERATION | Quantity.BODY_DISPLACEMENT:
+            row[:3] = (1.0, -x, y)
+        case Quantity.PITCH_RATE | Quantity.PITCH_ACCELERATION:
+            row[1] = 1.0
+        case Quantity.ROLL_RATE | Quantity.ROLL_ACCELERATION:
+            row[2] = 1.0
+        case _ if channel.corner is not None:
+            row[3 + channel.corner.position] = 1.0
+            if channel.quantity is Quantity.SUSPENSION_TRAVEL:  # wheel less corner of the body
+                a, b, t_f, t_r = np.asarray(lengths)
+                along, half = (a, t_f) if channel.corner.front else (-b, t_r)
+                row[:3] = (-1.0, along, -channel.corner.side * half)
+        case _:
+            where = f"channel {channel.name}"
+            raise InputError(where, f"{channel.quantity} is not a motion", "leave it out")
+    return row
 
 
 def with_geometry(parameters: VehicleParameters, geometry: VehicleGeometry) -> VehicleParameters:

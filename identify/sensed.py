@@ -62,9 +62,7 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
         common &= {c.name for r in decay.recordings for c in r.clock.channels}
     if not common:
         raise InputError("free decays", "no channel is in every run", "record the same sensors")
-    channels = tuple(
-        c for r in decays[0].recordings for c in r.clock.channels if c.name in common
-    )
+    channels = tuple(c for r in decays[0].recordings for c in r.clock.channels if c.name in common)
     slowest = min(_rate_hz(r.time_s) for d in decays for r in d.recordings if len(r.time_s) > 1)
     rate_hz = slowest / max(1, round(slowest / _RATE_HZ))
     grids = [_on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]

@@ -33,12 +33,14 @@ def _strict(value: Any) -> Any:
 
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
     """Write a table: the first column to the left, numbers to the right."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
     for i, column in enumerate(columns):
         table.add_column(column, justify="left" if i == 0 else "right", no_wrap=True)
     for row in rows:
         table.add_row(*row)
-    console().print(table)
+    out = console()
+    out.print(title, style="bold", markup=False, highlight=False, soft_wrap=True)
+    out.print(table)
 
 
 def print_line(text: str = "") -> None:

@@ -72,9 +72,7 @@ def record_session(
         source.close()
         raise
     software = f"bumpbench {version('bumpbench')}"
-    head = JournalHead(
-        bench.text, bench.dbc_text, software, time.time_ns(), time.monotonic_ns()
-    )
+    head = JournalHead(bench.text, bench.dbc_text, software, time.time_ns(), time.monotonic_ns())
     with Journal(out / JOURNAL_FOLDER, head) as journal:
         record(Recorder(bench, codec, journal), [source], stop, progress)
         segments = journal.paths
@@ -133,7 +131,9 @@ def print_summary(path: Path, session: Session) -> None:
     """Write a session as a table: one row a run."""
     rows = []
     for run in session.runs:
-        length_s = max((float(group.time_s[-1]) for group in run.groups if len(group.time_s)), default=0)
+        length_s = max(
+            (float(group.time_s[-1]) for group in run.groups if len(group.time_s)), default=0
+        )
         losses = ", ".join(f"{n} {name}" for name, n in asdict(run.losses).items() if n)
         rows.append(
             [run.label, str(run.status), f"{length_s:.1f}", f"{len(run.frames)}", losses or "none"]

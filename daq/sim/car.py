@@ -87,8 +87,8 @@ class SimulatedCar:
     bias: Spread = BIAS
     clock_error: float = 10e-6
     jitter_s: float = 50e-6
-    lead_s: float = 1.5
-    tail_s: float = 3.3
+    lead_s: float = 1.3
+    tail_s: float = 2.8
 
     @property
     def run_s(self) -> float:

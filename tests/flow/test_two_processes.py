@@ -61,9 +61,7 @@ def results(
             default = (Path(__file__).parents[2] / "daq" / "bench.toml").read_text()
             bench.write_text(default.replace("repeats = 2", "repeats = 1"))
             bus = ["--interface", transport, "--channel"]
-            recorder = _start(
-                "record", str(bench), "--out", str(folder), *bus, receiver, "--json"
-            )
+            recorder = _start("record", str(bench), "--out", str(folder), *bus, receiver, "--json")
             _wait_for_journal(folder, recorder)
             car = _start("simulate", str(bench), *bus, sender, "--seed", "5", "--json")
             running[transport] = (recorder, car)
@@ -83,7 +81,9 @@ def test_every_run_is_recorded_and_labelled(
 ) -> None:
     runs = results[transport]["record"]["runs"]
     assert [run["label"] for run in runs] == [
-        f"{state}_{bump}_1" for state in ("baseline", "added") for bump in ("bounce", "pitch", "roll")
+        f"{state}_{bump}_1"
+        for state in ("baseline", "added")
+        for bump in ("bounce", "pitch", "roll")
     ]
     sent = results[transport]["simulate"]["frames"]
     missing = sum(run["losses"]["counter_gaps"] for run in runs)

@@ -65,9 +65,7 @@ def test_unknown_key_in_bench_toml(
 
 
 @pytest.mark.parametrize("text", ["[campaign", "campaign = 3", "[trigger]\nlevel = -1", "a = nan"])
-def test_broken_bench_toml(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str
-) -> None:
+def test_broken_bench_toml(capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str) -> None:
     bench = tmp_path / "bench.toml"
     bench.write_text(text)
     _fails(capsys, ["record", str(bench)], 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,12 +23,12 @@ def decode(
 
     from daq.errors import InputError
     from daq.formats.log import read_log
-    from dbc import load_codec
+    from dbc import load_codec, parse_codec, shipped_dbc
 
     from ..diagnostics import say
     from ..output import print_json
 
-    codec = load_codec(dbc)
+    codec = load_codec(dbc) if dbc else parse_codec(shipped_dbc(), "the shipped DBC")
     totals: Counter[str] = Counter()
     samples: Counter[str] = Counter()
     header = "" if json else "time_s,message,signal,value,unit\n"
@@ -71,11 +71,10 @@ def _rows(codec: Codec, decoded: Decoded) -> list[str]:
             f"{t // 1_000_000_000}.{t % 1_000_000_000:09d}{tail}{value:.17g},{unit}\n"
             for t, value in zip(stamps.tolist(), samples.value[present].tolist(), strict=True)
         ]
-    order = np.argsort(np.concatenate(times), kind="stable") if times else []
-    return [lines[i] for i in order]
+    order = np.argsort(np.concatenate(times), kind="stable")
+    return [lines[i] for i in order.tolist()]
 
 
-def _quoted(text: Any) -> str:
+def _quoted(text: str) -> str:
     """Return a CSV field: quoted where it must be."""
-    text = str(text or "")
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n\r') else text

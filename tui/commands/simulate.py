@@ -20,6 +20,7 @@ def simulate(
 ) -> None:
     """Play a campaign of the simulated car on a bus, frame by frame, in real time."""
     import time
+    from collections.abc import Iterator
     from dataclasses import asdict
 
     from daq.bus import open_bus
@@ -27,7 +28,7 @@ def simulate(
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
     from daq.sim.player import play
-    from dbc import parse_codec
+    from dbc import FrameBatch, parse_codec
 
     from ..output import print_json, print_table, progress
     from ..result import number
@@ -36,7 +37,6 @@ def simulate(
     codec = parse_codec(described.dbc_text, described.dbc_name)
     car = SimulatedCar()
     total = len(described.campaign.steps)
-    sent = 0
     with open_bus(described.bus) as bus, progress("simulate") as stage:
 
         def told() -> Iterator[FrameBatch]:
@@ -48,8 +48,9 @@ def simulate(
                 stage(done / total, step.label)
                 yield batch
 
-        for sent in play(told(), bus, paced=not fast):
-            pass
+        sent = 0
+        for count in play(told(), bus, paced=not fast):
+            sent = count
     truth = asdict(car.parameters)
     if json:
         print_json({"truth": truth, "frames": sent})
