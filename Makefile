@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test lint bench constraints clean
+.PHONY: demo test lint bench coverage constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -19,6 +19,10 @@ lint: .venv/test
 
 bench: .venv/test
 	$(BIN)/python -m tests.benchmarks
+
+# Do the intervals hold the truth?  Some 3 s a campaign.
+coverage: .venv/test
+	$(BIN)/python -m tests.flow.coverage $(or $(CAMPAIGNS),100)
 
 constraints: .venv/test
 	$(BIN)/python -m uv pip compile --quiet --universal --python-version 3.11 --upgrade \

@@ -108,8 +108,8 @@ def delta_mass(
 ) -> NDArray[np.complex128]:
     """Mass matrix of the added weights about the CG of the *baseline*.
 
-    A weight m at (x, y) from the CG adds ``m r r^T`` with ``r = (1, -x, y, 0, 0, 0, 0)``, and m h^2 to both
-    inertias for its height h above the CG; a weight on a hub adds to that wheel.
+    A weight m at (x, y) from the CG adds ``m r r^T`` with ``r = (1, -x, y, 0, 0, 0, 0)``, and
+    m h^2 to both inertias for its height h above the CG; a weight on a hub adds to that wheel.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from daq.runs import RunStatus, Session
 from daq.vehicle import MassState, VehicleGeometry, VehicleParameters
 from dbc.errors import InputError
 
-from .decay import Clock, Record, record_of
+from .decay import Record, record_of
 from .estimation import Estimation, estimate, generic_vehicles
 from .greybox import GreyBox
 from .modal import ModalModel, modes_of
@@ -70,14 +70,12 @@ def identify(session: Session) -> Identification:
     Identification
         With verdict `refused` and reasons where the data do not carry a result.
     """
-    accepted = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
-    records = [record_of(run, session.channels) for run in accepted]
-    records = [record for record in records if record.recordings]
+    records = usable_records(session)
     missing = shortcomings(records, session.mass_states)
     if missing:
         quality = Quality(Verdict.REFUSED, missing, nan, {})
         return Identification({}, {}, {}, {}, {}, quality, session.provenance)
-    box = GreyBox(_clocks(records), session.mass_states, session.vehicle.geometry)
+    box = grey_box(session, records)
     estimation = estimate(box, records, generic_vehicles())
     parameters = estimates(box, estimation.fit)
     vehicle = VehicleParameters(**{name: e.value for name, e in parameters.items()})
@@ -96,9 +94,17 @@ def identify(session: Session) -> Identification:
     )
 
 
-def _clocks(records: Sequence[Record]) -> tuple[Clock, ...]:
-    """Return every sample clock that occurs in a run, once."""
-    return tuple(dict.fromkeys(r.clock for record in records for r in record.recordings))
+def usable_records(session: Session) -> tuple[Record, ...]:
+    """Return what the accepted runs of a session hold for the identification."""
+    accepted = (run for run in session.runs if run.status is RunStatus.ACCEPTED)
+    records = (record_of(run, session.channels) for run in accepted)
+    return tuple(record for record in records if record.recordings)
+
+
+def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
+    """Return the structure of a session's problem; every sample clock that occurs, once."""
+    clocks = dict.fromkeys(r.clock for record in records for r in record.recordings)
+    return GreyBox(tuple(clocks), session.mass_states, session.vehicle.geometry)
 
 
 def _loaded(vehicle: VehicleParameters, state: MassState) -> PhysicalModel:

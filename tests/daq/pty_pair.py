@@ -16,18 +16,24 @@ def pty_pair() -> Iterator[tuple[str, str]]:
     masters, slaves = zip(os.openpty(), os.openpty(), strict=True)
     for fd in (*masters, *slaves):
         tty.setraw(fd)
+    for fd in masters:
+        os.set_blocking(fd, False)
     wake_r, wake_w = os.pipe()
 
     def carry() -> None:
         other = dict(zip(masters, reversed(masters), strict=True))
+        waiting = dict.fromkeys(masters, b"")  # read from one end, not yet taken by the other
         while True:
-            ready, _, _ = select.select([*masters, wake_r], [], [])
-            if wake_r in ready:
+            readers = [fd for fd in masters if not waiting[fd]]
+            writers = [other[fd] for fd in masters if waiting[fd]]
+            readable, writable, _ = select.select([*readers, wake_r], writers, [])
+            if wake_r in readable:  # also when nobody reads the other end any more
                 return
-            for fd in ready:
-                data = os.read(fd, 4096)
-                while data:
-                    data = data[os.write(other[fd], data) :]
+            for fd in readable:
+                waiting[fd] = os.read(fd, 4096)
+            for fd in masters:
+                if other[fd] in writable:
+                    waiting[fd] = waiting[fd][os.write(other[fd], waiting[fd]) :]
 
     cable = threading.Thread(target=carry, daemon=True)
     cable.start()
