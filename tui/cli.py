@@ -17,6 +17,7 @@ from .commands.demo import demo
 from .commands.identify import identify
 from .commands.inspect import inspect
 from .commands.record import record
+from .commands.recover import recover
 from .commands.simulate import simulate
 from .commands.study import study
 from .diagnostics import ExitCode, report, report_usage
@@ -27,7 +28,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (demo, simulate, record, decode, inspect, identify):
+for command in (demo, simulate, record, recover, decode, inspect, identify):
     app.command()(command)
 app.add_typer(study, name="study")
 
@@ -56,10 +57,11 @@ def run(arguments: list[str]) -> int:
     except BumpbenchError as error:
         return report(error)
     except typer.exceptions.TyperException as error:
-        if not arguments:  # the help text has been asked for by saying nothing
-            sys.stdout.write(f"{error}\n")
+        message = error.format_message()
+        if message.startswith("Usage:"):  # help, asked for by saying nothing
+            sys.stdout.write(f"{message}\n")
             return ExitCode.OK
-        return report_usage(str(error))
+        return report_usage(message)
     except (KeyboardInterrupt, typer.Abort):
         return ExitCode.INTERRUPTED
     except BrokenPipeError:  # the reader of our stdout has gone: so may we

@@ -83,13 +83,21 @@ def record_session(
     return target, read_session(target)
 
 
-def build_session_file(segments: Sequence[Path], target: Path) -> None:
-    """Derive a session file from the segments of a journal."""
+def build_session_file(segments: Sequence[Path], target: Path) -> str:
+    """Derive a session file from the segments of a journal.
+
+    Returns
+    -------
+    str
+        What the journal has lost, empty if it is whole.
+    """
     from daq import write_session
     from daq.build import session_from_journal
     from daq.journal_reader import read_journal
 
-    write_session(target, session_from_journal(read_journal(segments)))
+    contents = read_journal(segments)
+    write_session(target, session_from_journal(contents))
+    return contents.lost.text if contents.lost.any else ""
 
 
 def follow(stage: Stage) -> Callable[[RecorderStatus], None]:

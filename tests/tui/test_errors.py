@@ -58,7 +58,7 @@ def test_unknown_key_in_bench_toml(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str
 ) -> None:
     bench = tmp_path / "bench.toml"
-    bench.write_text("[campaign]\nrepaets = 3\n")
+    bench.write_text("[campaign]\nrepaets = 3\n[bus]\ninterface = 'udp_multicast'\n")
     line = _fails(capsys, [command, str(bench)], 2)
     assert "campaign.repaets" in line
     assert list(tmp_path.iterdir()) == [bench]
@@ -104,6 +104,30 @@ def test_mistakes_in_the_command_line(
     capsys: pytest.CaptureFixture[str], arguments: list[str]
 ) -> None:
     _fails(capsys, arguments, 2)
+
+
+@pytest.mark.parametrize("command", ["record", "simulate"])
+def test_a_bus_that_ends_at_this_process(capsys: pytest.CaptureFixture[str], command: str) -> None:
+    assert "udp_multicast" in _fails(capsys, [command], 2)
+
+
+def test_recover_of_no_journal(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path, out = tmp_path / "prose.mcap", tmp_path / "car.h5"
+    path.write_text("no journal")
+    assert "prose.mcap" in _fails(capsys, ["recover", str(path), "--out", str(out)], 2)
+    assert not out.exists()
+
+
+def test_a_bad_option_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "--seed" in _fails(capsys, ["demo", "--seed", "-3"], 2)
+
+
+@pytest.mark.parametrize("arguments", [[], ["study"]])
+def test_saying_nothing_asks_for_help(
+    capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    assert run(arguments) == 0
+    assert "Usage: bumpbench" in capsys.readouterr().out
 
 
 def test_help_is_on_stdout(capsys: pytest.CaptureFixture[str]) -> None:

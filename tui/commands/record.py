@@ -27,12 +27,12 @@ def record(
     import threading
 
     from daq.bus import open_source
-    from daq.config import load_bench, on_bus
 
+    from ..bench import shared_bench
     from ..output import print_json, progress
     from ..recording import follow, print_summary, record_session, summary
 
-    described = on_bus(load_bench(bench), interface, channel)
+    described = shared_bench(bench, interface, channel)
     source = open_source(described.bus, 0)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

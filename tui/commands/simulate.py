@@ -24,16 +24,16 @@ def simulate(
     from dataclasses import asdict
 
     from daq.bus import open_bus
-    from daq.config import load_bench, on_bus
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
     from daq.sim.player import play
     from dbc import FrameBatch, parse_codec
 
+    from ..bench import shared_bench
     from ..output import print_json, print_table, progress
     from ..result import number
 
-    described = on_bus(load_bench(bench), interface, channel)
+    described = shared_bench(bench, interface, channel)
     codec = parse_codec(described.dbc_text, described.dbc_name)
     car = SimulatedCar()
     total = len(described.campaign.steps)

@@ -1,0 +1,38 @@
+"""Which bench a command works on: bench.toml, and the bus named on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from daq.config import Bench
+
+
+def shared_bench(path: Path | None, interface: str | None, channel: str | None) -> Bench:
+    """Return the bench, on a bus that other processes can reach.
+
+    Parameters
+    ----------
+    path : Path or None
+        bench.toml; the shipped one if None.
+    interface, channel : str or None
+        In place of those of the file.
+
+    Raises
+    ------
+    InputError
+        If the file is bad, or the bus is python-can's `virtual`, which ends at this process.
+    """
+    from daq.config import load_bench, on_bus
+    from daq.errors import InputError
+
+    bench = on_bus(load_bench(path), interface, channel)
+    if bench.bus.interface == "virtual":
+        raise InputError(
+            str(path or "bench.toml (shipped)"),
+            "interface virtual does not reach other processes",
+            "name your bus: --interface socketcan --channel can0; without any hardware:"
+            " --interface udp_multicast --channel 239.74.163.2",
+        )
+    return bench
