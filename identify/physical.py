@@ -20,6 +20,8 @@ from .model import N_DOF, PhysicalModel, matrices, with_geometry
 
 _SINGULAR = 1e-9
 _N_GEOMETRY = 4
+_MAX_STEPS = 100
+"""Ten lead to a vehicle; a fit that needs more wanders among matrices that are none."""
 _LEAST_SHARE = 1e-3
 """Of the largest diagonal element; a smaller one (noise) would weigh its row without bound."""
 
@@ -141,7 +143,8 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
     Raises
     ------
     InputError
-        If the matrices are not finite, or so far from a vehicle's that no fit is found.
+        If the matrices are not finite, or so far from a vehicle's that no fit is found or one
+        with a negative mass, spring or damper.
     """
     identified = (model.M, model.C, model.K)
     if not all(np.all(np.isfinite(matrix)) for matrix in identified):
@@ -172,9 +175,10 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
         xtol=1e-15,
         ftol=1e-15,
         gtol=1e-15,
+        max_nfev=_MAX_STEPS,
     )
     theta = np.concatenate([fit.x * size, start[free:]])
-    if not np.all(np.isfinite(theta)):
+    if not (fit.success and np.all(theta > 0.0)):
         raise InputError("structured fit", "no vehicle comes near the matrices", "check the modes")
     return VehicleParameters(*(float(value) for value in theta))
 

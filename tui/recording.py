@@ -26,7 +26,7 @@ def record_session(
     source: FrameSource,
     out: Path,
     stop: threading.Event,
-    progress: Callable[[RecorderStatus], None],
+    stage: Stage,
 ) -> tuple[Path, Session]:
     """Record until the campaign is complete or `stop` is set, then build the session file.
 
@@ -41,8 +41,8 @@ def record_session(
         the number of the journal's first segment.
     stop : threading.Event
         Ends the recording.
-    progress : callable
-        Told the status about ten times a second.
+    stage : Stage
+        Shows how far it is.
 
     Returns
     -------
@@ -74,9 +74,10 @@ def record_session(
     software = f"bumpbench {version('bumpbench')}"
     head = JournalHead(bench.text, bench.dbc_text, software, time.time_ns(), time.monotonic_ns())
     with Journal(out / JOURNAL_FOLDER, head) as journal:
-        record(Recorder(bench, codec, journal), [source], stop, progress)
+        record(Recorder(bench, codec, journal), [source], stop, _follow(stage))
         segments = journal.paths
     target = out / f"session_{segments[0].stem.split('_')[-1]}.h5"
+    stage(1.0, "building the session file")
     # HDF5 works in a process of its own: the recorder must not wait for it, nor die with it.
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         pool.submit(build_session_file, segments, target).result()
@@ -100,7 +101,7 @@ def build_session_file(segments: Sequence[Path], target: Path) -> str:
     return contents.lost.text if contents.lost.any else ""
 
 
-def follow(stage: Stage) -> Callable[[RecorderStatus], None]:
+def _follow(stage: Stage) -> Callable[[RecorderStatus], None]:
     """Return what shows the recorder's status on a line of progress."""
 
     def show(status: RecorderStatus) -> None:

@@ -70,5 +70,5 @@ def print_modes(result: Identification) -> None:
 
 
 def number(value: float) -> str:
-    """Write a number with five significant digits."""
-    return f"{value:,.5g}" if abs(value) < 1e5 else f"{value:,.0f}"
+    """Write a number with five significant digits, trailing zeros included."""
+    return f"{value:#,.5g}".rstrip(".") if abs(value) < 1e5 else f"{value:,.0f}"

@@ -32,7 +32,7 @@ def demo(
     from dbc import parse_codec
 
     from ..output import print_json, print_line, progress
-    from ..recording import follow, print_summary, record_session
+    from ..recording import print_summary, record_session
     from ..result import identification_document, print_identification
 
     bench = on_bus(load_bench(None), "virtual", f"bumpbench-demo-{os.getpid()}")
@@ -52,7 +52,7 @@ def demo(
     driver.start()
     try:
         with progress("record") as stage:
-            path, session = record_session(bench, source, out, stop, follow(stage))
+            path, session = record_session(bench, source, out, stop, stage)
     finally:
         stop.set()
         driver.join()

@@ -30,7 +30,7 @@ def record(
 
     from ..bench import shared_bench
     from ..output import print_json, progress
-    from ..recording import follow, print_summary, record_session, summary
+    from ..recording import print_summary, record_session, summary
 
     described = shared_bench(bench, interface, channel)
     source = open_source(described.bus, 0)
@@ -38,7 +38,7 @@ def record(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     with progress("record") as stage:
-        path, session = record_session(described, source, out, stop, follow(stage))
+        path, session = record_session(described, source, out, stop, stage)
     if json:
         print_json(summary(path, session))
     else:
