@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,9 @@ from .window import decay_start_s, difference_noise, onset_s, quiet_noise
 CHI2_FITS = 1.3  # below this, chi2/n says that the model fits
 _SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
 _FLOOR = 1e-6  # of a channel's rms: the noise of noise-free data
-_LATER_S = (0.0, 0.02, 0.05, 0.1, 0.2)
+_LATER_S = (0.02, 0.05)
+"""Tried when the model does not fit from the stated end of the bump on.  No later: what is wrong
+with the wheels' motion dies within 0.2 s, and a start after that would hide it."""
 _SCAN_STEP_S = 0.005
 
 _MID_SIZE_CAR = np.array(
@@ -59,6 +61,8 @@ class Estimation:
         One for each decay.
     chi2_per_n : float
         Mean square residual in units of sigma, by degrees of freedom: 1 if the model holds.
+    later_s : float
+        How much later than the stated end of the bump the decays had to start, s.
     """
 
     fit: Fit
@@ -67,6 +71,7 @@ class Estimation:
     sigma_from_rest: bool
     residuals: tuple[Residuals, ...]
     chi2_per_n: float
+    later_s: float = 0.0
 
 
 def estimate(
@@ -88,12 +93,12 @@ def estimate(
     """
     first = np.array([decay_start_s(record) for record in records])
     best = _from(box, records, first, starts)
-    for later in _LATER_S[1:]:
+    for later in _LATER_S:
         if best.chi2_per_n <= CHI2_FITS:
             break
         trial = _from(box, records, first + later, (_theta(box, best), starts[0]))
         if trial.chi2_per_n <= CHI2_FITS:
-            best = trial
+            best = replace(trial, later_s=later)
     if best.chi2_per_n <= CHI2_FITS and any(not np.isfinite(r.bump_s) for r in records):
         best = _reach_back(box, records, best)
     return best

@@ -18,6 +18,7 @@ from .estimation import Estimation, estimate, generic_vehicles
 from .greybox import GreyBox
 from .modal import ModalModel, modes_of
 from .model import PhysicalModel, delta_mass, physical_model
+from .pairing import Pairing, pair_modes
 from .quality import Quality, Verdict, judge, shortcomings
 from .sensed import SensedModes, closed_form, sensed_modes
 from .uncertainty import Estimate, estimates
@@ -33,6 +34,9 @@ class Identification:
         The 15 parameters with 95 % intervals (maximum likelihood); empty if no fit was possible.
     modal : mapping of mass state to ModalModel
         Modes of the identified vehicle, shapes in `daq.vehicle.DOF`.
+    pairings : mapping of mass state to Pairing
+        How the modes of each further mass state follow from those of the first, by MAC: with mass
+        on board, wheel modes that are nearly equal may change their order.
     sensed : mapping of mass state to ModalModel
         Modes by the State Variable Method alone, shapes in the channels' units.
     closed_form : mapping of str to float
@@ -47,6 +51,7 @@ class Identification:
 
     parameters: Mapping[str, Estimate]
     modal: Mapping[str, ModalModel]
+    pairings: Mapping[str, Pairing]
     sensed: Mapping[str, ModalModel]
     closed_form: Mapping[str, float]
     physical: Mapping[str, PhysicalModel]
@@ -74,7 +79,7 @@ def identify(session: Session) -> Identification:
     missing = shortcomings(records, session.mass_states)
     if missing:
         quality = Quality(Verdict.REFUSED, missing, nan, {})
-        return Identification({}, {}, {}, {}, {}, quality, session.provenance)
+        return Identification({}, {}, {}, {}, {}, {}, quality, session.provenance)
     box = grey_box(session, records)
     estimation = estimate(box, records, generic_vehicles())
     parameters = estimates(box, estimation.fit)
@@ -82,10 +87,13 @@ def identify(session: Session) -> Identification:
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
     physical = {state.name: _loaded(vehicle, state) for state in states}
+    modal = {name: modes_of(model.A) for name, model in physical.items()}
+    first, *others = modal
     sensed = _sensed(records, estimation, states)
     return Identification(
         parameters=parameters,
-        modal={name: modes_of(model.A) for name, model in physical.items()},
+        modal=modal,
+        pairings={name: pair_modes(modal[first], modal[name]) for name in others},
         sensed={name: modes.model for name, modes in sensed.items()},
         closed_form=_closed_form(sensed, states, vehicle, session.vehicle.geometry),
         physical=physical,

@@ -103,6 +103,11 @@ def judge(estimation: Estimation, parameters: Mapping[str, Estimate]) -> Quality
     notes = []
     if not estimation.sigma_from_rest:
         notes.append("no quiet stretch before the bumps: the noise is taken from the residuals")
+    if estimation.later_s:
+        notes.append(
+            f"the model holds only from {estimation.later_s * 1e3:.0f} ms after the stated end of "
+            "the bump on: check bump_s"
+        )
     verdict = Verdict.REFUSED if refusals else Verdict.OK
     return Quality(verdict, (*refusals, *notes), estimation.chi2_per_n, by_run)
 

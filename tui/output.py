@@ -13,6 +13,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+_FILE_WIDTH = 400
+
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Write one JSON document; numbers that are not finite become null."""
@@ -35,7 +37,7 @@ def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
     """Write a table: the first column to the left, numbers to the right."""
     table = Table(box=None, pad_edge=False)
     for i, column in enumerate(columns):
-        table.add_column(column, justify="left" if i == 0 else "right", no_wrap=True)
+        table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
     for row in rows:
         table.add_row(*row)
     out = console()
@@ -50,7 +52,8 @@ def print_line(text: str = "") -> None:
 
 def console() -> Console:
     """Return the console on today's stdout (tests and pipes replace it)."""
-    return Console(file=sys.stdout)
+    # A file has no width: nothing is folded there.
+    return Console(file=sys.stdout, width=None if sys.stdout.isatty() else _FILE_WIDTH)
 
 
 class Stage(Protocol):

@@ -110,6 +110,10 @@ def _follow(stage: Stage) -> Callable[[RecorderStatus], None]:
             text += f", {status.running.label} running"
         elif status.step:
             text += f", waiting for {status.step.label}"
+        if not status.frames:
+            text += ", no frame yet"
+        elif status.losses.unknown_id == status.frames:
+            text += f", none of {status.frames} frames is in the DBC"
         if status.losses.measured:
             text += f", {status.losses.measured} frames lost"
         stage(status.done / status.planned, text)

@@ -24,6 +24,10 @@ def identification_document(result: Identification) -> dict[str, Any]:
             ]
             for state, model in result.modal.items()
         },
+        "swapped": {
+            state: [[i + 1, j + 1] for i, j in pairing.swapped]
+            for state, pairing in result.pairings.items()
+        },
         "verdict": str(result.quality.verdict),
         "reasons": list(result.quality.reasons),
         "closed_form": dict(result.closed_form),
@@ -55,18 +59,24 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
 
 
 def print_modes(result: Identification) -> None:
-    """Write frequency and damping of the modes, one column a mass state."""
-    states = list(result.modal)
-    count = max(len(model) for model in result.modal.values())
+    """Write frequency and damping of the modes; a row is one mode, whatever its rank."""
+    first, *others = result.modal
+    columns = {first: dict(enumerate(result.modal[first].modes))}
+    for state in others:
+        pairing, modes = result.pairings[state], result.modal[state].modes
+        pairs = zip(pairing.baseline.tolist(), pairing.added.tolist(), strict=True)
+        columns[state] = {i: modes[j] for i, j in pairs}
     rows = []
-    for i in range(count):
-        cells = []
-        for state in states:
-            modes = result.modal[state].modes
-            text = f"{modes[i].frequency_hz:.3f} Hz {modes[i].damping_ratio * 100:.1f} %"
-            cells.append(text if i < len(modes) else "")
-        rows.append([str(i + 1), *cells])
-    print_table("Modes (frequency, damping ratio)", ["", *states], rows)
+    for i in columns[first]:
+        shown = (column.get(i) for column in columns.values())
+        rows.append(
+            [str(i + 1)]
+            + [f"{m.frequency_hz:.3f} Hz {m.damping_ratio * 100:.1f} %" if m else "" for m in shown]
+        )
+    print_table("Modes (frequency, damping ratio)", ["", *columns], rows)
+    for state in others:
+        for i, j in result.pairings[state].swapped:
+            print_line(f"Modes {i + 1} and {j + 1} change their order in state {state}.")
 
 
 def number(value: float) -> str:

@@ -68,6 +68,7 @@ def test_a_bump_longer_than_stated_is_seen_and_waited_for() -> None:
     records = paper_records(1000.0, 50.0, 6, bump_s=0.15)
     result = estimate(BOX, records, generic_vehicles())
     assert all(decay.start_s >= 0.3 for decay in result.decays)
+    assert result.later_s > 0
     assert result.chi2_per_n < CHI2_FITS
     assert np.all(np.abs(_errors_percent(result)) < 4 * _sigmas(result))
 

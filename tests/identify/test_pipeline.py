@@ -1,0 +1,120 @@
+"""Sessions of plain arrays through the whole method."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq import Session, session_from_arrays
+from daq.runs import ADDED, BASELINE
+from daq.vehicle import DOF, FORD_GRANADA, Vehicle, VehicleGeometry
+from identify import Identification, Verdict, identify
+
+from .bumps import PAPER_DELTA_MASS, TRUTH, paper_records
+
+
+def _session(
+    noise_db: float,
+    rate_hz: float = 200.0,
+    only: tuple[str, ...] = ("bounce", "pitch", "roll"),
+    bump_s: float = float("nan"),
+    geometry: VehicleGeometry | None = None,
+    cut_s: float = 0.0,
+) -> Session:
+    runs = []
+    for record in paper_records(rate_hz, noise_db, 4):
+        excitation = record.label.split("_")[1]
+        recording = record.recordings[0].between(cut_s, 9.0)
+        columns = zip(DOF, recording.values.T, strict=True)
+        if excitation in only:
+            samples = {name: (recording.time_s, column) for name, column in columns}
+            runs.append((record.mass_state, excitation, samples))
+    return session_from_arrays(
+        runs, delta_mass=PAPER_DELTA_MASS, bump_s=bump_s, vehicle=Vehicle("Granada", geometry)
+    )
+
+
+def _errors(result: Identification) -> NDArray[np.float64]:
+    found = np.array([estimate.value for estimate in result.parameters.values()])
+    return np.asarray(found / TRUTH - 1)
+
+
+@pytest.mark.parametrize("bump_s", [0.2, float("nan")])
+def test_noise_free_arrays_give_the_vehicle_by_both_ways(bump_s: float) -> None:
+    result = identify(_session(np.inf, bump_s=bump_s))
+    assert result.quality.verdict is Verdict.OK
+    assert np.max(np.abs(_errors(result))) < 1e-6
+    closed = np.array(list(result.closed_form.values()))
+    np.testing.assert_allclose(closed, TRUTH, rtol=1e-6)
+
+
+def test_noisy_arrays_give_the_vehicle_within_its_intervals() -> None:
+    result = identify(_session(30.0))
+    assert result.quality.verdict is Verdict.OK
+    stds = np.array([e.std for e in result.parameters.values()]) / TRUTH
+    assert np.all(np.abs(_errors(result)) < 4 * stds)
+    assert np.max(stds) < 0.03
+
+
+def test_arrays_that_begin_in_the_decay_say_where_the_noise_comes_from() -> None:
+    result = identify(_session(30.0, cut_s=0.302))
+    assert result.quality.verdict is Verdict.OK
+    assert any("quiet" in reason for reason in result.quality.reasons)
+
+
+def test_modes_are_paired_through_their_swap() -> None:
+    result = identify(_session(np.inf, bump_s=0.2))
+    # METHOD section 1: 10.7678 Hz becomes 10.2395, 10.7712 becomes 10.2375.
+    assert result.pairings[ADDED].swapped == ((3, 4),)
+    assert result.modal[BASELINE].frequencies_hz[3] == pytest.approx(10.7678, abs=1e-4)
+    partner = result.pairings[ADDED].added[3]
+    assert result.modal[ADDED].frequencies_hz[partner] == pytest.approx(10.2395, abs=1e-4)
+
+
+def test_known_geometry_is_given_back_without_interval() -> None:
+    result = identify(_session(30.0, geometry=FORD_GRANADA.geometry))
+    assert result.parameters["a"].std == 0
+    assert result.parameters["a"].value == FORD_GRANADA.a
+    assert 0 < result.parameters["m_s"].std / 1380 < 0.01
+
+
+def test_one_kind_of_bump_is_refused_with_what_it_does_not_tell() -> None:
+    result = identify(_session(30.0, only=("bounce",), bump_s=0.2))
+    assert result.quality.verdict is Verdict.REFUSED
+    assert "I_xx" in result.quality.reasons[0]
+
+
+@pytest.mark.parametrize("bump_s", [0.2, float("nan")])
+def test_a_model_that_does_not_hold_is_refused(bump_s: float) -> None:
+    # Hubs 5 ms late cost 66 % of error (METHOD, section 5): that must not pass unseen.
+    runs = []
+    for run in _session(50.0).runs:
+        t_s = run.groups[0].time_s
+        late = {name: t_s + 0.005 * name.startswith("z_u") for name in DOF}
+        samples = {name: (late[name], run.groups[0].values[name]) for name in DOF}
+        runs.append((run.mass_state, str(run.excitation), samples))
+    result = identify(session_from_arrays(runs, delta_mass=PAPER_DELTA_MASS, bump_s=bump_s))
+    assert result.quality.verdict is Verdict.REFUSED
+    assert "chi2/n" in result.quality.reasons[0]
+
+
+@pytest.mark.parametrize("missing", [BASELINE, ADDED])
+def test_a_missing_mass_state_is_refused(missing: str) -> None:
+    session = _session(30.0)
+    runs = [
+        (
+            run.mass_state,
+            str(run.excitation),
+            {n: (run.groups[0].time_s, v) for n, v in run.groups[0].values.items()},
+        )
+        for run in session.runs
+        if run.mass_state != missing
+    ]
+    result = identify(session_from_arrays(runs, delta_mass=PAPER_DELTA_MASS))
+    assert result.quality.verdict is Verdict.REFUSED
+    assert len(result.parameters) == 0
+    assert ("baseline" if missing == BASELINE else "added mass") in result.quality.reasons[0]
+
+
+def test_an_empty_session_is_refused() -> None:
+    result = identify(session_from_arrays([]))
+    assert result.quality.verdict is Verdict.REFUSED

@@ -1,0 +1,74 @@
+"""`decode`: any log of python-can, against what cantools makes of the same frames."""
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import can
+import cantools.database.can as cantools
+import numpy as np
+import pytest
+
+from dbc import parse_codec, shipped_dbc
+from tui.cli import run
+
+START_S = 1_760_000_000.0
+
+
+def _log(path: Path, foreign: int) -> list[can.Message]:
+    codec = parse_codec(shipped_dbc(), "shipped")
+    rng = np.random.default_rng(1)
+    messages = []
+    for layout in codec.messages:
+        names = [s.name for s in layout.signals if s.name not in ("counter", "crc")]
+        values = {n: rng.uniform(*layout.signal(n).span, 20) for n in names}
+        for i, row in enumerate(codec.encode(layout.name, values)):
+            data = row[: layout.length].tobytes()
+            stamp = START_S + i * 0.01
+            messages.append(can.Message(stamp, layout.can_id, is_extended_id=False, data=data))
+    messages += [can.Message(START_S, 0x7DF, is_extended_id=False, data=b"x")] * foreign
+    messages.sort(key=lambda message: message.timestamp)
+    with can.Logger(path) as log:
+        for message in messages:
+            log(message)
+    return messages
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".trc", ".csv"])
+def test_every_signal_is_what_cantools_says(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"bench{suffix}"
+    messages = _log(path, foreign=0)
+    assert run(["decode", str(path)]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    rows = list(csv.DictReader(io.StringIO(out)))
+    assert list(rows[0]) == ["time_s", "message", "signal", "value", "unit"]
+    times = [float(row["time_s"]) for row in rows]
+    assert times == sorted(times)
+    found = sorted((r["message"], r["signal"], float(r["value"]), r["unit"]) for r in rows)
+    database = cantools.Database()
+    database.add_dbc_string(shipped_dbc())
+    expected = []
+    for message in messages:
+        layout = database.get_message_by_frame_id(message.arbitration_id)
+        values = layout.decode_simple(bytes(message.data), decode_choices=False)
+        for name, value in values.items():
+            assert isinstance(value, int | float)
+            unit = layout.get_signal_by_name(name).unit or ""
+            expected.append((layout.name, name, float(value), unit))
+    assert found == sorted(expected)
+
+
+def test_foreign_frames_are_counted(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "bench.log"
+    _log(path, foreign=3)
+    assert run(["decode", str(path), "--json"]) == 0
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert document["unknown_id"] == 3
+    assert document["frames"] == 6 * 20 + 3
+    assert document["samples"]["HUB_Front.acc_fl"] == 20
+    assert "3 unknown_id" in err
