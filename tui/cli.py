@@ -10,8 +10,6 @@ import sys
 
 import typer
 
-from dbc.errors import BumpbenchError
-
 from .commands.decode import decode
 from .commands.demo import demo
 from .commands.identify import identify
@@ -54,8 +52,6 @@ def run(arguments: list[str]) -> int:
     try:
         code = app(arguments, standalone_mode=False, prog_name="bumpbench")
         sys.stdout.flush()
-    except BumpbenchError as error:
-        return report(error)
     except typer.exceptions.TyperException as error:
         message = error.format_message()
         if message.startswith("Usage:"):  # help, asked for by saying nothing
@@ -67,4 +63,10 @@ def run(arguments: list[str]) -> int:
     except BrokenPipeError:  # the reader of our stdout has gone: so may we
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.OK
+    except Exception as error:
+        from dbc.errors import BumpbenchError  # with NumPy behind it: not for --help
+
+        if isinstance(error, BumpbenchError):
+            return report(error)
+        raise
     return int(code or ExitCode.OK)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
-from dbc.errors import BumpbenchError, printable
+if TYPE_CHECKING:
+    from dbc.errors import BumpbenchError
 
 
 class ExitCode(IntEnum):
@@ -37,5 +39,7 @@ def report(error: BumpbenchError) -> ExitCode:
 
 def report_usage(message: str) -> ExitCode:
     """Write a mistake in the command line itself as one line."""
+    from dbc.errors import printable
+
     say(f"error: {printable(' '.join(message.split()))} (bumpbench --help lists what there is)")
     return ExitCode.BAD_INPUT
