@@ -10,7 +10,7 @@ demo: .venv/demo
 	$(BIN)/bumpbench demo
 
 test: .venv/test
-	$(BIN)/python -m pytest --quiet
+	$(BIN)/python -m pytest --quiet --numprocesses auto --dist loadfile
 
 lint: .venv/test
 	$(BIN)/ruff check .

@@ -130,11 +130,6 @@ def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decode
     )
 
 
-def losses_between(before: Losses, after: Losses) -> Losses:
-    """Return what was lost from one total to a later one."""
-    return Losses(*(getattr(after, f.name) - getattr(before, f.name) for f in fields(Losses)))
-
-
 def losses_added(first: Losses, second: Losses) -> Losses:
     """Return the sum of losses counted at different hops."""
     return Losses(*(getattr(first, f.name) + getattr(second, f.name) for f in fields(Losses)))

@@ -109,18 +109,14 @@ class Products:
         Products with the samples.
     power : (n_channels,) float64
         Sum of squares of the samples.
-    n_samples : int
-        Number of instants.
     """
 
     gram: NDArray[np.float64]
     cross: NDArray[np.float64]
     power: NDArray[np.float64]
-    n_samples: int
 
 
 def products(basis: NDArray[np.float64], values: NDArray[np.float64]) -> Products:
     """Multiply a basis, (n_samples, m), with itself and with samples, (n_samples, n_channels)."""
-    return Products(
-        basis.T @ basis, basis.T @ values, np.einsum("ij,ij->j", values, values), len(values)
-    )
+    power = np.einsum("ij,ij->j", values, values)
+    return Products(basis.T @ basis, basis.T @ values, power)
