@@ -93,6 +93,11 @@ class Record:
     recordings: tuple[Recording, ...]
 
     @property
+    def start_s(self) -> float:
+        """Time of the first sample of the clock that begins last."""
+        return max(float(r.time_s[0]) for r in self.recordings)
+
+    @property
     def end_s(self) -> float:
         """Time just after the last sample of the clock that ends first."""
         return min(float(r.time_s[-1]) for r in self.recordings) + 1e-9

@@ -19,6 +19,8 @@ _FLOOR = 1e-6  # of a channel's rms: the noise of noise-free data
 _LATER_S = (0.02, 0.05)
 """Tried when the model does not fit from the stated end of the bump on.  No later: what is wrong
 with the wheels' motion dies within 0.2 s, and a start after that would hide it."""
+_LATER_UNSTATED_S = (0.1, 0.2, 0.4)
+"""Tried where no bump is stated and a record may begin within it."""
 _SCAN_STEP_S = 0.005
 
 _MID_SIZE_CAR = np.array(
@@ -62,7 +64,7 @@ class Estimation:
     chi2_per_n : float
         Mean square residual in units of sigma, by degrees of freedom: 1 if the model holds.
     later_s : float
-        How much later than the stated end of the bump the decays had to start, s.
+        How much later than expected the decays were first fitted with success, s.
     """
 
     fit: Fit
@@ -93,14 +95,17 @@ def estimate(
     """
     first = np.array([decay_start_s(record) for record in records])
     best = _from(box, records, first, starts)
-    for later in _LATER_S:
-        if best.chi2_per_n <= CHI2_FITS:
+    stated = all(np.isfinite(record.bump_s) for record in records)
+    # Where rest was seen and no bump is stated, the first guess is late enough for any bump.
+    movable = np.array([stated or onset_s(record) is None for record in records])
+    for later in _LATER_S if stated else _LATER_UNSTATED_S:
+        if best.chi2_per_n <= CHI2_FITS or not movable.any():
             break
-        trial = _from(box, records, first + later, (_theta(box, best), starts[0]))
+        trial = _from(box, records, first + later * movable, (_theta(box, best), starts[0]))
         if trial.chi2_per_n <= CHI2_FITS:
             best = replace(trial, later_s=later)
-    if best.chi2_per_n <= CHI2_FITS and any(not np.isfinite(r.bump_s) for r in records):
-        best = _reach_back(box, records, best)
+    if best.chi2_per_n <= CHI2_FITS and not stated:
+        best = replace(_reach_back(box, records, best), later_s=best.later_s)
     return best
 
 
@@ -186,23 +191,23 @@ def _reach_back(box: GreyBox, records: Sequence[Record], late: Estimation) -> Es
     """Move the start of each decay as far back as the fitted model explains the samples."""
     starts = []
     for record, decay in zip(records, late.decays, strict=True):
-        onset = onset_s(record)
         start = decay.start_s
-        if onset is not None and not np.isfinite(record.bump_s):
-            start = _earliest(box, record, late, decay.start_s, onset)
+        if not np.isfinite(record.bump_s):
+            onset = onset_s(record)
+            start = _earliest(box, record, late, start, record.start_s if onset is None else onset)
         starts.append(start)
     return _from(box, records, np.array(starts), (_theta(box, late),))
 
 
 def _earliest(
-    box: GreyBox, record: Record, late: Estimation, start_s: float, onset: float
+    box: GreyBox, record: Record, late: Estimation, start_s: float, lower_s: float
 ) -> float:
-    """Return the earliest start from which the samples up to `start_s` are free decay, s."""
+    """Return the earliest start after `lower_s` from which the samples are free decay, s."""
     here = record.decay(start_s)
     system = box.system(late.fit.eta, record.mass_state)
     cost, n = misfit(box, here, late.sigma, late.fit.eta, system), here.n_values
     earliest = start_s
-    for candidate in np.arange(start_s - _SCAN_STEP_S, onset, -_SCAN_STEP_S):
+    for candidate in np.arange(start_s - _SCAN_STEP_S, lower_s, -_SCAN_STEP_S):
         longer = record.decay(float(candidate))
         longer_cost = misfit(box, longer, late.sigma, late.fit.eta, system)
         added = longer.n_values - n

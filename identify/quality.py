@@ -105,8 +105,8 @@ def judge(estimation: Estimation, parameters: Mapping[str, Estimate]) -> Quality
         notes.append("no quiet stretch before the bumps: the noise is taken from the residuals")
     if estimation.later_s:
         notes.append(
-            f"the model holds only from {estimation.later_s * 1e3:.0f} ms after the stated end of "
-            "the bump on: check bump_s"
+            f"the model did not hold from the expected start of the decays on, but does "
+            f"{estimation.later_s * 1e3:.0f} ms later: check bump_s, and that nothing is loose"
         )
     verdict = Verdict.REFUSED if refusals else Verdict.OK
     return Quality(verdict, (*refusals, *notes), estimation.chi2_per_n, by_run)

@@ -33,10 +33,9 @@ def onset_s(record: Record) -> float | None:
     record : Record
         A run with its time stamps as measured.
     """
-    first = max(float(r.time_s[0]) for r in record.recordings)
     onsets = []
     for recording in record.recordings:
-        rest = recording.time_s < first + _REST_S
+        rest = recording.time_s < record.start_s + _REST_S
         if rest.sum() < 3:
             return None
         level = recording.values[rest].mean(axis=0)
@@ -57,11 +56,10 @@ def onset_s(record: Record) -> float | None:
 def decay_start_s(record: Record) -> float:
     """Return where the free decay starts by the stated bump, s; at most half-way."""
     onset = onset_s(record)
-    first = max(float(r.time_s[0]) for r in record.recordings)
     if onset is None:
-        return first
+        return record.start_s
     bump = record.bump_s if np.isfinite(record.bump_s) else UNKNOWN_BUMP_S
-    return min(onset + bump + GUARD_S, (first + record.end_s) / 2)
+    return min(onset + bump + GUARD_S, (record.start_s + record.end_s) / 2)
 
 
 def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
