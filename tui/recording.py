@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from multiprocessing import get_context
 from pathlib import Path
+from signal import SIG_IGN, SIGINT
 from typing import TYPE_CHECKING, Any
 
 from .output import Stage, print_line, print_table
@@ -79,7 +81,10 @@ def record_session(
     target = out / f"session_{segments[0].stem.split('_')[-1]}.h5"
     stage(1.0, "building the session file")
     # HDF5 works in a process of its own: the recorder must not wait for it, nor die with it.
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+    # Ctrl-C reaches it too, and must not end what is nearly done.
+    with ProcessPoolExecutor(
+        1, get_context("spawn"), initializer=signal.signal, initargs=(SIGINT, SIG_IGN)
+    ) as pool:
         pool.submit(build_session_file, segments, target).result()
     return target, read_session(target)
 
