@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from daq.channels import paper_channels
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, AddedMass
-from identify.modal import ModalModel, displacement_shapes
-from identify.model import PhysicalModel, delta_mass, physical_model
-from identify.physical import identify_parameters
-from identify.simulate import Bump, Response, exact_response, wilson_response
-from identify.stabilisation import identify_modes
+
+from ..modal import ModalModel, displacement_shapes
+from ..model import PhysicalModel, delta_mass, physical_model
+from ..physical import physical_matrices, state_matrix_of
+from ..sequential import sequential_vehicle
+from ..simulate import Bump, Response, exact_response, wilson_response
+from ..stabilisation import identify_modes
 
 ResponseName = Literal["exact", "wilson"]
 
@@ -54,7 +56,7 @@ class Row:
 
 
 def table2(response: ResponseName) -> tuple[Row, ...]:
-    """Identify the paper's vehicle from its accelerations, as the paper does.
+    """Identify the paper's vehicle from its accelerations, in the paper's order of estimation.
 
     Parameters
     ----------
@@ -64,10 +66,11 @@ def table2(response: ResponseName) -> tuple[Row, ...]:
     """
     vehicle = physical_model(FORD_GRANADA)
     delta_M = delta_mass(PAPER_ADDED_MASS, FORD_GRANADA.a).real
-    result = identify_parameters(
-        _modes(vehicle, response), _modes(vehicle.with_mass(delta_M), response), delta_M, None
+    baseline, added = (
+        state_matrix_of(_modes(model, response)) for model in (vehicle, vehicle.with_mass(delta_M))
     )
-    rows = zip(PARAMETER_NAMES, FORD_GRANADA.to_array(), result.parameters.to_array(), strict=True)
+    found = sequential_vehicle(physical_matrices(baseline, added, delta_M))
+    rows = zip(PARAMETER_NAMES, FORD_GRANADA.to_array(), found.to_array(), strict=True)
     return tuple(
         Row(name, float(known), float(found), float(100.0 * (found / known - 1.0)))
         for name, known, found in rows

@@ -23,6 +23,19 @@ KNOWN = {
     "t_f": 0.74,
     "t_r": 0.74,
 }
+# The misprints of a, t_f and t_r stand as the error column has them (reference: 1.282 is 1.248).
+PRINTED_OTHERS = {
+    "k_sf": -0.170,
+    "k_sr": -0.078,
+    "k_tf": -0.039,
+    "k_tr": -0.032,
+    "c_sf": -0.103,
+    "c_sr": -0.087,
+    "a": -0.141,
+    "b": -0.130,
+    "t_f": -0.205,
+    "t_r": -0.161,
+}
 PRINTED = {"m_s": -0.011, "I_yy": -0.011, "I_xx": -0.023, "m_uf": 0.093, "m_ur": 0.095}
 
 
@@ -38,4 +51,5 @@ def test_wilson_theta_makes_the_errors_that_the_paper_prints() -> None:
     errors = {row.name: row.error_percent for row in table2("wilson")}
     for name, printed in PRINTED.items():
         assert round(errors[name], 3) == printed
-    assert max(abs(error) for error in errors.values()) < 0.25
+    for name, printed in PRINTED_OTHERS.items():
+        assert abs(errors[name] - printed) < 0.022, name
