@@ -6,6 +6,7 @@ Symbols are the paper's; axes and degrees of freedom are those of `daq.vehicle`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,7 +84,7 @@ def _suspension(L: NDArray[np.complex128], rate: NDArray[np.complex128]) -> NDAr
     return np.block([[L @ D @ L.T, -L @ D], [-D @ L.T, D]])
 
 
-def state_matrix(M: NDArray, C: NDArray, K: NDArray) -> NDArray:  # type: ignore[type-arg]
+def state_matrix(M: NDArray[Any], C: NDArray[Any], K: NDArray[Any]) -> NDArray[Any]:
     """Return A of Eq. 12, (14, 14), for real or complex matrices."""
     n = len(M)
     lower = -np.linalg.solve(M, np.hstack([K, C]))

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +9,6 @@ from daq.channels import Quantity
 from daq.config import Bench
 from daq.errors import InputError
 from daq.journal import Journal, JournalError
-from daq.journal_format import JournalHead
 from daq.journal_reader import read_journal
 from daq.recorder import Recorder
 from daq.runs import Event, Losses
@@ -27,26 +24,7 @@ from .small_campaign import (
     blocks,
     bumps,
     codes,
-    small_bench,
-    small_codec,
 )
-
-
-@pytest.fixture(scope="module")
-def bench() -> Bench:
-    return small_bench()
-
-
-@pytest.fixture(scope="module")
-def codec() -> Codec:
-    return small_codec()
-
-
-@pytest.fixture
-def journal(bench: Bench, tmp_path: Path) -> Iterator[Journal]:
-    head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0)
-    with Journal(tmp_path, head) as journal:
-        yield journal
 
 
 def test_runs_are_labelled_in_the_order_of_the_campaign_and_stored(

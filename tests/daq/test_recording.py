@@ -3,7 +3,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,26 +32,7 @@ from .small_campaign import (
     blocks,
     bumps,
     codes,
-    small_bench,
-    small_codec,
 )
-
-
-@pytest.fixture(scope="module")
-def bench() -> Bench:
-    return small_bench()
-
-
-@pytest.fixture(scope="module")
-def codec() -> Codec:
-    return small_codec()
-
-
-@pytest.fixture
-def journal(bench: Bench, tmp_path: Path) -> Iterator[Journal]:
-    head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0)
-    with Journal(tmp_path, head) as journal:
-        yield journal
 
 
 class Script:

@@ -1,0 +1,32 @@
+"""A short campaign for the recorder's tests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from daq.config import Bench
+from daq.journal import Journal
+from daq.journal_format import JournalHead
+from dbc import Codec
+
+from .small_campaign import START_NS, small_bench, small_codec
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return small_bench()
+
+
+@pytest.fixture(scope="module")
+def codec() -> Codec:
+    return small_codec()
+
+
+@pytest.fixture
+def journal(bench: Bench, tmp_path: Path) -> Iterator[Journal]:
+    head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0)
+    with Journal(tmp_path, head) as journal:
+        yield journal
