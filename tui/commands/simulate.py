@@ -20,14 +20,15 @@ def simulate(
 ) -> None:
     """Play a campaign of the simulated car on a bus, frame by frame, in real time."""
     import time
-    from collections.abc import Iterator
+    from bisect import bisect_right
     from dataclasses import asdict
+    from itertools import accumulate
 
     from daq.bus import open_bus
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
     from daq.sim.player import play
-    from dbc import FrameBatch, parse_codec
+    from dbc import parse_codec
 
     from ..bench import shared_bench
     from ..output import print_json, print_table, progress
@@ -36,21 +37,18 @@ def simulate(
     described = shared_bench(bench, interface, channel)
     codec = parse_codec(described.dbc_text, described.dbc_name)
     car = SimulatedCar()
-    total = len(described.campaign.steps)
+    steps = described.campaign.steps
     with open_bus(described.bus) as bus, progress("simulate") as stage:
-
-        def told() -> Iterator[FrameBatch]:
-            """Yield the batches, and tell which run is being played."""
-            frames = campaign_frames(described, codec, car, seed, time.time_ns())
-            for done, (step, batch) in enumerate(
-                zip(described.campaign.steps, frames, strict=True)
-            ):
-                stage(done / total, step.label)
-                yield batch
-
+        batches = []
+        for batch in campaign_frames(described, codec, car, seed, time.time_ns()):
+            batches.append(batch)
+            stage(0.0, f"computing run {len(batches)} of {len(steps)}")
+        ends = list(accumulate(map(len, batches)))
         sent = 0
-        for count in play(told(), bus, paced=not fast):
+        for count in play(batches, bus, paced=not fast):
             sent = count
+            run = min(bisect_right(ends, sent), len(steps) - 1)
+            stage(sent / ends[-1], f"playing {steps[run].label}")
     truth = asdict(car.parameters)
     if json:
         print_json({"truth": truth, "frames": sent})
