@@ -94,18 +94,19 @@ def estimate(
         Parameters to begin from, the most trusted first.
     """
     first = np.array([decay_start_s(record) for record in records])
-    best = _from(box, records, first, starts)
+    rest = quiet_noise(records)
+    best = _from(box, records, rest, first, starts)
     stated = all(np.isfinite(record.bump_s) for record in records)
     # Where rest was seen and no bump is stated, the first guess is late enough for any bump.
     movable = np.array([stated or onset_s(record) is None for record in records])
     for later in _LATER_S if stated else _LATER_UNSTATED_S:
         if best.chi2_per_n <= CHI2_FITS or not movable.any():
             break
-        trial = _from(box, records, first + later * movable, (_theta(box, best), starts[0]))
+        trial = _from(box, records, rest, first + later * movable, (_theta(box, best), starts[0]))
         if trial.chi2_per_n <= CHI2_FITS:
             best = replace(trial, later_s=later)
     if best.chi2_per_n <= CHI2_FITS and not stated:
-        best = replace(_reach_back(box, records, best), later_s=best.later_s)
+        best = replace(_reach_back(box, records, rest, best), later_s=best.later_s)
     return best
 
 
@@ -116,12 +117,12 @@ def _theta(box: GreyBox, estimation: Estimation) -> NDArray[np.float64]:
 def _from(
     box: GreyBox,
     records: Sequence[Record],
+    rest: dict[str, float],
     start_s: NDArray[np.float64],
     starts: Sequence[NDArray[np.float64]],
 ) -> Estimation:
-    """Fit the decays that begin at the given times, (n_records,)."""
+    """Fit the decays that begin at the given times, (n_records,); `rest` is the noise at rest."""
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
-    rest = quiet_noise(records)
     sigma = _floored(rest or _rough_noise(decays), decays)
     search = tuple(decay.thinned(_SEARCH_RATE_HZ) for decay in decays)
     n = sum(decay.n_values for decay in search)
@@ -187,7 +188,9 @@ def _floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, 
     return {name: max(level, floor[name], 1e-300) for name, level in sigma.items()}
 
 
-def _reach_back(box: GreyBox, records: Sequence[Record], late: Estimation) -> Estimation:
+def _reach_back(
+    box: GreyBox, records: Sequence[Record], rest: dict[str, float], late: Estimation
+) -> Estimation:
     """Move the start of each decay as far back as the fitted model explains the samples."""
     starts = []
     for record, decay in zip(records, late.decays, strict=True):
@@ -196,7 +199,7 @@ def _reach_back(box: GreyBox, records: Sequence[Record], late: Estimation) -> Es
             onset = onset_s(record)
             start = _earliest(box, record, late, start, record.start_s if onset is None else onset)
         starts.append(start)
-    return _from(box, records, np.array(starts), (_theta(box, late),))
+    return _from(box, records, rest, np.array(starts), (_theta(box, late),))
 
 
 def _earliest(

@@ -62,8 +62,9 @@ class Identification:
 def identify(session: Session) -> Identification:
     """Identify the physical parameters of a session's vehicle.
 
-    The State Variable Method gives the modes and, through the added mass, a first vehicle; maximum
-    likelihood on the free decays gives the final one.
+    Maximum likelihood on the free decays gives the parameters, from generic vehicles to start
+    with.  The State Variable Method and the paper's equations are reported beside it: with noise
+    they seldom give a vehicle that would be a better start.
 
     Parameters
     ----------
