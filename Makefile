@@ -17,7 +17,7 @@ lint: .venv/test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: .venv/test
+bench: .venv/bench
 	$(BIN)/python -m tests.benchmarks
 
 # Do the intervals hold the truth?  Some 3 s a campaign.
@@ -43,3 +43,7 @@ clean:
 .venv/test: .venv/python pyproject.toml constraints.txt
 	$(INSTALL) --editable '.[test]'
 	touch $@ .venv/demo
+
+.venv/bench: .venv/test
+	$(INSTALL) --editable '.[bench,test]'
+	touch $@

@@ -86,6 +86,10 @@ class Channel:
         Polarity (+1 or -1), scale correction and zero.
     delay_s, delay_sigma_s : float
         Known lateness of the sensor (data sheet) and its standard uncertainty.
+    low_pass_hz : float
+        Cut-off (-3 dB) of the sensor's own Butterworth low-pass (data sheet); 0 means none.
+    low_pass_order : int
+        Order of that low-pass.
     """
 
     name: str
@@ -102,6 +106,8 @@ class Channel:
     tare: float = 0.0
     delay_s: float = 0.0
     delay_sigma_s: float = 0.0
+    low_pass_hz: float = 0.0
+    low_pass_order: int = 2
 
     def __post_init__(self) -> None:
         if (self.quantity in AT_CORNER) != (self.corner is not None):

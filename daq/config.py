@@ -20,10 +20,14 @@ from .vehicle import (
     AddedMass,
     BodyWeight,
     Corner,
+    Fact,
+    FactQuantity,
     HubWeight,
     MassState,
+    Structure,
     Vehicle,
     VehicleGeometry,
+    parameter_names,
 )
 
 MAX_CONFIG_BYTES = 1_000_000
@@ -105,9 +109,17 @@ class _Geometry(_Table):
     t_r_m: _Positive
 
 
+class _Structure(_Table):
+    symmetric: bool = True
+    anti_roll_bars: bool = False
+    tyre_damping: bool = False
+    cg_offset: bool = False
+
+
 class _Vehicle(_Table):
     name: str = "vehicle"
     geometry: _Geometry | None = None
+    structure: _Structure = _Structure()
 
 
 class _Campaign(_Table):
@@ -143,6 +155,12 @@ class _Weight(_Table):
         return self
 
 
+class _Fact(_Table):
+    quantity: str
+    value: float
+    sigma: _Positive
+
+
 class _Channel(_Table):
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
     signal: str
@@ -156,6 +174,8 @@ class _Channel(_Table):
     tare: float = 0.0
     delay_s: float = 0.0
     delay_sigma_s: _NotNegative = 0.0
+    low_pass_hz: _NotNegative = 0.0
+    low_pass_order: Annotated[int, Field(ge=1, le=8)] = 2
 
     @model_validator(mode="after")
     def _corner_where_needed(self) -> _Channel:
@@ -171,6 +191,7 @@ class _BenchFile(_Table):
     campaign: _Campaign = _Campaign()
     trigger: _Trigger = _Trigger()
     weight: list[_Weight] = []
+    fact: list[_Fact] = []
     channel: list[_Channel] = []
 
 
@@ -232,6 +253,12 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     if dbc_text is None:
         dbc_text = read_dbc(folder / table.dbc) if table.dbc else shipped_dbc()
     geometry = table.vehicle.geometry
+    structure = Structure(**table.vehicle.structure.model_dump())
+    known = (*FactQuantity, *parameter_names(structure))
+    for fact in table.fact:
+        if fact.quantity not in known:
+            what = f"fact {fact.quantity}: is no quantity of this vehicle"
+            raise InputError(where, what, f"use one of {', '.join(known)}")
     return Bench(
         text=text,
         dbc_name=table.dbc or "bumpbench.dbc (shipped)",
@@ -242,6 +269,8 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
             VehicleGeometry(geometry.a_m, geometry.b_m, geometry.t_f_m, geometry.t_r_m)
             if geometry
             else None,
+            structure,
+            tuple(Fact(fact.quantity, fact.value, fact.sigma) for fact in table.fact),
         ),
         channels=tuple(_channel(c) for c in table.channel),
         mass_states=(

@@ -115,13 +115,6 @@ class VehicleParameters:
 
 
 PARAMETER_NAMES = tuple(f.name for f in fields(VehicleParameters))
-PARAMETER_UNITS = {
-    **dict.fromkeys(("m_s", "m_uf", "m_ur"), "kg"),
-    **dict.fromkeys(("I_yy", "I_xx"), "kg m2"),
-    **dict.fromkeys(("k_sf", "k_sr", "k_tf", "k_tr"), "N/m"),
-    **dict.fromkeys(("c_sf", "c_sr"), "N s/m"),
-    **dict.fromkeys(("a", "b", "t_f", "t_r"), "m"),
-}
 
 FORD_GRANADA = VehicleParameters(
     m_s=1380.0,
@@ -207,6 +200,98 @@ class MassState:
 
 
 @dataclass(frozen=True, slots=True)
+class Structure:
+    """Which parameters the model of the vehicle has beyond the 15.
+
+    Parameters
+    ----------
+    symmetric : bool
+        Left and right corner of an axle are alike; else every corner has a wheel, a spring, a tyre
+        and a damper of its own (23 parameters instead of 15).
+    anti_roll_bars : bool
+        A bar on each axle: a force on either corner proportional to the difference of their
+        suspension travels, N/m.
+    tyre_damping : bool
+        A damper beside each tyre's spring.
+    cg_offset : bool
+        The CG may lie to the left or right of the middle of the car.
+    """
+
+    symmetric: bool = True
+    anti_roll_bars: bool = False
+    tyre_damping: bool = False
+    cg_offset: bool = False
+
+
+_CORNER_KINDS = ("m_u", "k_s", "k_t", "c_s")
+_UNITS = {"m": "kg", "I": "kg m2", "k": "N/m", "c": "N s/m", "a": "m", "b": "m", "t": "m", "y": "m"}
+
+
+def parameter_names(structure: Structure) -> tuple[str, ...]:
+    """Return the names of the parameters that a model of this structure has.
+
+    The symmetric 15 are `PARAMETER_NAMES`; where left and right differ, each corner's name ends in
+    ``l`` or ``r`` (``k_sfl``).  Anti-roll bars add ``k_af k_ar``, tyre damping ``c_tf c_tr``, a CG
+    off the middle ``y_s`` (positive to the left).
+    """
+    sides = ("",) if structure.symmetric else ("l", "r")
+    corner = [f"{kind}{axle}{side}" for kind in _CORNER_KINDS for axle in "fr" for side in sides]
+    names = ["m_s", "I_yy", "I_xx", *corner, "a", "b", "t_f", "t_r"]
+    if structure.anti_roll_bars:
+        names += ["k_af", "k_ar"]
+    if structure.tyre_damping:
+        names += ["c_tf", "c_tr"]
+    if structure.cg_offset:
+        names += ["y_s"]
+    return tuple(names)
+
+
+def parameter_unit(name: str) -> str:
+    """Return the SI unit of a parameter."""
+    return _UNITS[name[0]]
+
+
+class FactQuantity(StrEnum):
+    """What scales and a tape measure tell of the vehicle without added mass.
+
+    A load is what the scales under the wheels show, kg; a track is the full width between the
+    middles of the tyres, m.
+    """
+
+    TOTAL_MASS = "total_mass_kg"
+    FRONT_AXLE = "front_axle_kg"
+    REAR_AXLE = "rear_axle_kg"
+    CORNER_FL = "corner_fl_kg"
+    CORNER_FR = "corner_fr_kg"
+    CORNER_RL = "corner_rl_kg"
+    CORNER_RR = "corner_rr_kg"
+    WHEELBASE = "wheelbase_m"
+    FRONT_TRACK = "front_track_m"
+    REAR_TRACK = "rear_track_m"
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """Something known of the vehicle with an uncertainty: a datum like any sample.
+
+    Parameters
+    ----------
+    quantity : str
+        A `FactQuantity`, or the name of a parameter of the model (a spring that was measured).
+    value, sigma : float
+        Value and its standard uncertainty, SI.
+    """
+
+    quantity: str
+    value: float
+    sigma: float
+
+    def __post_init__(self) -> None:
+        if not self.sigma > 0.0:
+            raise ValueError(f"fact {self.quantity}: its sigma is {self.sigma}, not above 0")
+
+
+@dataclass(frozen=True, slots=True)
 class Vehicle:
     """The vehicle under test, as far as it is known beforehand.
 
@@ -216,7 +301,13 @@ class Vehicle:
         For people.
     geometry : VehicleGeometry or None
         The four lengths if they are measured; None leaves them to be identified.
+    structure : Structure
+        Which parameters its model has.
+    facts : tuple of Fact
+        What scales and tape measure say.
     """
 
     name: str
     geometry: VehicleGeometry | None = None
+    structure: Structure = Structure()
+    facts: tuple[Fact, ...] = ()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.vehicle import PARAMETER_NAMES, PARAMETER_UNITS
+from daq.vehicle import PARAMETER_NAMES, parameter_unit
 
 from .greybox import GreyBox
 from .likelihood import Fit
@@ -46,5 +46,5 @@ def estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     for name, value, share in zip(PARAMETER_NAMES, theta.tolist(), relative.tolist(), strict=True):
         std = abs(value) * share
         half = COVERAGE_95 * std
-        result[name] = Estimate(value, std, value - half, value + half, PARAMETER_UNITS[name])
+        result[name] = Estimate(value, std, value - half, value + half, parameter_unit(name))
     return result

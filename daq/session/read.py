@@ -20,14 +20,17 @@ from ..vehicle import (
     AddedMass,
     BodyWeight,
     Corner,
+    Fact,
     HubWeight,
     MassState,
+    Structure,
     Vehicle,
     VehicleGeometry,
 )
 from .schema import (
     CHANNEL_COLUMNS,
     EVENT_COLUMNS,
+    FACT_COLUMNS,
     FRAME_COLUMNS,
     MAX_BYTES,
     MAX_TOTAL_BYTES,
@@ -104,7 +107,7 @@ def _session(file: h5py.File) -> Session:
     states = _group(file, "mass_states")
     runs = _group(file, "runs")
     return Session(
-        vehicle=Vehicle(str(about["vehicle"]), _geometry(about)),
+        vehicle=_vehicle(_group(file, "session")),
         channels=tuple(_channel(row) for row in _rows(_group(file, "channels"), CHANNEL_COLUMNS)),
         mass_states=tuple(_mass_state(name, _group(states, name)) for name in _ordered(states)),
         runs=tuple(_run(_group(runs, name)) for name in sorted(runs)),
@@ -115,6 +118,18 @@ def _session(file: h5py.File) -> Session:
 def _ordered(states: h5py.Group) -> list[str]:
     """Return the names of the mass states as they were written, the baseline first."""
     return sorted(states, key=lambda name: int(_group(states, name).attrs["order"]))
+
+
+def _vehicle(group: h5py.Group) -> Vehicle:
+    about = group.attrs
+    chosen = {f.name: bool(about.get(f"structure_{f.name}", f.default)) for f in fields(Structure)}
+    facts = _rows(_group(group, "facts"), FACT_COLUMNS) if "facts" in group else []
+    return Vehicle(
+        str(about["vehicle"]),
+        _geometry(about),
+        Structure(**chosen),
+        tuple(Fact(**row) for row in facts),
+    )
 
 
 def _geometry(about: h5py.AttributeManager) -> VehicleGeometry | None:
@@ -186,8 +201,9 @@ def _frames(group: h5py.Group) -> FrameBatch:
 
 
 def _rows(group: h5py.Group, columns: Mapping[str, str]) -> list[dict[str, Any]]:
-    cells = {name: _dataset(group, name).tolist() for name in columns}
-    texts = [name for name, dtype in columns.items() if dtype.startswith("S")]
+    """Return the rows of a table; a column that an older file lacks keeps its default."""
+    cells = {name: _dataset(group, name).tolist() for name in columns if name in group}
+    texts = [name for name in cells if columns[name].startswith("S")]
     rows = [dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True)]
     for row in rows:
         row |= {name: row[name].decode("utf-8", "surrogateescape") for name in texts}

@@ -34,6 +34,8 @@ CHANNEL_COLUMNS = {
     "tare": "f8",
     "delay_s": "f8",
     "delay_sigma_s": "f8",
+    "low_pass_hz": "f8",
+    "low_pass_order": "i4",
 }
 WEIGHT_COLUMNS = {
     "mass_kg": "f8",
@@ -43,6 +45,7 @@ WEIGHT_COLUMNS = {
     "height_m": "f8",
     "hub": "S2",
 }
+FACT_COLUMNS = {"quantity": "S32", "value": "f8", "sigma": "f8"}
 EVENT_COLUMNS = {"t_ns": "i8", "code": "S32", "value": "f8", "text": "S160"}
 FRAME_COLUMNS = {"t_ns": "i8", "can_id": "u4", "flags": "u2", "length": "u1", "data": "u1"}
 QUALITY_FLAGS = "counter_gap crc_bad sentinel out_of_range interpolated missing"

@@ -21,6 +21,7 @@ from ..vehicle import BodyWeight, MassState
 from .schema import (
     CHANNEL_COLUMNS,
     EVENT_COLUMNS,
+    FACT_COLUMNS,
     FRAME_COLUMNS,
     QUALITY_FLAGS,
     QUALITY_MASKS,
@@ -110,6 +111,10 @@ def _fill(file: h5py.File, session: Session) -> None:
     if session.vehicle.geometry is not None:
         for name, value in asdict(session.vehicle.geometry).items():
             about.attrs[f"{name}_m"] = value
+    for name, value in asdict(session.vehicle.structure).items():
+        about.attrs[f"structure_{name}"] = int(value)
+    facts = [asdict(fact) for fact in session.vehicle.facts]
+    _table(about.create_group("facts"), "fact", FACT_COLUMNS, facts)
     config = file.create_group("config")
     for name, text in session.provenance.items():
         if name in TEXTS:

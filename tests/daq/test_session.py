@@ -15,8 +15,10 @@ from daq.vehicle import (
     AddedMass,
     BodyWeight,
     Corner,
+    Fact,
     HubWeight,
     MassState,
+    Structure,
     Vehicle,
     VehicleGeometry,
 )
@@ -66,7 +68,12 @@ def session() -> Session:
     rng = np.random.default_rng(1)
     weights = (BodyWeight(30.0, -1.0, 0.5, 0.1, 0.02), HubWeight(4.0, Corner.REAR_LEFT, 0.01))
     return Session(
-        Vehicle("Wagen Ü", VehicleGeometry(1.25, 1.51, 0.74, 0.75)),
+        Vehicle(
+            "Wagen Ü",
+            VehicleGeometry(1.25, 1.51, 0.74, 0.75),
+            Structure(symmetric=False, anti_roll_bars=True),
+            (Fact("total_mass_kg", 1551.8, 1.0), Fact("k_sfl", 17e3, 50.0)),
+        ),
         (
             Channel("hub_fl", Quantity.HUB_ACCELERATION, "m/s2", "HUB_Front.a", Corner.FRONT_LEFT),
             Channel("hub_fr", Quantity.HUB_ACCELERATION, "m/s2", "HUB_Front.b", Corner.FRONT_RIGHT),
