@@ -67,3 +67,13 @@ def road_height(bump: Bump, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     # Limiting the phase to 0..1 makes the road flat outside the bump without a mask.
     phase = np.minimum(np.maximum((t_s - bump.start_s) / bump.duration_s, 0.0), 1.0)
     return np.asarray(bump.crest_m * np.sin(np.pi * phase), dtype=np.float64)
+
+
+def road_speed(bump: Bump, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how fast the road rises under each wheel, (4, n), m/s; arguments of `road_height`.
+
+    It jumps where the bump begins and ends; those two instants count as on the bump.
+    """
+    phase = (t_s - bump.start_s) / bump.duration_s
+    slope = np.cos(np.pi * phase) * ((phase >= 0.0) & (phase <= 1.0))
+    return np.asarray(bump.crest_m * (np.pi / bump.duration_s) * slope, dtype=np.float64)
