@@ -105,15 +105,15 @@ def drive(plant: Plant, bump: Bump, end_s: float) -> Motion:
     ValueError
         If the car does not stand on four wheels (`static_pose`).
     """
-    rest, after = static_pose(plant), road_height(bump, np.array([np.inf]))
+    rest, still = static_pose(plant), np.zeros((4, 1))
     tolerance = SMOOTH if plant.smooth else KINKED
 
     def bumpy(t_s: float) -> tuple[Array, Array]:
-        t = np.array([t_s])
-        return road_height(bump, t), road_speed(bump, t)
+        now = np.array([t_s])
+        return road_height(bump, now), road_speed(bump, now)
 
     def level(t_s: float) -> tuple[Array, Array]:
-        return after, np.zeros((4, 1))
+        return road_height(bump, np.array([t_s])), still
 
     def solve(
         road: Callable[[float], tuple[Array, Array]], start_s: float, stop_s: float, state: Array
