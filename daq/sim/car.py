@@ -16,7 +16,10 @@ import numpy as np
 
 from ..channels import ON_BODY, Channel, Quantity
 from ..config import Bench
+from ..errors import InputError
 from ..vehicle import FORD_GRANADA, AddedMass, MassState, VehicleParameters
+from .faults import SensorFault
+from .imperfections import NONE, Imperfections
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +82,10 @@ class SimulatedCar:
         Mean time by which a frame is released late (exponential), s.
     lead_s, tail_s : float
         Rest before the bump, and time from the beginning of the bump to the end of the run.
+    imperfections : Imperfections
+        What the car has beyond its parameters.
+    faults : tuple of SensorFault
+        What is wrong with sensors, at most one entry a channel.
     """
 
     parameters: VehicleParameters = FORD_GRANADA
@@ -89,6 +96,8 @@ class SimulatedCar:
     jitter_s: float = 50e-6
     lead_s: float = 1.3
     tail_s: float = 2.8
+    imperfections: Imperfections = NONE
+    faults: tuple[SensorFault, ...] = ()
 
     @property
     def run_s(self) -> float:
@@ -108,12 +117,22 @@ class SensorTruth:
         True lateness: a frame released at t carries the value at t - delay_s.
     bias : float
         Constant error in the channel's SI unit, before gain, sign and tare.
+    low_pass_hz, low_pass_order : float, int
+        Its Butterworth low-pass; 0 Hz means none.
+    gain : float
+        Factor between what it measures and what it says, 1 for a sound one.
+    limit : float
+        It saturates at plus and minus this, SI.
     """
 
     x_m: float
     y_m: float
     delay_s: float
     bias: float
+    low_pass_hz: float = 0.0
+    low_pass_order: int = 2
+    gain: float = 1.0
+    limit: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +194,13 @@ def truth(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
         The car and the spreads that bench.toml does not state.
     seed : int
         The same seed gives the same campaign.
+
+    Raises
+    ------
+    InputError
+        If a fault is declared for no channel of the bench, or two for the same one.
     """
+    faults = _by_channel(car.faults, [channel.name for channel in bench.channels])
     rng = np.random.default_rng([seed, 0])
     messages = dict.fromkeys(message_of(channel) for channel in bench.channels)
     # One message is one device: what delays one of its signals delays them all.
@@ -189,17 +214,49 @@ def truth(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
         late = lateness[message_of(channel)]
         slip = channel.position_sigma_m * rng.standard_normal(2)
         bias = car.bias.of(channel.quantity) * rng.standard_normal()
-        x_m, y_m = (-car.parameters.a, 0.0) if channel.at_cg else (channel.x_m, channel.y_m)
+        cg = (-car.parameters.a, car.imperfections.cg_offset_m)
+        x_m, y_m = cg if channel.at_cg else (channel.x_m, channel.y_m)
         on_body = channel.quantity in ON_BODY
-        sensors[channel.name] = SensorTruth(
+        sensor = SensorTruth(
             x_m=x_m + slip[0] if on_body else math.nan,
             y_m=y_m + slip[1] if on_body else math.nan,
             # No sensor foresees: a draw below zero is a sensor without delay.
             delay_s=max(0.0, channel.delay_s + channel.delay_sigma_s * late),
             bias=bias,
+            low_pass_hz=channel.low_pass_hz,
+            low_pass_order=channel.low_pass_order,
         )
+        fault = faults.get(channel.name)
+        sensors[channel.name] = sensor if fault is None else spoilt(sensor, fault)
     mass_states = {state.name: _as_weighed(state, rng) for state in bench.mass_states}
     return Truth(car.parameters, mass_states, sensors, clocks)
+
+
+def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
+    """Return a sensor with its fault."""
+    filtered = fault.low_pass_hz > 0.0
+    return replace(
+        sensor,
+        delay_s=sensor.delay_s + fault.late_s,
+        bias=sensor.bias + fault.offset,
+        low_pass_hz=fault.low_pass_hz if filtered else sensor.low_pass_hz,
+        low_pass_order=fault.low_pass_order if filtered else sensor.low_pass_order,
+        gain=fault.gain,
+        limit=fault.limit,
+    )
+
+
+def _by_channel(faults: tuple[SensorFault, ...], channels: list[str]) -> dict[str, SensorFault]:
+    result: dict[str, SensorFault] = {}
+    for fault in faults:
+        if fault.channel not in channels:
+            what = f"no channel {fault.channel!r} for this fault"
+            raise InputError("simulated car", what, f"channels are {', '.join(channels)}")
+        if fault.channel in result:
+            what = f"channel {fault.channel} has two faults"
+            raise InputError("simulated car", what, "state them as one")
+        result[fault.channel] = fault
+    return result
 
 
 def _as_weighed(state: MassState, rng: np.random.Generator) -> AddedMass:

@@ -17,8 +17,8 @@ from ..runs import BASELINE, Excitation
 from .car import ClockTruth, SimulatedCar, Truth, message_of, signal_of, truth
 from .excitation import Bump
 from .motion import Motion, drive
-from .plant import load_car, static_pose
-from .sensors import Installation, signal_values, true_reading
+from .plant import load_car
+from .sensors import Installation, install, low_passed_reading, signal_values, true_reading
 from .wire import frame_time_ns, priority, transmit
 
 _MAX_CLASSIC_BYTES = 8
@@ -101,13 +101,16 @@ def campaign_frames(
     ------
     InputError
         If a channel's signal is not in the DBC, its message has no cycle time or is too long for
-        classic CAN, its unit does not fit, or the weights would tip the car over.
+        classic CAN, its unit does not fit, a fault has no channel, or the weights would tip the
+        car over.
     """
     drawn = truth(bench, car, seed)
     senders = bench_senders(bench, codec, drawn)
-    plants = {name: load_car(car.parameters, added) for name, added in drawn.mass_states.items()}
-    unloaded = plants[BASELINE]
-    installation = Installation(unloaded, car.parameters.a, static_pose(unloaded))
+    plants = {
+        name: load_car(car.parameters, added, car.imperfections)
+        for name, added in drawn.mass_states.items()
+    }
+    installation = install(plants[BASELINE], car)
     rig = _Rig(codec, car, drawn, installation)
     # Repeats are the same motion with other noise: the car is driven once for all of them.
     motions: dict[tuple[str, Excitation], Motion] = {}
@@ -182,7 +185,12 @@ def _sample(
     for channel in sender.channels:
         sensor = sensors[channel.name]
         signal = sender.message.signal(signal_of(channel))
-        reading = true_reading(channel, sensor, rig.installation, seen[sensor.delay_s])
+        car, delay_s = rig.installation, sensor.delay_s
+        if sensor.low_pass_hz:
+            seen_s = tick_s - start_s - delay_s
+            reading = low_passed_reading(channel, sensor, car, motion, seen_s)
+        else:
+            reading = true_reading(channel, sensor, car, seen[delay_s])
         values[signal.name] = signal_values(channel, signal, sensor, rig.car.noise, reading, rng)
     payload = rig.codec.encode(sender.message.name, values, counter)
     # Less than half a cycle late, or frames of one message would overtake each other.

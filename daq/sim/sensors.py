@@ -12,9 +12,13 @@ from dbc.units import to_si
 
 from ..channels import Channel, Quantity
 from ..errors import InputError
-from .car import SensorTruth, Spread
-from .motion import Kinematics
-from .plant import GRAVITY_M_S2, Array, Plant, corner_motion
+from .car import SensorTruth, SimulatedCar, Spread
+from .faults import low_pass
+from .motion import Kinematics, Motion
+from .plant import GRAVITY_M_S2, Array, Plant, corner_motion, static_pose
+
+_FINE_S = 1e-4
+"""Step at which a low-pass sees the motion: wheel accelerations then come out to 1e-4 m/s2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +34,20 @@ class Installation:
     design_pose : (7, 1) float64
         The pose in which the IMU was levelled and the displacements were zeroed: the unloaded
         car at rest.  Any other loading therefore shows as a constant offset.
+    cg_y_m : float
+        How far the CG lies to the left of the middle, from which positions are counted.
     """
 
     plant: Plant
     a_m: float
     design_pose: Array
+    cg_y_m: float = 0.0
+
+
+def install(unloaded: Plant, car: SimulatedCar) -> Installation:
+    """Return the sensors' car, levelled and zeroed unloaded."""
+    pose = static_pose(unloaded)
+    return Installation(unloaded, car.parameters.a, pose, car.imperfections.cg_offset_m)
 
 
 def _specific_force_x(tilt: Array) -> Array:
@@ -93,7 +106,7 @@ def true_reading(
         In the channel's SI unit.  An unused channel that the simulator does not know reads 0.
     """
     moved = motion.pose - car.design_pose
-    x_m, y_m = sensor.x_m + car.a_m, sensor.y_m
+    x_m, y_m = sensor.x_m + car.a_m, sensor.y_m - car.cg_y_m
     wheel = 3 + channel.corner.position if channel.corner is not None else 0
     match channel.quantity:
         case Quantity.BODY_ACCELERATION:
@@ -125,6 +138,47 @@ def _body_point(motion: Array, x_m: float, y_m: float) -> Array:
     return np.asarray(motion[0] - x_m * motion[1] + y_m * motion[2])
 
 
+def low_passed_reading(
+    channel: Channel, sensor: SensorTruth, car: Installation, motion: Motion, t_s: Array
+) -> Array:
+    """Return what the electronics of a sensor with a low-pass make of a run.
+
+    Parameters
+    ----------
+    channel, sensor, car
+        As in `true_reading`.
+    motion : Motion
+        The run.
+    t_s : (n,) float64
+        Ascending, the first before the bump: the filter begins at rest.
+
+    Returns
+    -------
+    (n,) float64
+        At the times `t_s`, later by the filter but not by the sensor's delay.
+    """
+    fine_s = np.arange(t_s[0], t_s[-1] + _FINE_S, _FINE_S)
+    reading = true_reading(channel, sensor, car, motion.at(fine_s))
+    smooth = low_pass(reading, _FINE_S, sensor.low_pass_hz, sensor.low_pass_order)
+    return np.asarray(np.interp(t_s, fine_s, smooth), dtype=np.float64)
+
+
+def measured(
+    channel: Channel,
+    sensor: SensorTruth,
+    noise: Spread,
+    reading: Array,
+    rng: np.random.Generator,
+) -> Array:
+    """Return true readings with bias, white noise, saturation and gain of their sensor, SI, (n,).
+
+    The noise is that of the digitising, behind any low-pass; the arguments are those of
+    `signal_values`.
+    """
+    noisy = reading + sensor.bias + noise.of(kind(channel)) * rng.standard_normal(len(reading))
+    return np.asarray(sensor.gain * np.clip(noisy, -sensor.limit, sensor.limit))
+
+
 def signal_values(
     channel: Channel,
     signal: SignalLayout,
@@ -142,11 +196,11 @@ def signal_values(
     signal : SignalLayout
         Unit and range of the signal.
     sensor : SensorTruth
-        Its bias.
+        Its bias and whatever else is wrong with it.
     noise : Spread
         Standard deviation of the white noise.
     reading : (n,) float64
-        From `true_reading`.
+        From `true_reading` or `low_passed_reading`.
     rng : numpy.random.Generator
         Source of the noise.
 
@@ -160,8 +214,8 @@ def signal_values(
     InputError
         If the signal's unit does not measure the channel's quantity.
     """
-    measured = reading + sensor.bias + noise.of(kind(channel)) * rng.standard_normal(len(reading))
-    value = (measured + channel.tare) / (channel.sign * channel.gain)
+    value = measured(channel, sensor, noise, reading, rng) + channel.tare
+    value = value / (channel.sign * channel.gain)
     if channel.quantity is not Quantity.UNUSED or channel.signal in _SPARE:
         si = to_si(signal.unit)
         if channel.unit not in ("", si.unit):
