@@ -1,0 +1,292 @@
+"""The stress list: campaigns with one thing wrong each, for the gates of trust.
+
+The motion is that of `daq.sim.plant`, which is built of forces and shares nothing with
+`identify.model`; it is sampled at the sensors directly, without frames, with white noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.arrays import ArrayRun, session_from_arrays
+from daq.channels import Channel
+from daq.config import load_bench
+from daq.runs import ADDED, BASELINE, Excitation, Session
+from daq.sim.car import NOISE, SensorTruth, SimulatedCar, Spread, message_of, spoilt
+from daq.sim.excitation import Bump
+from daq.sim.faults import SensorFault
+from daq.sim.imperfections import NONE, Imperfections
+from daq.sim.motion import Motion, drive
+from daq.sim.plant import GRAVITY_M_S2, Plant, load_car
+from daq.sim.sensors import install, low_passed_reading, measured, true_reading
+from daq.vehicle import FORD_GRANADA, Corner, Vehicle
+
+Array = NDArray[np.float64]
+
+REST_S = 1.0
+BUMP_S = 0.2
+RUN_S = 4.0
+"""From the first sample to the last: rest, bump and 2.8 s of free decay."""
+REPEATS = 2
+ODD_RUN = (BASELINE, Excitation.BOUNCE, 2)
+"""The run that is unlike its repeat where a stress has one."""
+SECOND_BUMP_S = 0.8
+"""How long after the first a second bump begins."""
+THREE = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+BODY = ("body_acc_z", "roll_rate", "pitch_rate")
+HUBS = ("hub_acc_fl", "hub_acc_fr", "hub_acc_rl", "hub_acc_rr")
+TRAVELS = ("travel_fl", "travel_fr", "travel_rl", "travel_rr")
+
+_BENCH = load_bench(None)
+_ADDED_MASS = {state.name: state.added for state in _BENCH.mass_states}
+_PHASES = {
+    "IMU_Accel": 0.0,
+    "IMU_Rate": 0.0,
+    "HUB_Front": 0.37,
+    "HUB_Rear": 0.61,
+    "SUSP_Front": 0.18,
+    "SUSP_Rear": 0.83,
+}
+"""When the device behind each message samples, in sampling periods."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stress:
+    """One row of the stress list.
+
+    Parameters
+    ----------
+    wrong : str
+        What is wrong, for people.
+    imperfections : Imperfections
+        Of the car, in every run.
+    faults : tuple of SensorFault
+        Of the sensors.
+    bump_m : float
+        Height of the bump.
+    stated_bump_s : float
+        How long the session says that it lasts; in truth `BUMP_S`.
+    excitations : tuple of Excitation
+        What was driven.
+    odd_car : Imperfections or None
+        What the car is in `ODD_RUN` instead.
+    second_bump : float
+        Height of a second bump in `ODD_RUN`, as a share of the first.
+    """
+
+    wrong: str
+    imperfections: Imperfections = NONE
+    faults: tuple[SensorFault, ...] = ()
+    bump_m: float = 0.05
+    stated_bump_s: float = BUMP_S
+    excitations: tuple[Excitation, ...] = THREE
+    odd_car: Imperfections | None = None
+    second_bump: float = 0.0
+
+
+def _late(channels: tuple[str, ...], late_s: float) -> tuple[SensorFault, ...]:
+    return tuple(SensorFault(name, late_s=late_s) for name in channels)
+
+
+def _slow(channels: tuple[str, ...], low_pass_hz: float) -> tuple[SensorFault, ...]:
+    return tuple(SensorFault(name, low_pass_hz=low_pass_hz) for name in channels)
+
+
+STRESSES: Mapping[str, Stress] = {
+    "linear": Stress("nothing: the control"),
+    "friction": Stress("50 N of friction in each corner", Imperfections(friction_n=50.0)),
+    "damper": Stress(
+        "dampers of 1000 N s/m in compression and 2000 in rebound",
+        Imperfections(compression=1000.0 / 1500.0, rebound=2000.0 / 1500.0),
+    ),
+    "damper_mild": Stress(
+        "dampers of 1350 N s/m in compression and 1650 in rebound",
+        Imperfections(compression=0.9, rebound=1.1),
+    ),
+    "bars": Stress(
+        "anti-roll bars of 10 and 5 kN/m", Imperfections(bar_front_n_m=10e3, bar_rear_n_m=5e3)
+    ),
+    "tyre_damping": Stress(
+        "150 N s/m in each tyre",
+        Imperfections(tyre_damping_front_ns_m=150.0, tyre_damping_rear_ns_m=150.0),
+    ),
+    "sides": Stress(
+        "dampers 10 % stronger left, 10 % weaker right", Imperfections(damper=(1.1, 0.9, 1.1, 0.9))
+    ),
+    "cg_offset": Stress("the CG lies 30 mm to the left", Imperfections(cg_offset_m=0.03)),
+    "hubs_late_1ms": Stress("hub channels 1 ms late", faults=_late(HUBS, 0.001)),
+    "hubs_late_5ms": Stress("hub channels 5 ms late", faults=_late(HUBS, 0.005)),
+    "body_low_pass": Stress("20 Hz low-pass on the body's sensors", faults=_slow(BODY, 20.0)),
+    "low_pass": Stress("20 Hz low-pass on all sensors", faults=_slow(BODY + HUBS + TRAVELS, 20.0)),
+    "offset": Stress("0.05 m/s2 on the IMU", faults=(SensorFault("body_acc_z", offset=0.05),)),
+    "gain": Stress("one hub reads 2 % too much", faults=(SensorFault("hub_acc_fl", gain=1.02),)),
+    "polarity": Stress("one hub upside down", faults=(SensorFault("hub_acc_rr", gain=-1.0),)),
+    "unit": Stress(
+        "one hub in g instead of m/s2", faults=(SensorFault("hub_acc_fr", gain=1 / GRAVITY_M_S2),)
+    ),
+    "saturation": Stress(
+        "one hub ends at 2 g", faults=(SensorFault("hub_acc_fl", limit=2.0 * GRAVITY_M_S2),)
+    ),
+    "lift_off": Stress("a bump of 90 mm lifts the rear wheels", bump_m=0.09),
+    "early": Stress("the bump lasts 5 ms longer than stated", stated_bump_s=BUMP_S - 0.005),
+    "second_bump": Stress("a second bump in one run", second_bump=0.4),
+    "hot_damper": Stress(
+        "dampers 15 % weaker in one run", odd_car=Imperfections(damper=(0.85, 0.85, 0.85, 0.85))
+    ),
+    "no_roll": Stress("no roll run", excitations=(Excitation.BOUNCE, Excitation.PITCH)),
+}
+"""Name to what is wrong."""
+
+
+def stress_channels(travels: bool = False) -> tuple[Channel, ...]:
+    """Return the sensors: an IMU and four hub accelerometers, with suspension travels if wanted.
+
+    Their places are exact, their delays known to be zero.
+    """
+    wanted = BODY + HUBS + (TRAVELS if travels else ())
+    return tuple(
+        replace(channel, position_sigma_m=0.0, delay_s=0.0, delay_sigma_s=0.0)
+        for channel in _BENCH.channels
+        if channel.name in wanted
+    )
+
+
+def stress_session(
+    name: str,
+    seed: int,
+    rate_hz: float = 200.0,
+    travels: bool = False,
+    vehicle: Vehicle | None = None,
+    noise: Spread = NOISE,
+    extra: tuple[Excitation, ...] = (),
+) -> Session:
+    """Return a campaign with one thing wrong.
+
+    Baseline and the weights of the shipped bench, `REPEATS` of each excitation, each device with
+    its own sampling instants.
+
+    Parameters
+    ----------
+    name : str
+        Of `STRESSES`.
+    seed : int
+        Of the noise.
+    rate_hz : float
+        Samples a second of every channel.
+    travels : bool
+        Whether suspension travels are measured too.
+    vehicle : Vehicle, optional
+        Structure and facts that the identification is told.
+    noise : Spread
+        White noise of the sensors.
+    extra : tuple of Excitation
+        Driven beside those of the stress: the warp that the campaign lacks.
+    """
+    stress = STRESSES[name]
+    channels = stress_channels(travels)
+    rng = np.random.default_rng(seed)
+    runs: list[ArrayRun] = []
+    for state in (BASELINE, ADDED):
+        for excitation in stress.excitations + extra:
+            for repeat in range(1, REPEATS + 1):
+                odd = (state, excitation, repeat) == ODD_RUN
+                clean = _clean_odd if odd else _clean
+                samples = {}
+                for channel in channels:
+                    sensor = _sensor(channel, stress)
+                    t_s, reading = clean(stress, channel, state, excitation, rate_hz)
+                    samples[channel.name] = t_s, measured(channel, sensor, noise, reading, rng)
+                runs.append((state, excitation.value, samples))
+    return session_from_arrays(
+        runs,
+        channels,
+        _ADDED_MASS[ADDED],
+        Vehicle("Ford Granada") if vehicle is None else vehicle,
+        bump_s=stress.stated_bump_s,
+    )
+
+
+def true_value(name: str, parameter: str) -> float:
+    """Return a parameter of the stressed car, by its name in `daq.vehicle.parameter_names`.
+
+    Where the model is simpler than the car it is the mean: of left and right, of compression and
+    rebound.
+    """
+    car = STRESSES[name].imperfections
+    beyond = {
+        "k_af": car.bar_front_n_m,
+        "k_ar": car.bar_rear_n_m,
+        "c_tf": car.tyre_damping_front_ns_m,
+        "c_tr": car.tyre_damping_rear_ns_m,
+        "y_s": car.cg_offset_m,
+    }
+    factors = {"m_u": car.wheel, "k_s": car.suspension, "k_t": car.tyre, "c_s": car.damper}
+    if parameter in beyond:
+        return beyond[parameter]
+    kind, place = parameter[:3], parameter[3:].upper()
+    if kind not in factors:
+        return float(getattr(FORD_GRANADA, parameter))
+    corners = [corner for corner in Corner if corner.value.startswith(place)]
+    mean = sum(factors[kind][corner.position] for corner in corners) / len(corners)
+    if kind == "c_s":
+        mean *= (car.compression + car.rebound) / 2.0
+    return float(getattr(FORD_GRANADA, parameter[:4])) * mean
+
+
+def _sensor(channel: Channel, stress: Stress) -> SensorTruth:
+    sensor = SensorTruth(channel.x_m, channel.y_m, delay_s=0.0, bias=0.0)
+    faults = [fault for fault in stress.faults if fault.channel == channel.name]
+    return spoilt(sensor, faults[0]) if faults else sensor
+
+
+@cache
+def _plant(car: Imperfections, state: str) -> Plant:
+    return load_car(FORD_GRANADA, _ADDED_MASS[state], car)
+
+
+@cache
+def _motion(car: Imperfections, state: str, excitation: Excitation, bump_m: float) -> Motion:
+    return drive(_plant(car, state), Bump(excitation, bump_m, REST_S, BUMP_S), RUN_S)
+
+
+@cache
+def _clean(
+    stress: Stress, channel: Channel, state: str, excitation: Excitation, rate_hz: float
+) -> tuple[Array, Array]:
+    """Return a channel's sampling instants and its readings before bias, noise and gain."""
+    tick = np.arange(round(RUN_S * rate_hz), dtype=np.float64)
+    t_s = (tick + _PHASES[message_of(channel)]) / rate_hz
+    return t_s, _reading(stress, channel, state, excitation, t_s)
+
+
+@cache
+def _clean_odd(
+    stress: Stress, channel: Channel, state: str, excitation: Excitation, rate_hz: float
+) -> tuple[Array, Array]:
+    """Return the same of the run that is unlike its repeat."""
+    car = stress.imperfections if stress.odd_car is None else stress.odd_car
+    other = replace(stress, imperfections=car)
+    t_s, reading = _clean(other, channel, state, excitation, rate_hz)
+    if stress.second_bump:
+        # No tyre leaves the ground and the car is linear, so that two bumps add up.
+        again = _reading(other, channel, state, excitation, t_s - SECOND_BUMP_S)
+        reading = reading + stress.second_bump * (again - again[0])
+    return t_s, reading
+
+
+def _reading(
+    stress: Stress, channel: Channel, state: str, excitation: Excitation, t_s: Array
+) -> Array:
+    car = stress.imperfections
+    motion = _motion(car, state, excitation, stress.bump_m)
+    sensor = _sensor(channel, stress)
+    installation = install(_plant(car, BASELINE), SimulatedCar(imperfections=car))
+    seen_s = t_s - sensor.delay_s
+    if sensor.low_pass_hz:
+        return low_passed_reading(channel, sensor, installation, motion, seen_s)
+    return true_reading(channel, sensor, installation, motion.at(seen_s))
