@@ -8,7 +8,7 @@ undamped natural frequency and the damping ratio of a single oscillator with tha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,15 +59,24 @@ class ModalModel:
         Eigenvalues with positive imaginary part, rad/s.
     shapes : (n_channels, m) complex128
         One column a mode.
+    frequency_std_hz, damping_ratio_std : (m,) float64
+        Standard deviations by the noise of the records (Cramer-Rao bound); 0 from records without
+        noise, NaN where nothing was said of it, as for the modes of a matrix.
     """
 
     poles: NDArray[np.complex128]
     shapes: NDArray[np.complex128]
+    frequency_std_hz: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    damping_ratio_std: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         if self.shapes.ndim != 2 or self.poles.shape != self.shapes.shape[1:]:
             raise ValueError(f"poles {self.poles.shape} do not fit shapes {self.shapes.shape}")
         order = np.argsort(np.abs(self.poles), kind="stable")
+        for name in ("frequency_std_hz", "damping_ratio_std"):
+            std = getattr(self, name)
+            std = std[order] if len(std) else np.full(len(order), np.nan)
+            object.__setattr__(self, name, read_only(std))
         poles = np.asarray(self.poles, dtype=np.complex128)[order]
         shapes = np.asarray(self.shapes, dtype=np.complex128)[:, order]
         if shapes.size:

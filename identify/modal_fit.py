@@ -99,22 +99,29 @@ def fit_modes(
             if np.all(np.abs(before - residual) <= _SETTLED * residual):
                 break
     likelihood = -n * np.sum(np.log(np.maximum(residual / n, _NOISE_FLOOR)))
-    return ModalFit(poles, shapes, float(likelihood - _feigned(poles, shapes, len(decays), n)))
+    return ModalFit(poles, shapes, float(likelihood - feigned(poles, len(shapes), len(decays), n)))
 
 
 def _project(
     decays: Sequence[NDArray[np.float64]], rate_hz: float, poles: NDArray[np.complex128]
 ) -> _Projected:
     m, oscillating = len(poles), poles.imag > 0.0
-    longest = max(len(decay) for decay in decays)
-    wave = np.exp(np.outer(np.arange(longest) / rate_hz, poles))
+    lengths = np.array([len(decay) for decay in decays])
+    wave = np.exp(np.outer(np.arange(lengths.max()) / rate_hz, poles))
     waves = np.hstack([wave.real, -wave.imag[:, oscillating]])
-    k = waves.shape[1]
-    triangles = np.stack([_triangle(np.hstack([waves[: len(d)], d])) for d in decays])
-    v = np.zeros((len(decays), k, m))
-    v[..., oscillating] = triangles[:, :k, m:k]
-    outside = np.sum(triangles[:, k:, k:] ** 2, axis=(0, 1))
-    return _Projected(triangles[:, :k, :m], v, triangles[:, :k, k:], outside)
+    k, n_channels = waves.shape[1], decays[0].shape[1]
+    u, v = np.zeros((2, len(decays), k, m))
+    target = np.zeros((len(decays), k, n_channels))
+    outside = np.zeros(n_channels)
+    for length in np.unique(lengths):  # records of one length share their exponentials
+        mine = np.flatnonzero(lengths == length)
+        triangle = _triangle(np.hstack([waves[:length], *(decays[i] for i in mine.tolist())]))
+        u[mine] = triangle[:k, :m]
+        v[np.ix_(mine, np.arange(k), oscillating)] = triangle[:k, m:k]
+        columns = triangle[:, k:].reshape(len(triangle), len(mine), n_channels)
+        target[mine] = columns[:k].swapaxes(0, 1)
+        outside += np.sum(columns[k:] ** 2, axis=(0, 1))
+    return _Projected(u, v, target, outside)
 
 
 def _triangle(table: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -181,15 +188,13 @@ def _least_squares(
     )
 
 
-def _feigned(
-    poles: NDArray[np.complex128], shapes: NDArray[np.complex128], n_records: int, n: int
-) -> float:
+def feigned(poles: NDArray[np.complex128], n_channels: int, n_records: int, n: int) -> float:
     """Return what `poles` may gain by following noise.
 
     Each free number gains about 1, so a mode's gain is chi-squared distributed; and there are some
     n frequencies at which noise may look like a mode, the best of which is the one that is found.
     """
-    numbers = len(shapes) + n_records
+    numbers = n_channels + n_records
     pairs = int(np.sum(poles.imag > 0.0))
     gain = pairs * chdtri(2 * numbers, _FALSE_ALARM / n)
     return float(gain + (len(poles) - pairs) * chdtri(numbers, _FALSE_ALARM / n))

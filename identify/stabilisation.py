@@ -6,7 +6,8 @@ what
 
 - is a conjugate pair that decays and oscillates (a damping ratio up to critical: a vehicle's modes
   have 24 to 36 %, so the usual limit of 20 % would leave none),
-- comes again, pole and shape (MAC), at the next higher ranks,
+- comes again, pole and shape (MAC), at the next higher ranks (`identify.stable_poles`), or parts
+  from one that does under maximum likelihood (`identify.modal_search`),
 - explains so much of the records that noise would feign as much in one of 1000 records.
 
 Phase collinearity is no criterion here: the channels may be accelerations, rates and displacements
@@ -20,33 +21,23 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .modal import ModalModel, mac
+from .modal import ModalModel
 from .modal_fit import ModalFit, fit_modes
+from .modal_search import likely_modes
+from .stable_poles import diagram_of, seen_in
 from .svm import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
 
 _GAP = 100.0
 _ROUNDING = 1e-11
 """Noise-free: singular values drop by `_GAP` to below `_ROUNDING` of the largest."""
 
-_SAME_POLE = 0.05
 _SAME_POLE_CLEAN = 1e-4
-_SAME_SHAPE = 0.9
-_SEEN_AGAIN = 2
-"""Ranks at which a pole must come again."""
-_MORE_RANKS = 12
-"""Ranks to try beyond the singular values that stand out from the noise."""
-
 _MAX_DAMPING = 0.98
-_MAX_GROWTH = 0.5
-"""Nepers in the longest record: noise makes a mode that hardly decays seem to grow a little."""
 
-_FINALISTS = 3
+_FINALISTS = 2
+"""Sets of poles in which the needless ones are searched."""
 _TRIAL_SWEEPS = 2
 """A set with one pole less begins near its optimum; two sweeps rank the sets."""
-"""Sets of poles in which the needless ones are searched."""
-
-Poles = tuple[NDArray[np.complex128], NDArray[np.complex128]]
-"""Poles (m,) and their shapes (n_channels, m)."""
 
 
 def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
@@ -54,7 +45,8 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
 
     Nothing is assumed of the structure: any number of modes, seen by any channels (accelerations,
     rates and displacements may be mixed, each in its own unit).  All records go into one
-    regression; each has its own initial state.
+    regression; each has its own initial state.  Noisy records are fitted by maximum likelihood from
+    there, which gives the standard deviations.
 
     Parameters
     ----------
@@ -83,13 +75,15 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
         return ModalModel(np.zeros(0, dtype=complex), shapes)
     scaled = [decay[:, alive] / size[alive] for decay in decays]
     spaces = [delay_space(scaled, rate_hz, delays) for delays in layouts(scaled, rate_hz)]
-    poles, found = clean_modes(spaces) or noisy_modes(spaces, scaled, rate_hz)
-    shapes = np.zeros((len(size), len(poles)), dtype=complex)
-    shapes[alive] = found * size[alive, None]
-    return ModalModel(poles, shapes)
+    found = clean_modes(spaces)
+    if found is None:
+        found = noisy_modes(spaces, scaled, rate_hz)
+    shapes = np.zeros((len(size), len(found)), dtype=complex)
+    shapes[alive] = found.shapes * size[alive, None]
+    return ModalModel(found.poles, shapes, found.frequency_std_hz, found.damping_ratio_std)
 
 
-def clean_modes(spaces: Sequence[DelaySpace]) -> Poles | None:
+def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
     """Return the modes of noise-free records, or None if the records are noisy.
 
     They are taken from the layout that shows most, and must come again in another one.
@@ -110,14 +104,15 @@ def clean_modes(spaces: Sequence[DelaySpace]) -> Poles | None:
         return None
     poles, shapes = most = max(found, key=lambda layout: len(layout[0]))
     tolerance = _SAME_POLE_CLEAN * np.abs(poles)
-    again = [_seen_in(most, other, tolerance) for other in found if other is not most]
+    again = [seen_in(most, other, tolerance) for other in found if other is not most]
     confirmed = np.any(again, axis=0) if again else np.ones(len(poles), dtype=bool)
-    return poles[confirmed], shapes[:, confirmed]
+    exact = np.zeros(int(confirmed.sum()))
+    return ModalModel(poles[confirmed], shapes[:, confirmed], exact, exact)
 
 
 def noisy_modes(
     spaces: Sequence[DelaySpace], decays: Sequence[NDArray[np.float64]], rate_hz: float
-) -> Poles:
+) -> ModalModel:
     """Return the modes of noisy records; none if there are none to be sure of.
 
     Parameters
@@ -131,9 +126,9 @@ def noisy_modes(
     """
     duration_s = max(len(decay) for decay in decays) / rate_hz
     fits = [
-        fit_modes(decays, rate_hz, poles, shapes)
+        fit_modes(decays, rate_hz, poles, shapes, _TRIAL_SWEEPS)
         for space in spaces
-        for poles, shapes in _stable_poles(space, duration_s)
+        for poles, shapes in diagram_of(space, duration_s).stable_sets
     ]
     finalists = sorted(fits, key=lambda fit: fit.merit)[-_FINALISTS:]
     best = max(
@@ -141,40 +136,21 @@ def noisy_modes(
         key=lambda fit: fit.merit,
         default=ModalFit(np.zeros(0, complex), np.zeros((decays[0].shape[1], 0), complex), 0.0),
     )
-    modes = _vibrates(best.poles)
-    return best.poles[modes], best.shapes[:, modes]
+    if not len(best.poles):
+        return ModalModel(best.poles, best.shapes)
+    likely = likely_modes(decays, rate_hz, best.poles, best.shapes)
+    modes = _vibrates(likely.poles)
+    return ModalModel(
+        likely.poles[modes],
+        likely.shapes[:, modes],
+        likely.frequency_std_hz[modes],
+        likely.damping_ratio_std[modes],
+    )
 
 
 def _vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
     """Tell which poles stand for a mode; of a pair, the one with positive imaginary part."""
     return np.asarray((poles.imag > 0.0) & (-poles.real < _MAX_DAMPING * np.abs(poles)))
-
-
-def _seen_in(candidates: Poles, others: Poles, tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which candidates are among the others, by pole and by shape, (m,)."""
-    near = np.abs(candidates[0][:, None] - others[0]) < tolerance[:, None]
-    return np.asarray(np.any(near & (mac(candidates[1], others[1]) > _SAME_SHAPE), axis=1))
-
-
-def _stable_poles(space: DelaySpace, duration_s: float) -> list[Poles]:
-    """Return for each rank the poles that come again at the next ranks; real ones too.
-
-    A real pole is no mode, but an offset or a filter's transient has one, and left out of the fit
-    it would pass for a mode.
-    """
-    highest = space.directions.shape[1] - space.n_channels - 1
-    standing_out = int(np.sum(space.strength > 2.0 * np.median(space.strength)))
-    highest = min(highest, standing_out + _MORE_RANKS)
-    ranks = [poles_of_rank(space, rank) for rank in range(1, highest + 1)]
-    stable = []
-    for number, (poles, shapes) in enumerate(ranks[: len(ranks) - _SEEN_AGAIN]):
-        keep = (poles.imag >= 0.0) & (poles.real * duration_s < _MAX_GROWTH)
-        tolerance = _SAME_POLE * np.maximum(np.abs(poles), 1.0 / duration_s)
-        for again in ranks[number + 1 : number + 1 + _SEEN_AGAIN]:
-            keep &= _seen_in((poles, shapes), again, tolerance)
-        if np.any(keep):
-            stable.append((poles[keep], shapes[:, keep]))
-    return stable
 
 
 def _without_needless(
