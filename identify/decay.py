@@ -15,7 +15,7 @@ from dbc.frames import read_only
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Channels that are sampled at the same instants with the same lateness.
+    """Channels that are sampled at the same instants, equally late, through the same low-pass.
 
     Parameters
     ----------
@@ -159,15 +159,16 @@ def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
 
 
 def _by_clock(group: SampleGroup, used: dict[str, Channel]) -> list[Recording]:
-    clocks: defaultdict[tuple[float, float], list[Channel]] = defaultdict(list)
+    clocks: defaultdict[tuple[float, ...], list[Channel]] = defaultdict(list)
     for name in group.values:
         if name in used:
-            channel = used[name]
-            clocks[channel.delay_s, channel.delay_sigma_s].append(channel)
+            c = used[name]
+            alike = (c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order)
+            clocks[alike].append(c)
     recordings = []
-    for (delay_s, _), members in clocks.items():
+    for members in clocks.values():
         values = np.column_stack([group.values[c.name] for c in members])
         good = np.isfinite(values).all(axis=1)
-        time = group.time_s[good] - delay_s
+        time = group.time_s[good] - members[0].delay_s
         recordings.append(Recording(Clock(group.name, tuple(members)), time, values[good]))
     return recordings

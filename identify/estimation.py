@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from .decay import FreeDecay, Record
 from .greybox import GreyBox
-from .likelihood import Fit, Residuals, fit, misfit, residuals
-from .window import decay_start_s, difference_noise, onset_s, quiet_noise
+from .likelihood import HOLD, Fit, Residuals, fit, residuals
+from .projection import point
+from .reach_back import earliest_start_s
+from .window import decay_start_s, difference_noise, onset_s, quiet_counts, quiet_noise
 
 CHI2_FITS = 1.3  # below this, chi2/n says that the model fits
 _SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
@@ -21,7 +23,10 @@ _LATER_S = (0.02, 0.05)
 with the wheels' motion dies within 0.2 s, and a start after that would hide it."""
 _LATER_UNSTATED_S = (0.1, 0.2, 0.4)
 """Tried where no bump is stated and a record may begin within it."""
-_SCAN_STEP_S = 0.005
+_UNEXPLAINED = 0.03
+"""Share of the motion's power that a model of the right basin may leave, even if it is wrong."""
+_SEARCH_STEPS = 40
+_SCANS = 3
 
 _MID_SIZE_CAR = np.array(
     [1500, 2500, 500, 40, 40, 20e3, 20e3, 200e3, 200e3, 1500, 1500, 1.3, 1.4, 0.75, 0.75]
@@ -51,29 +56,42 @@ class Estimation:
 
     Parameters
     ----------
+    box : GreyBox
+        Structure of the problem.
+    records : tuple of Record
+        All runs.
     fit : Fit
         The optimum.
     decays : tuple of FreeDecay
-        The windows used.
+        The windows used, one for each record.
     sigma : mapping of channel name to float
-        Noise level of each channel, SI.
-    sigma_from_rest : bool
-        Whether the noise was measured at rest; else it is the rough part of the residuals.
+        Noise level by which each channel is weighted, SI: measured at rest and, if the model
+        holds, in the residuals.
+    rest : mapping of channel name to float
+        Noise level measured at rest; empty if there was no quiet stretch.
     residuals : tuple of Residuals
         One for each decay.
     chi2_per_n : float
-        Mean square residual in units of sigma, by degrees of freedom: 1 if the model holds.
+        Mean square residual in units of the noise at rest, by degrees of freedom: 1 if the model
+        holds.  Without a quiet stretch the noise is the rough part of the residuals.
     later_s : float
         How much later than expected the decays were first fitted with success, s.
     """
 
+    box: GreyBox
+    records: tuple[Record, ...]
     fit: Fit
     decays: tuple[FreeDecay, ...]
     sigma: dict[str, float]
-    sigma_from_rest: bool
+    rest: dict[str, float]
     residuals: tuple[Residuals, ...]
     chi2_per_n: float
     later_s: float = 0.0
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """The noise that residuals are compared with: at rest where it was measured."""
+        return _floored(self.rest, self.decays) if self.rest else self.sigma
 
 
 def estimate(
@@ -82,7 +100,7 @@ def estimate(
     """Find the most likely parameters of all records.
 
     The decays start where the stated bump ends; if the model does not fit from there on, a later
-    start is tried.  Where no bump is stated, the misfit tells how far back the decay reaches.
+    start is tried.  Once it fits, it tells itself how far back each decay reaches.
 
     Parameters
     ----------
@@ -91,57 +109,118 @@ def estimate(
     records : sequence of Record
         All runs.
     starts : sequence of (15,) float64
-        Parameters to begin from, the most trusted first.
+        Parameters to begin from, the most trusted first; the next are tried only where the first
+        lead to nothing.
     """
+    records = tuple(records)
     first = np.array([decay_start_s(record) for record in records])
     rest = quiet_noise(records)
-    best = _from(box, records, rest, first, starts)
     stated = all(np.isfinite(record.bump_s) for record in records)
     # Where rest was seen and no bump is stated, the first guess is late enough for any bump.
     movable = np.array([stated or onset_s(record) is None for record in records])
-    for later in _LATER_S if stated else _LATER_UNSTATED_S:
-        if best.chi2_per_n <= CHI2_FITS or not movable.any():
+    laters = (_LATER_S if stated else _LATER_UNSTATED_S) if movable.any() else ()
+    etas = [box.unknowns(theta) for theta in starts]
+    best: Estimation | None = None
+    for eta in etas:
+        for later in (0.0, *laters):
+            begin = first + later * movable
+            near, in_basin = _search(box, records, rest, begin, eta)
+            trial = _from(box, records, rest, begin, near)
+            if trial.chi2_per_n <= CHI2_FITS:
+                return settled(replace(trial, later_s=later))
+            if best is None or (later == 0.0 and trial.fit.cost < best.fit.cost):
+                best = trial
+            if in_basin:
+                eta = near
+        if in_basin:
             break
-        trial = _from(box, records, rest, first + later * movable, (_theta(box, best), starts[0]))
-        if trial.chi2_per_n <= CHI2_FITS:
-            best = replace(trial, later_s=later)
-    if best.chi2_per_n <= CHI2_FITS and not stated:
-        best = replace(_reach_back(box, records, rest, best), later_s=best.later_s)
+    assert best is not None  # there is always a vehicle to start from
     return best
 
 
-def _theta(box: GreyBox, estimation: Estimation) -> NDArray[np.float64]:
-    return box.theta(estimation.fit.eta.astype(complex)).real
+def settled(late: Estimation) -> Estimation:
+    """Move each decay's start as far back as the model holds; weigh the channels by their noise."""
+    best = late
+    for _ in range(_SCANS):
+        points = {d.mass_state: None for d in best.decays}
+        at = {s: point(best.box, best.fit.eta, s, best.sigma) for s in points}
+        starts = [
+            earliest_start_s(at[d.mass_state], record, d.start_s, _lower_s(record))
+            for record, d in zip(best.records, best.decays, strict=True)
+        ]
+        if starts == [d.start_s for d in best.decays]:
+            break
+        moved = _from(best.box, best.records, best.rest, np.array(starts), best.fit.eta)
+        if moved.chi2_per_n > CHI2_FITS:
+            break
+        best = replace(moved, later_s=late.later_s)
+    return _reweighted(best)
 
 
-def _from(
+def _lower_s(record: Record) -> float:
+    onset = onset_s(record)
+    return record.start_s if onset is None else onset
+
+
+def _search(
     box: GreyBox,
     records: Sequence[Record],
     rest: dict[str, float],
     start_s: NDArray[np.float64],
-    starts: Sequence[NDArray[np.float64]],
+    eta: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], bool]:
+    """Find an optimum, (P,), and say whether it explains so much that it must be the right one."""
+    decays = tuple(
+        r.decay(float(s)).thinned(_SEARCH_RATE_HZ) for r, s in zip(records, start_s, strict=True)
+    )
+    sigma = _floored(rest or _rough_noise(decays), decays)
+    n = sum(decay.n_values for decay in decays)
+    power = 0.0
+    for recording in (r for decay in decays for r in decay.recordings):
+        moving = recording.values - recording.values.mean(axis=0)
+        level = [sigma[c.name] for c in recording.clock.channels]
+        power += float(np.sum((moving / level) ** 2))
+    found = fit(box, decays, sigma, eta, max_iterations=_SEARCH_STEPS, hold=HOLD)
+    return found.eta, found.cost < CHI2_FITS * n + _UNEXPLAINED * power
+
+
+def _from(
+    box: GreyBox,
+    records: tuple[Record, ...],
+    rest: dict[str, float],
+    start_s: NDArray[np.float64],
+    eta: NDArray[np.float64],
 ) -> Estimation:
-    """Fit the decays that begin at the given times, (n_records,); `rest` is the noise at rest."""
+    """Fit the decays that begin at the given times, (n_records,), from near the optimum."""
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
     sigma = _floored(rest or _rough_noise(decays), decays)
-    search = tuple(decay.thinned(_SEARCH_RATE_HZ) for decay in decays)
-    n = sum(decay.n_values for decay in search)
-    coarse: Fit | None = None
-    for theta in starts:
-        trial = fit(box, search, sigma, box.unknowns(theta), tolerance=1e-3)
-        if coarse is None or trial.cost < coarse.cost:
-            coarse = trial
-        if coarse.cost < CHI2_FITS * n:
-            break
-    assert coarse is not None  # there is always a generic vehicle to start from
-    fine = fit(box, decays, sigma, coarse.eta)
+    fine = fit(box, decays, sigma, eta)
     left = residuals(box, decays, sigma, fine.eta)
     if not rest:
         for _ in range(2):  # the noise and the fit settle together
             sigma = _floored(_residual_noise(left), decays)
             fine = fit(box, decays, sigma, fine.eta)
             left = residuals(box, decays, sigma, fine.eta)
-    return Estimation(fine, decays, sigma, bool(rest), left, _chi2_per_n(box, left, sigma))
+    chi2 = _chi2_per_n(box, left, sigma)
+    return Estimation(box, records, fine, decays, sigma, rest, left, chi2)
+
+
+def _reweighted(best: Estimation) -> Estimation:
+    """Pool the noise at rest, a few dozen samples perhaps, with that of the residuals."""
+    if not best.rest:
+        return best
+    counts = quiet_counts(best.records)
+    pooled = {}
+    for name, level in best.rest.items():
+        squares = sum(float(r.values[name] @ r.values[name]) for r in best.residuals)
+        freedom = sum(r.freedom[name] for r in best.residuals)
+        total = counts[name] * level**2 + squares
+        pooled[name] = float(np.sqrt(total / (counts[name] + freedom)))
+    sigma = _floored(pooled, best.decays)
+    fine = fit(best.box, best.decays, sigma, best.fit.eta)
+    left = residuals(best.box, best.decays, sigma, fine.eta)
+    chi2 = _chi2_per_n(best.box, left, best.noise)
+    return replace(best, fit=fine, sigma=sigma, residuals=left, chi2_per_n=chi2)
 
 
 def _chi2_per_n(box: GreyBox, left: Sequence[Residuals], sigma: dict[str, float]) -> float:
@@ -186,36 +265,3 @@ def _floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, 
                 power.setdefault(channel.name, []).append(float(np.mean(column**2)))
     floor = {name: _FLOOR * float(np.sqrt(np.mean(p))) for name, p in power.items()}
     return {name: max(level, floor[name], 1e-300) for name, level in sigma.items()}
-
-
-def _reach_back(
-    box: GreyBox, records: Sequence[Record], rest: dict[str, float], late: Estimation
-) -> Estimation:
-    """Move the start of each decay as far back as the fitted model explains the samples."""
-    starts = []
-    for record, decay in zip(records, late.decays, strict=True):
-        start = decay.start_s
-        if not np.isfinite(record.bump_s):
-            onset = onset_s(record)
-            start = _earliest(box, record, late, start, record.start_s if onset is None else onset)
-        starts.append(start)
-    return _from(box, records, rest, np.array(starts), (_theta(box, late),))
-
-
-def _earliest(
-    box: GreyBox, record: Record, late: Estimation, start_s: float, lower_s: float
-) -> float:
-    """Return the earliest start after `lower_s` from which the samples are free decay, s."""
-    here = record.decay(start_s)
-    system = box.system(late.fit.eta, record.mass_state)
-    cost, n = misfit(box, here, late.sigma, late.fit.eta, system), here.n_values
-    earliest = start_s
-    for candidate in np.arange(start_s - _SCAN_STEP_S, lower_s, -_SCAN_STEP_S):
-        longer = record.decay(float(candidate))
-        longer_cost = misfit(box, longer, late.sigma, late.fit.eta, system)
-        added = longer.n_values - n
-        if longer_cost - cost > added + 4 * np.sqrt(2 * added):
-            # The step before may hold the last of the bump below the noise.
-            return min(earliest + _SCAN_STEP_S, start_s)
-        earliest, cost, n = float(candidate), longer_cost, longer.n_values
-    return earliest

@@ -2,9 +2,10 @@
 
 With the eigenvalues l_k of the state matrix, a channel of a free decay is a sum of ``exp(l_k t)``,
 and its derivative by any parameter is a sum of ``exp(l_k t)`` and ``t exp(l_k t)``.  So a
-recording enters a fit only through the products of these 28 functions (and a constant) with each
-other and with the samples: the cost of a fit is linear in the samples, whatever the number of
-parameters.  The functions are evaluated at each sample's own time; there is no common grid.
+recording enters a fit only through the products of these 28 functions (and a few that are the
+channels' own: a constant, the transients of a low-pass) with each other and with the samples: the
+cost of a fit is linear in the samples, whatever the number of parameters.  The
+functions are evaluated at each sample's own time; there is no common grid.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .low_pass import LowPass
 
 _EQUAL = 1e-7  # eigenvalues closer than this, relative, are one double eigenvalue
 
@@ -27,8 +30,8 @@ class Spectrum:
         Eigenvalues, rad/s; conjugate pairs adjacent.
     V, W : (n, n) complex128
         Right eigenvectors and their inverse.
-    to_real : (2 n + 1, 2 n + 1) complex128
-        Coefficients on (exp, t exp, 1) to coefficients on the real basis.
+    to_real : (2 n, 2 n) complex128
+        Coefficients on (exp, t exp) to coefficients on the real basis.
     """
 
     poles: NDArray[np.complex128]
@@ -37,23 +40,26 @@ class Spectrum:
     to_real: NDArray[np.complex128]
 
     def basis(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the real basis at the given times, (n_samples, 2 n + 1)."""
+        """Return the real basis at the given times, (n_samples, 2 n)."""
         n = len(self.poles)
-        out = np.empty((len(time_s), 2 * n + 1))
+        out = np.empty((len(time_s), 2 * n))
         upper = np.flatnonzero(self.poles.imag > 0)
         real = np.flatnonzero(self.poles.imag == 0)
         wave = np.exp(np.multiply.outer(time_s, self.poles[upper]))
         out[:, upper] = wave.real
         out[:, upper + 1] = wave.imag
         out[:, real] = np.exp(np.multiply.outer(time_s, self.poles[real].real))
-        out[:, n : 2 * n] = time_s[:, None] * out[:, :n]
-        out[:, -1] = 1.0
+        out[:, n:] = time_s[:, None] * out[:, :n]
         return out
 
     def propagator_slope(
-        self, rows: NDArray[np.complex128], dA: NDArray[np.float64], z: NDArray[np.complex128]
+        self,
+        rows: NDArray[np.complex128],
+        dA: NDArray[np.float64],
+        z: NDArray[np.complex128],
+        low_pass: LowPass,
     ) -> NDArray[np.complex128]:
-        """Coefficients of ``row . d exp(A t) . x0`` on (exp, t exp).
+        """Coefficients of ``row . d(H(A) exp(A t)) . x0`` on (exp, t exp).
 
         Parameters
         ----------
@@ -63,11 +69,13 @@ class Spectrum:
             Changes of the state matrix.
         z : (n,) complex128
             Initial state in modal coordinates (W x0).
+        low_pass : LowPass
+            H, the filter of these channels.
 
         Returns
         -------
         (P, n_channels, 2 n) complex128
-            By the divided differences of exp (Daleckii and Krein).
+            By the divided differences of ``H(l) exp(l t)`` (Daleckii and Krein).
         """
         modal = self.W @ dA @ self.V
         Q = rows[None, :, :, None] * modal[:, None] * z  # (P, n_channels, n, n)
@@ -75,9 +83,10 @@ class Spectrum:
         scale = np.abs(self.poles)[:, None] + np.abs(self.poles)[None, :]
         same = np.abs(gap) < _EQUAL * scale
         inverse = np.where(same, 0.0, 1.0 / np.where(same, 1.0, gap))
-        on_exp = ((Q + Q.swapaxes(-1, -2)) * inverse).sum(axis=-1)
-        on_t_exp = (Q * same).sum(axis=-1)
-        return np.concatenate([on_exp, on_t_exp], axis=-1)
+        apart = ((Q + Q.swapaxes(-1, -2)) * inverse).sum(axis=-1)
+        together = (Q * same).sum(axis=-1)
+        gain, slope = low_pass.gain(self.poles), low_pass.gain_slope(self.poles)
+        return np.concatenate([apart * gain + together * slope, together * gain], axis=-1)
 
 
 def spectrum(A: NDArray[np.float64]) -> Spectrum:
@@ -85,7 +94,7 @@ def spectrum(A: NDArray[np.float64]) -> Spectrum:
     poles, V = np.linalg.eig(A)
     poles, V = poles.astype(complex), V.astype(complex)
     n = len(poles)
-    to_real = np.zeros((2 * n + 1, 2 * n + 1), dtype=complex)
+    to_real = np.zeros((2 * n, 2 * n), dtype=complex)
     for offset in (0, n):
         for k in np.flatnonzero(poles.imag >= 0):
             if poles[k].imag == 0:
@@ -93,7 +102,6 @@ def spectrum(A: NDArray[np.float64]) -> Spectrum:
             else:  # exp(conj(l) t) = cos part - i sin part
                 to_real[offset + k, [offset + k, offset + k + 1]] = 1.0
                 to_real[offset + k + 1, [offset + k, offset + k + 1]] = (1j, -1j)
-    to_real[-1, -1] = 1.0
     return Spectrum(poles, V, np.linalg.inv(V), to_real)
 
 

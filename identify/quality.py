@@ -101,7 +101,7 @@ def judge(estimation: Estimation, parameters: Mapping[str, Estimate]) -> Quality
             "both mass states, with sensors on body and wheels"
         )
     notes = []
-    if not estimation.sigma_from_rest:
+    if not estimation.rest:
         notes.append("no quiet stretch before the bumps: the noise is taken from the residuals")
     if estimation.later_s:
         notes.append(
@@ -115,7 +115,7 @@ def judge(estimation: Estimation, parameters: Mapping[str, Estimate]) -> Quality
 def _chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
     return {
         decay.label: {
-            name: float(values @ values) / estimation.sigma[name] ** 2 / decay.freedom[name]
+            name: float(values @ values) / estimation.noise[name] ** 2 / decay.freedom[name]
             for name, values in decay.values.items()
         }
         for decay in estimation.residuals

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from daq.vehicle import PARAMETER_NAMES, parameter_unit
+from daq.vehicle import parameter_unit
 
 from .greybox import GreyBox
 from .likelihood import Fit
@@ -28,8 +29,7 @@ class Estimate:
 def estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     """Return every physical parameter with its interval.
 
-    The fit knows the logarithms; a standard deviation of the logarithm is a relative one.  Lengths
-    that were given, not identified, have none.
+    Lengths that were given, not identified, have none.
 
     Parameters
     ----------
@@ -38,13 +38,17 @@ def estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     fit : Fit
         Their optimum and covariance.
     """
-    theta = box.theta(fit.eta.astype(complex)).real
-    relative = np.zeros(len(PARAMETER_NAMES))
-    n = len(box.parameters)
-    relative[:n] = np.sqrt(np.diag(fit.covariance)[:n])
+    values = box.values(fit.eta)
+    std = dict(zip(box.parameters, standard_deviations(box, fit).tolist(), strict=True))
     result = {}
-    for name, value, share in zip(PARAMETER_NAMES, theta.tolist(), relative.tolist(), strict=True):
-        std = abs(value) * share
-        half = COVERAGE_95 * std
-        result[name] = Estimate(value, std, value - half, value + half, parameter_unit(name))
+    for name, value in zip(box.names, values.tolist(), strict=True):
+        half = COVERAGE_95 * std.get(name, 0.0)
+        unit = parameter_unit(name)
+        result[name] = Estimate(value, std.get(name, 0.0), value - half, value + half, unit)
     return result
+
+
+def standard_deviations(box: GreyBox, fit: Fit) -> NDArray[np.float64]:
+    """Return the standard deviation of each parameter of `box.parameters`, SI."""
+    n = len(box.parameters)
+    return np.asarray(np.sqrt(np.diag(fit.covariance)[:n]) * box.parameter_slopes(fit.eta))

@@ -70,8 +70,21 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     mapping of channel name to float
         SI units.  Empty if the records have no quiet stretch worth the name.
     """
-    squares: dict[str, float] = {}
-    counts: dict[str, int] = {}
+    pooled = _quiet(records)
+    names = {c.name for r in records for q in r.recordings for c in q.clock.channels}
+    if any(pooled.get(name, (0.0, 0))[1] < _QUIET_SAMPLES for name in names):
+        return {}
+    return {name: float(np.sqrt(squares / n)) for name, (squares, n) in pooled.items()}
+
+
+def quiet_counts(records: Sequence[Record]) -> dict[str, int]:
+    """Return on how many degrees of freedom each level of `quiet_noise` rests."""
+    return {name: n for name, (_, n) in _quiet(records).items()}
+
+
+def _quiet(records: Sequence[Record]) -> dict[str, tuple[float, int]]:
+    """Return sum of squares about the mean and degrees of freedom of each channel at rest."""
+    pooled: dict[str, tuple[float, int]] = {}
     for record in records:
         onset = onset_s(record)
         if onset is None:
@@ -81,13 +94,10 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
             if len(quiet) < 3:
                 continue
             spread = np.sum((quiet - quiet.mean(axis=0)) ** 2, axis=0)
-            for channel, total in zip(recording.clock.channels, spread, strict=True):
-                squares[channel.name] = squares.get(channel.name, 0.0) + float(total)
-                counts[channel.name] = counts.get(channel.name, 0) + len(quiet) - 1
-    names = {c.name for r in records for q in r.recordings for c in q.clock.channels}
-    if any(counts.get(name, 0) < _QUIET_SAMPLES for name in names):
-        return {}
-    return {name: float(np.sqrt(squares[name] / counts[name])) for name in names}
+            for channel, total in zip(recording.clock.channels, spread.tolist(), strict=True):
+                squares, n = pooled.get(channel.name, (0.0, 0))
+                pooled[channel.name] = (squares + total, n + len(quiet) - 1)
+    return pooled
 
 
 def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
