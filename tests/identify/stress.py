@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from daq.arrays import ArrayRun, session_from_arrays
@@ -27,6 +28,8 @@ from daq.sim.sensors import install, low_passed_reading, measured, true_reading
 from daq.vehicle import FORD_GRANADA, Corner, Vehicle
 
 Array = NDArray[np.float64]
+Key = tuple[str, Excitation, int]
+"""Mass state, excitation and repeat of a run."""
 
 REST_S = 1.0
 BUMP_S = 0.2
@@ -132,8 +135,13 @@ STRESSES: Mapping[str, Stress] = {
     "saturation": Stress(
         "one hub ends at 2 g", faults=(SensorFault("hub_acc_fl", limit=2.0 * GRAVITY_M_S2),)
     ),
+    # The wheels come down 1 ms after the end of the bump (measured), within any guard time.
     "lift_off": Stress("a bump of 90 mm lifts the rear wheels", bump_m=0.09),
+    "lift_off_high": Stress(
+        "a bump of 130 mm lifts all wheels, until 23 ms after its end", bump_m=0.13
+    ),
     "early": Stress("the bump lasts 5 ms longer than stated", stated_bump_s=BUMP_S - 0.005),
+    "early_20ms": Stress("the bump lasts 20 ms longer than stated", stated_bump_s=BUMP_S - 0.02),
     "second_bump": Stress("a second bump in one run", second_bump=0.4),
     "hot_damper": Stress(
         "dampers 15 % weaker in one run", odd_car=Imperfections(damper=(0.85, 0.85, 0.85, 0.85))
@@ -194,14 +202,9 @@ def stress_session(
     for state in (BASELINE, ADDED):
         for excitation in stress.excitations + extra:
             for repeat in range(1, REPEATS + 1):
-                odd = (state, excitation, repeat) == ODD_RUN
-                clean = _clean_odd if odd else _clean
-                samples = {}
-                for channel in channels:
-                    sensor = _sensor(channel, stress)
-                    t_s, reading = clean(stress, channel, state, excitation, rate_hz)
-                    samples[channel.name] = t_s, measured(channel, sensor, noise, reading, rng)
-                runs.append((state, excitation.value, samples))
+                key = (state, excitation, repeat)
+                record = {c.name: samples(stress, c, key, rate_hz, noise, rng) for c in channels}
+                runs.append((state, excitation.value, record))
     return session_from_arrays(
         runs,
         channels,
@@ -209,6 +212,16 @@ def stress_session(
         Vehicle("Ford Granada") if vehicle is None else vehicle,
         bump_s=stress.stated_bump_s,
     )
+
+
+def samples(
+    stress: Stress, channel: Channel, run: Key, rate_hz: float, noise: Spread, rng: Generator
+) -> tuple[Array, Array]:
+    """Return the sampling instants of a channel in a run, s, and what it says there, SI."""
+    state, excitation, _ = run
+    clean = _clean_odd if run == ODD_RUN else _clean
+    t_s, reading = clean(stress, channel, state, excitation, rate_hz)
+    return t_s, measured(channel, _sensor(channel, stress), noise, reading, rng)
 
 
 def true_value(name: str, parameter: str) -> float:
