@@ -1,0 +1,76 @@
+"""The nouns of trust: a finding, the verdict that the worst of them makes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+class Verdict(StrEnum):
+    """Whether the parameters may be used."""
+
+    OK = "ok"
+    DOUBTFUL = "doubtful"
+    """The numbers may be wrong by more than their intervals, or the intervals are wide."""
+    REFUSED = "refused"
+    """The numbers must not be used."""
+
+
+_ORDER = (Verdict.REFUSED, Verdict.DOUBTFUL, Verdict.OK)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that a gate found.
+
+    Parameters
+    ----------
+    gate : str
+        Which gate: a word or two with underscores (`chi2`, `anti_roll_bars`, `saturation`).
+    severity : Verdict
+        What it makes of the result at least; `ok` for what should merely be known.
+    text : str
+        What was found, its value and limit, and what to do, in one line.
+    """
+
+    gate: str
+    severity: Verdict
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How far an identification can be trusted.
+
+    Parameters
+    ----------
+    findings : tuple of Finding
+        The worst first.
+    chi2_per_n : float
+        Mean square residual in units of the noise; 1 if the linear model holds, NaN without a fit.
+    chi2_by_run : mapping of run label to mapping of channel name to float
+        The same for each run and channel.
+    snr_db : mapping of run label to tuple of float
+        Energy of each mode in the run over the noise, in the order of the modes of the run's mass
+        state, dB.
+    """
+
+    findings: tuple[Finding, ...]
+    chi2_per_n: float
+    chi2_by_run: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    snr_db: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        ranked = sorted(self.findings, key=lambda finding: _ORDER.index(finding.severity))
+        object.__setattr__(self, "findings", tuple(ranked))
+
+    @property
+    def verdict(self) -> Verdict:
+        """The severity of the worst finding; `ok` if there is none."""
+        return self.findings[0].severity if self.findings else Verdict.OK
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What was found, the worst first."""
+        return tuple(finding.text for finding in self.findings)
