@@ -1,0 +1,40 @@
+"""How figures look: colours that the colour-blind tell apart, thin axes, no frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from matplotlib.axes import Axes
+
+PALETTE = ("#7f7f7f", "#0072b2", "#d55e00", "#009e73", "#cc79a7")
+"""Grey for what is compared with, then four of Okabe and Ito's colours."""
+
+INK = "#262626"
+FAINT = "#d9d9d9"
+
+SETTINGS: Mapping[Any, Any] = MappingProxyType(
+    {
+        "font.family": "DejaVu Sans",
+        "font.size": 9.0,
+        "axes.titlesize": 10.0,
+        "axes.titleweight": "bold",
+        "axes.titlelocation": "left",
+        "axes.labelcolor": INK,
+        "axes.edgecolor": INK,
+        "axes.linewidth": 0.8,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "text.color": INK,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "svg.fonttype": "none",  # text stays text: it can be searched and read aloud
+        "svg.hashsalt": "bumpbench",  # the same study draws the same bytes
+    }
+)
+
+
+def zero_line(axes: Axes) -> None:
+    """Mark zero without competing with the data."""
+    axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)

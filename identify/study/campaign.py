@@ -1,0 +1,152 @@
+"""Simulated campaigns of the paper's vehicle: records with noise of a known level.
+
+Noise of so many dB is white and Gaussian, on each channel by itself, that far below the channel's
+rms over the three complete records (bounce, pitch, roll) of its mass state (METHOD, section 5).  A
+channel that is silent by symmetry in one run has noise there all the same, and one more run leaves
+the noise as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import TIME_DERIVATIVE
+from daq.runs import ADDED, BASELINE, Excitation, Session
+from daq.vehicle import FORD_GRANADA, AddedMass, MassState, Vehicle, VehicleGeometry
+from dbc.errors import InputError
+
+from ..decay import Clock, Record, Recording
+from ..greybox import GreyBox
+from ..modal import sensor_rows
+from ..model import delta_mass, physical_model
+from ..pipeline import grey_box
+from ..simulate import Bump, exact_response
+from .sensors import SENSOR_SETS
+
+PAPER_ADDED_MASS = AddedMass(matrix=np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]))
+"""Eq. 36."""
+
+PAPER_MASS_STATES = (MassState(BASELINE), MassState(ADDED, PAPER_ADDED_MASS))
+
+PAPER_CASES = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+"""Section 3.1."""
+
+BUMP = Bump()
+RECORD_S = 3.0
+_RATES_HZ = (40.0, 20_000.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Runs of the paper's vehicle: each case in each mass state, 3 s with the bump at 0.1..0.3 s.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Samples a second of every sensor, 40 (four times the wheel modes) to 20,000.
+    noise_db : float
+        Distance from signal to noise; infinite for none.
+    cases : tuple of Excitation
+        How the vehicle is bumped, each once in a mass state.
+    clocks : tuple of Clock
+        The sensors, such as one of `SENSOR_SETS`.
+    mass_states : tuple of MassState
+        Loading of the vehicle.
+    geometry : VehicleGeometry or None
+        The four lengths as the identification is told them; None leaves them to be identified.
+    """
+
+    rate_hz: float = 200.0
+    noise_db: float = 30.0
+    cases: tuple[Excitation, ...] = PAPER_CASES
+    clocks: tuple[Clock, ...] = SENSOR_SETS["paper"]
+    mass_states: tuple[MassState, ...] = PAPER_MASS_STATES
+    geometry: VehicleGeometry | None = None
+
+    def __post_init__(self) -> None:
+        lowest, highest = _RATES_HZ
+        if not lowest <= self.rate_hz <= highest:
+            raise InputError(
+                "rate",
+                f"{self.rate_hz:g} Hz cannot be studied",
+                f"give {lowest:g} to {highest:g} Hz",
+            )
+        if not -20.0 <= self.noise_db <= inf:
+            raise InputError(
+                "noise", f"{self.noise_db:g} dB buries every signal", "give -20 dB or more"
+            )
+        if not self.cases or len(set(self.cases)) < len(self.cases):
+            raise InputError("cases", "none, or one named twice", "name each case once")
+
+
+def records_of(campaign: Campaign, seed: int) -> tuple[Record, ...]:
+    """Return the records of a campaign with the noise that `seed` draws."""
+    rng = np.random.default_rng(seed)
+    records = []
+    for state in campaign.mass_states:
+        sigma = _sigma(campaign, state)
+        for case, recordings in _clean(campaign, state, campaign.cases).items():
+            noisy = tuple(
+                Recording(r.clock, r.time_s, r.values + level * rng.standard_normal(r.values.shape))
+                for r, level in zip(recordings, sigma, strict=True)
+            )
+            label = f"{state.name}_{case}_1"
+            records.append(Record(label, state.name, BUMP.duration_s, noisy))
+    return tuple(records)
+
+
+def noise_levels(campaign: Campaign) -> dict[str, float]:
+    """Return each channel's noise, SI: that of its mass states (which differ little), pooled."""
+    levels = [_sigma(campaign, state) for state in campaign.mass_states]
+    return {
+        channel.name: float(np.sqrt(np.mean([state[i][c] ** 2 for state in levels])))
+        for i, clock in enumerate(campaign.clocks)
+        for c, channel in enumerate(clock.channels)
+    }
+
+
+def box_of(campaign: Campaign) -> GreyBox:
+    """Return the structure of the problem that the campaign's records pose."""
+    channels = tuple(channel for clock in campaign.clocks for channel in clock.channels)
+    vehicle = Vehicle("Ford Granada", campaign.geometry)
+    session = Session(vehicle, channels, campaign.mass_states, (), {})
+    return grey_box(session, records_of(campaign, 0))
+
+
+def _clean(
+    campaign: Campaign, state: MassState, cases: tuple[Excitation, ...]
+) -> dict[Excitation, tuple[Recording, ...]]:
+    """Return what the sensors would see without noise in some cases of one mass state."""
+    loaded = physical_model(FORD_GRANADA).with_mass(delta_mass(state.added, FORD_GRANADA.a).real)
+    clean = {}
+    for case in cases:
+        run = exact_response(loaded, case, BUMP, campaign.rate_hz, RECORD_S)
+        motion = (run.displacement, run.velocity, run.acceleration)
+        clean[case] = tuple(
+            Recording(clock, run.time_s, np.column_stack(list(_columns(clock, motion))))
+            for clock in campaign.clocks
+        )
+    return clean
+
+
+def _columns(
+    clock: Clock, motion: tuple[NDArray[np.float64], ...]
+) -> Iterator[NDArray[np.float64]]:
+    rows = sensor_rows(clock.channels, FORD_GRANADA.geometry)
+    for channel, row in zip(clock.channels, rows, strict=True):
+        yield motion[TIME_DERIVATIVE[channel.quantity]] @ row
+
+
+def _sigma(campaign: Campaign, state: MassState) -> list[NDArray[np.float64]]:
+    """Return the noise of each clock's channels in one mass state."""
+    below = 10 ** (-campaign.noise_db / 20)
+    clean = _clean(campaign, state, PAPER_CASES)
+    return [
+        below * np.sqrt(np.mean([np.mean(r.values**2, axis=0) for r in runs], axis=0))
+        for runs in zip(*clean.values(), strict=True)
+    ]

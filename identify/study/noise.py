@@ -1,0 +1,177 @@
+"""Monte Carlo of noisy campaigns against the Cramer-Rao bound, without any oracle.
+
+Each campaign goes the whole way of a real one: onset and noise level from the records, start
+values from generic vehicles.  The bound is that of a free decay from the very end of the bump with
+the noise known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import inf, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
+from dbc.errors import InputError
+from dbc.frames import read_only
+
+from ..estimation import estimate, generic_vehicles
+from ..likelihood import fit
+from ..quality import Verdict, judge
+from ..uncertainty import COVERAGE_95, Estimate, estimates
+from .campaign import BUMP, Campaign, box_of, noise_levels, records_of
+from .result import Column, DotPanel, Dots, Study, percent
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One campaign identified.
+
+    Parameters
+    ----------
+    errors_percent, stds_percent : (15,) float64
+        Error and stated standard deviation in per cent of the true value; both are zero for a
+        length that was given.
+    converged : bool
+        Whether the fit settled.
+    refused : bool
+        Whether the verdict is that the result must not be used.
+    """
+
+    errors_percent: NDArray[np.float64]
+    stds_percent: NDArray[np.float64]
+    converged: bool
+    refused: bool
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "errors_percent", read_only(self.errors_percent))
+        object.__setattr__(self, "stds_percent", read_only(self.stds_percent))
+
+    @property
+    def lost(self) -> bool:
+        """Whether the campaign gave no result."""
+        return self.refused or not self.converged
+
+
+def outcome(campaign: Campaign, seed: int) -> Outcome:
+    """Identify the campaign that `seed` draws."""
+    box = box_of(campaign)
+    estimation = estimate(box, records_of(campaign, seed), generic_vehicles())
+    found = estimates(box, estimation.fit)
+    known = FORD_GRANADA.to_array()
+    return Outcome(
+        errors_percent=percent([found[name].value for name in PARAMETER_NAMES], known),
+        stds_percent=_stds_percent(found),
+        converged=estimation.fit.converged,
+        refused=judge(estimation, found).verdict is Verdict.REFUSED,
+    )
+
+
+def bound_percent(campaign: Campaign) -> NDArray[np.float64]:
+    """Return the Cramer-Rao bound, (15,): no unbiased estimate has a smaller standard deviation.
+
+    In per cent; infinite where the campaign does not determine a parameter, zero for a length
+    that is given.
+
+    Raises
+    ------
+    InputError
+        If the campaign is without noise.
+    """
+    if campaign.noise_db == inf:
+        raise InputError("noise", "without noise there is no bound", "give a level in dB")
+    box = box_of(campaign)
+    clean = records_of(replace(campaign, noise_db=inf), 0)
+    decays = tuple(record.decay(BUMP.end_s - 1e-9) for record in clean)
+    truth = box.unknowns(FORD_GRANADA.to_array())
+    return _stds_percent(estimates(box, fit(box, decays, noise_levels(campaign), truth)))
+
+
+def _stds_percent(found: dict[str, Estimate]) -> NDArray[np.float64]:
+    stds = np.array([found[name].std for name in PARAMETER_NAMES])
+    return np.asarray(100.0 * stds / FORD_GRANADA.to_array())
+
+
+def noise_study(
+    campaign: Campaign, bound: NDArray[np.float64], outcomes: Sequence[Outcome]
+) -> Study:
+    """Return the statistics of many campaigns.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was simulated.
+    bound : (15,) float64
+        As `bound_percent` has it.
+    outcomes : sequence of Outcome
+        One for each seed.
+    """
+    names = PARAMETER_NAMES if campaign.geometry is None else PARAMETER_NAMES[:11]
+    n = len(names)
+    kept = [o for o in outcomes if not o.lost]
+    errors = np.array([o.errors_percent[:n] for o in kept]).reshape(-1, n)
+    stds = np.array([o.stds_percent[:n] for o in kept]).reshape(-1, n)
+    if len(kept):
+        rms = np.sqrt(np.mean(errors**2, axis=0))
+        stated = np.sqrt(np.mean(stds**2, axis=0))
+        covered = 100.0 * np.mean(np.abs(errors) <= COVERAGE_95 * stds, axis=0)
+    else:
+        rms, stated, covered = np.full((3, n), np.nan)
+    cells = np.array([rms, stated, bound[:n], rms / bound[:n], covered]).T
+    ratio = cells[:, 3]
+    likely = _likely_coverage(len(kept))
+    cases = ", ".join(campaign.cases)
+    return Study(
+        title=f"Noise study: {len(outcomes)} campaigns at {campaign.noise_db:g} dB,"
+        f" {campaign.rate_hz:g} Hz, {cases}",
+        columns=(
+            Column("parameter", "parameter"),
+            Column("rms_error_percent", "rms error %", ".3f"),
+            Column("stated_std_percent", "stated std %", ".3f"),
+            Column("bound_percent", "Cramer-Rao %", ".3f"),
+            Column("ratio", "error / bound", ".3f"),
+            Column("coverage_percent", "coverage %", ".1f"),
+        ),
+        rows=tuple((name, *row) for name, row in zip(names, cells.tolist(), strict=True)),
+        notes=(
+            f"lost: {len(outcomes) - len(kept)} of {len(outcomes)}"
+            f" ({sum(o.refused for o in outcomes)} refused,"
+            f" {sum(not o.converged for o in outcomes)} not converged)",
+            f"rms error {np.max(rms):.3f} % at most; {np.min(ratio):.3f} .. {np.max(ratio):.3f}"
+            f" times the bound, {sqrt(np.mean(ratio**2)):.3f} in the mean square",
+            f"95 % intervals hold the truth in {np.mean(covered):.1f} % of all cases; of one"
+            f" parameter, {likely[0]:.0f} .. {likely[1]:.0f} % would be chance",
+        ),
+        panels=(
+            (
+                DotPanel(
+                    f"Error at {campaign.noise_db:g} dB, {campaign.rate_hz:g} Hz",
+                    "relative standard deviation / %",
+                    names,
+                    (
+                        Dots("Cramér-Rao bound", bound[:n], 0),
+                        Dots("stated", stated, 3),
+                        Dots("rms error", rms, 2),
+                    ),
+                ),
+                DotPanel(
+                    "95 % intervals that hold the truth",
+                    "share of the campaigns / %",
+                    names,
+                    (Dots("coverage", covered, 2),),
+                    expected=likely,
+                ),
+            ),
+        ),
+    )
+
+
+def _likely_coverage(n: int) -> tuple[float, float]:
+    """Return between which shares, %, 95 % intervals cover in 99 of 100 studies of n campaigns."""
+    from scipy.stats import binom
+
+    low, high = binom.interval(0.99, n, 0.95) if n else (0, 1)
+    return 100.0 * float(low) / max(n, 1), 100.0 * float(high) / max(n, 1)

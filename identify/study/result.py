@@ -1,0 +1,169 @@
+"""What every study returns: a table, what must be said about it, and what a figure shows.
+
+A study computes and describes; `tui` prints the table and `identify.figures` draws the panels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import read_only
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of the table.
+
+    Parameters
+    ----------
+    key : str
+        Name of its values in JSON.
+    heading : str
+        Name for people, with the unit.
+    form : str
+        How a number is written, a format specification.
+    """
+
+    key: str
+    heading: str
+    form: str = "+z.2f"
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A line in a diagram, labelled at its end.
+
+    Parameters
+    ----------
+    label : str
+        Its name.
+    x, y : (n,) float64
+        Its points.
+    hue : int
+        Which colour of the palette; kin share one.
+    dashed : bool
+        Tells kin apart.
+    """
+
+    label: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    hue: int = 0
+    dashed: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "x", read_only(np.asarray(self.x, dtype=np.float64)))
+        object.__setattr__(self, "y", read_only(np.asarray(self.y, dtype=np.float64)))
+
+
+@dataclass(frozen=True, slots=True)
+class CurvePanel:
+    """A diagram of curves."""
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: tuple[Curve, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Dots:
+    """One value for each item of a list, and how far it may reach.
+
+    Parameters
+    ----------
+    label : str
+        What the values are.
+    values : (n,) float64
+        In the order of the items; NaN leaves a place empty.
+    hue : int
+        Which colour of the palette.
+    reach : (n,) float64 or None
+        Other end of a whisker from each value.
+    """
+
+    label: str
+    values: NDArray[np.float64]
+    hue: int
+    reach: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", read_only(np.asarray(self.values, dtype=np.float64)))
+        if self.reach is not None:
+            object.__setattr__(self, "reach", read_only(np.asarray(self.reach, dtype=np.float64)))
+
+
+@dataclass(frozen=True, slots=True)
+class DotPanel:
+    """A list of items downwards, each with its values across.
+
+    Parameters
+    ----------
+    title, x_label : str
+        What is shown, with the unit.
+    items : tuple of str
+        From top to bottom.
+    series : tuple of Dots
+        The values.
+    logarithmic : bool
+        Whether the values span decades.
+    expected : (float, float) or None
+        Where the values should lie.
+    """
+
+    title: str
+    x_label: str
+    items: tuple[str, ...]
+    series: tuple[Dots, ...]
+    logarithmic: bool = False
+    expected: tuple[float, float] | None = None
+
+
+Panel = CurvePanel | DotPanel
+Cell = str | float
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """The result of a study.
+
+    Parameters
+    ----------
+    title : str
+        What was done.
+    columns : tuple of Column
+        Of the table.
+    rows : tuple of tuple of (str or float)
+        One value a column; NaN where there is none.
+    notes : tuple of str
+        What a reader should know: where it differs from the paper, and why.
+    panels : tuple of tuple of Panel
+        Rows of diagrams.
+    """
+
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...]
+    panels: tuple[tuple[Panel, ...], ...]
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"a row of {len(row)} cells under {len(self.columns)} columns")
+
+    def column(self, key: str) -> tuple[Cell, ...]:
+        """Return the cells of a column."""
+        place = [column.key for column in self.columns].index(key)
+        return tuple(row[place] for row in self.rows)
+
+
+def percent(
+    found: Sequence[float] | NDArray[np.float64], known: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the error of what was found in per cent of what is known, (..., n)."""
+    return np.asarray(100.0 * (np.asarray(found) / known - 1.0), dtype=np.float64)

@@ -1,0 +1,100 @@
+"""What every study command does with its result: table or JSON to stdout, figure to a file."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ...output import print_json, print_line, print_table
+
+if TYPE_CHECKING:
+    from identify.study.result import Cell, Column, Study
+
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+FigureFile = Annotated[
+    Path | None, typer.Option("--figure", metavar="FILE.svg", help="Draw the result, too.")
+]
+
+
+def check_figure_file(path: Path | None) -> None:
+    """Refuse a file that could not be written, before hours of computing.
+
+    Raises
+    ------
+    InputError
+        If it does not end in .svg or its directory does not exist.
+    """
+    from dbc.errors import InputError
+
+    if path is None:
+        return
+    if path.suffix.lower() != ".svg":
+        raise InputError(str(path), "a figure is drawn as SVG only", "name the file *.svg")
+    if path.is_dir() or not path.parent.is_dir():
+        what = "is a directory" if path.is_dir() else "its directory does not exist"
+        raise InputError(str(path), what, "name a file in a directory that exists")
+
+
+def deliver(study: Study, json: bool, figure: Path | None) -> None:
+    """Print a study and draw it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    if figure is not None:
+        from dbc.errors import InputError
+        from identify.figures import svg
+
+        try:
+            figure.write_text(svg(study), encoding="utf-8")
+        except OSError as error:
+            raise InputError(
+                str(figure), error.strerror or "cannot be written", "name another file"
+            ) from None
+    if json:
+        print_json(document(study))
+        return
+    rows = [
+        [_cell(cell, column) for cell, column in zip(row, study.columns, strict=True)]
+        for row in study.rows
+    ]
+    print_table(study.title, [column.heading for column in study.columns], rows)
+    print_line()
+    for note in study.notes:
+        print_line(f"  - {note}")
+
+
+def document(study: Study) -> dict[str, Any]:
+    """Return a study as a JSON document; its panels hold what the figure shows."""
+    keys = [column.key for column in study.columns]
+    return {
+        "title": study.title,
+        "rows": [dict(zip(keys, row, strict=True)) for row in study.rows],
+        "notes": list(study.notes),
+        "panels": [_plain(asdict(panel)) for row in study.panels for panel in row],
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Return nested values with arrays as lists."""
+    match value:
+        case dict():
+            return {key: _plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case str() | bool() | int() | float() | None:
+            return value
+        case _:
+            return value.tolist()
+
+
+def _cell(cell: Cell, column: Column) -> str:
+    if isinstance(cell, str):
+        return cell
+    return format(cell, column.form) if isfinite(cell) else "-"

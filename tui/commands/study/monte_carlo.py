@@ -1,0 +1,108 @@
+"""The studies of many noisy campaigns: Table 3 and `noise`."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ...output import progress
+from .deliver import FigureFile, Json, check_figure_file, deliver
+from .workers import over_seeds
+
+if TYPE_CHECKING:
+    from daq.runs import Excitation
+
+Rate = Annotated[float, typer.Option(help="Samples a second.")]
+Noise = Annotated[float, typer.Option(help="Distance from signal to noise.")]
+Fits = Annotated[int, typer.Option(min=1, max=100_000, help="Number of campaigns.")]
+Seed = Annotated[int, typer.Option(min=0, help="Draws the noise of the first campaign.")]
+Workers = Annotated[int, typer.Option(min=1, max=64, help="Processes.")]
+
+
+class Sensors(StrEnum):
+    """Names of `identify.study.sensors.SENSOR_SETS`."""
+
+    PAPER = "paper"
+    IMU_HUBS = "imu+hubs"
+    IMU_TRAVELS = "imu+travels"
+    ALL = "all"
+
+
+def table3(
+    rate_hz: Rate = 1000.0,
+    noise_db: Noise = 30.0,
+    fits: Fits = 20,
+    seed: Seed = 1,
+    workers: Workers = 2,
+    json: Json = False,
+    figure: FigureFile = None,
+) -> None:
+    """Compare the paper's chain with maximum likelihood at 30 dB."""
+    from functools import partial
+
+    from identify.study.table3 import attempt, table3_campaign
+    from identify.study.table3 import table3 as study
+
+    check_figure_file(figure)
+    campaign = table3_campaign(rate_hz, noise_db)
+    with progress("table3") as stage:
+        seeds = range(seed, seed + fits)
+        attempts = over_seeds(partial(attempt, campaign), seeds, workers, stage)
+    deliver(study(campaign, attempts), json, figure)
+
+
+def noise(
+    rate_hz: Rate = 200.0,
+    noise_db: Noise = 30.0,
+    cases: Annotated[
+        str, typer.Option(help="Bumps of each mass state: bounce,pitch,roll,warp or some of them.")
+    ] = "bounce,pitch,roll",
+    sensors: Annotated[
+        Sensors, typer.Option(help="The paper's seven accelerations, or a bench's sensors.")
+    ] = Sensors.PAPER,
+    known_geometry: Annotated[
+        bool, typer.Option("--known-geometry", help="a, b, t_f and t_r are measured.")
+    ] = False,
+    fits: Fits = 100,
+    seed: Seed = 1,
+    workers: Workers = 2,
+    json: Json = False,
+    figure: FigureFile = None,
+) -> None:
+    """Compare noisy campaigns with the Cramer-Rao bound."""
+    from functools import partial
+
+    from daq.vehicle import FORD_GRANADA
+    from identify.study.campaign import Campaign
+    from identify.study.noise import bound_percent, noise_study, outcome
+    from identify.study.sensors import SENSOR_SETS
+
+    check_figure_file(figure)
+    campaign = Campaign(
+        rate_hz=rate_hz,
+        noise_db=noise_db,
+        cases=_cases(cases),
+        clocks=SENSOR_SETS[sensors.value],
+        geometry=FORD_GRANADA.geometry if known_geometry else None,
+    )
+    bound = bound_percent(campaign)
+    with progress("noise") as stage:
+        seeds = range(seed, seed + fits)
+        outcomes = over_seeds(partial(outcome, campaign), seeds, workers, stage)
+    deliver(noise_study(campaign, bound, outcomes), json, figure)
+
+
+def _cases(text: str) -> tuple[Excitation, ...]:
+    """Return the cases named in a list with commas."""
+    from daq.runs import Excitation
+    from dbc.errors import InputError
+
+    names = [name.strip().lower() for name in text.split(",") if name.strip()]
+    unknown = [name for name in names if name not in set(Excitation)]
+    if unknown:
+        raise InputError(
+            "--cases", f"there is no {unknown[0]}", f"choose of {', '.join(Excitation)}"
+        )
+    return tuple(Excitation(name) for name in names)

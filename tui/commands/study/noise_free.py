@@ -1,0 +1,77 @@
+"""The studies that take a moment: Table 2 and the figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from ...output import progress
+from .deliver import FigureFile, Json, check_figure_file, deliver
+
+
+class Response(StrEnum):
+    """How the runs are simulated."""
+
+    EXACT = "exact"
+    WILSON = "wilson"
+
+
+def table2(
+    response: Annotated[
+        Response, typer.Option(help="Exact discretisation, or the paper's Wilson-theta at 1 ms.")
+    ] = Response.EXACT,
+    json: Json = False,
+    figure: FigureFile = None,
+) -> None:
+    """Identify all parameters from noise-free simulated runs."""
+    from identify.study.table2 import table2 as study
+
+    check_figure_file(figure)
+    with progress("table2"):
+        result = study(response.value)
+    deliver(result, json, figure)
+
+
+def fig2(json: Json = False, figure: FigureFile = None) -> None:
+    """Shift the modes by 2 to 14 % of added mass."""
+    from identify.study.added_mass import fig2 as study
+
+    check_figure_file(figure)
+    deliver(study(), json, figure)
+
+
+def mass_error_command(name: str) -> Callable[..., None]:
+    """Return the command of one of Figs. 3 to 7."""
+
+    def command(json: Json = False, figure: FigureFile = None) -> None:
+        from identify.study.added_mass import mass_error_study
+
+        check_figure_file(figure)
+        deliver(mass_error_study(name), json, figure)
+
+    return command
+
+
+def fig8(json: Json = False, figure: FigureFile = None) -> None:
+    """Mistake a, b, t_f or t_r by -5 to 5 %."""
+    from identify.study.geometry_error import fig8 as study
+
+    check_figure_file(figure)
+    deliver(study(), json, figure)
+
+
+def fig9(
+    rate_hz: Annotated[float, typer.Option(help="Samples a second.")] = 1000.0,
+    noise_db: Annotated[float, typer.Option(help="Distance from signal to noise.")] = 30.0,
+    seed: Annotated[int, typer.Option(min=0, help="Draws the noise.")] = 1,
+    json: Json = False,
+    figure: FigureFile = None,
+) -> None:
+    """Show the noisy signal and what a 16 Hz FIR low-pass leaves of it."""
+    from identify.study.fig9 import fig9 as study
+
+    check_figure_file(figure)
+    deliver(study(rate_hz, noise_db, seed), json, figure)
