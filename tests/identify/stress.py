@@ -24,7 +24,7 @@ from daq.sim.faults import SensorFault
 from daq.sim.imperfections import NONE, Imperfections
 from daq.sim.motion import Motion, drive
 from daq.sim.plant import GRAVITY_M_S2, Plant, load_car
-from daq.sim.sensors import install, low_passed_reading, measured, true_reading
+from daq.sim.sensors import Installation, install, low_passed_reading, measured, true_reading
 from daq.vehicle import FORD_GRANADA, Corner, Vehicle
 
 Array = NDArray[np.float64]
@@ -263,6 +263,11 @@ def _plant(car: Imperfections, state: str) -> Plant:
 
 
 @cache
+def _installation(car: Imperfections) -> Installation:
+    return install(_plant(car, BASELINE), SimulatedCar(imperfections=car))
+
+
+@cache
 def _motion(car: Imperfections, state: str, excitation: Excitation, bump_m: float) -> Motion:
     return drive(_plant(car, state), Bump(excitation, bump_m, REST_S, BUMP_S), RUN_S)
 
@@ -298,8 +303,7 @@ def _reading(
     car = stress.imperfections
     motion = _motion(car, state, excitation, stress.bump_m)
     sensor = _sensor(channel, stress)
-    installation = install(_plant(car, BASELINE), SimulatedCar(imperfections=car))
     seen_s = t_s - sensor.delay_s
     if sensor.low_pass_hz:
-        return low_passed_reading(channel, sensor, installation, motion, seen_s)
-    return true_reading(channel, sensor, installation, motion.at(seen_s))
+        return low_passed_reading(channel, sensor, _installation(car), motion, seen_s)
+    return true_reading(channel, sensor, _installation(car), motion.at(seen_s))

@@ -56,11 +56,11 @@ def values(name: str, run: Key, channel: str) -> Array:
 
 def decay(name: str, run: Key, channel: str, start_s: float = BUMP_S) -> Array:
     t_s, found = silent(name, run, channel)
-    return found[t_s > start_s] - found[0]
+    return np.asarray(found[t_s > start_s] - found[0])
 
 
-def rms(samples: Array) -> float:
-    return float(np.sqrt(np.mean(samples**2)))
+def rms(signal: Array) -> float:
+    return float(np.sqrt(np.mean(signal**2)))
 
 
 def changed(name: str) -> set[tuple[Key, str]]:
