@@ -16,6 +16,11 @@ _LIFTED = {
     Excitation.ROLL: frozenset({Corner.FRONT_LEFT, Corner.REAR_LEFT}),
     Excitation.WARP: frozenset({Corner.FRONT_LEFT, Corner.REAR_RIGHT}),
 }
+_SHARE = {
+    excitation: np.array([[float(corner in lifted)] for corner in Corner])
+    for excitation, lifted in _LIFTED.items()
+}
+"""1 for each wheel that is lifted, else 0, (4, 1); the integration asks thousands of times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +50,7 @@ class Bump:
     @property
     def crest_m(self) -> NDArray[np.float64]:
         """Height of the bump under each wheel, (4, 1), m, in the order of `Corner`."""
-        lifted = _LIFTED[self.excitation]
-        return np.array([[self.height_m if corner in lifted else 0.0] for corner in Corner])
+        return self.height_m * _SHARE[self.excitation]
 
 
 def road_height(bump: Bump, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
