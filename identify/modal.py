@@ -237,4 +237,9 @@ def displacement_shapes(
         )
     derivative = np.array([TIME_DERIVATIVE[channel.quantity] for channel in channels])
     displacement = sensed.shapes / sensed.poles ** derivative[:, None]
-    return ModalModel(sensed.poles, np.linalg.pinv(rows) @ displacement)
+    return ModalModel(
+        sensed.poles,
+        np.linalg.pinv(rows) @ displacement,
+        sensed.frequency_std_hz,
+        sensed.damping_ratio_std,
+    )

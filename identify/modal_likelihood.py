@@ -43,20 +43,26 @@ class LikelyModes:
         Entries in each channel.
     amplitudes : (n_runs, m) complex128
         Of each mode at t = 0 of each run.
+    ties : Ties
+        What was known of the shapes.
     pole_covariance : (2 m, 2 m) float64
         Of the real parts and then of the imaginary parts of the poles, (rad/s)^2.
     noise : (n_channels,) float64
         Standard deviation.
     log_likelihood : float
         Twice the logarithm of the likelihood, constants apart.
+    n_unknowns : int
+        Numbers fitted, levels apart.
     """
 
     poles: NDArray[np.complex128]
     shapes: NDArray[np.complex128]
     amplitudes: NDArray[np.complex128]
+    ties: Ties
     pole_covariance: NDArray[np.float64]
     noise: NDArray[np.float64]
     log_likelihood: float
+    n_unknowns: int
 
     def __post_init__(self) -> None:
         for name in ("poles", "shapes", "amplitudes", "pole_covariance", "noise"):
@@ -141,7 +147,9 @@ def _result(problem: Problem, point: Point) -> LikelyModes:
         point.waves.poles,
         problem.spread(point.shapes),
         point.amplitudes,
+        problem.ties,
         covariance,
         np.sqrt(variance / max(share, 1e-3)),
         -float(np.sum(problem.count * np.log(variance))),
+        n_unknowns,
     )

@@ -268,7 +268,7 @@ def problem_of(blocks: Sequence[Block], ties: Ties, turning: NDArray[np.bool_]) 
     for number, block in enumerate(blocks):
         place[block.run, block.channel] = number
         np.add.at(count, block.channel, len(block.time_s))
-        np.add.at(power, block.channel, np.sum(block.values**2, axis=0))
+        np.add.at(power, block.channel, np.sum(block.deviations**2, axis=0))
     member = (np.arange(ties.owner.max() + 1)[:, None] == ties.owner).astype(float)
     known = np.repeat((member @ np.abs(ties.sign) == 0.0)[:, None], 2, axis=1)
     known[:, 1] |= ~turning

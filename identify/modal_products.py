@@ -48,9 +48,7 @@ class Block:
         return self.values - self.values.mean(axis=0) if self.free_level else self.values
 
 
-def even_blocks(
-    decays: Sequence[NDArray[np.float64]], rate_hz: float, free_level: bool
-) -> tuple[Block, ...]:
+def even_blocks(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Block, ...]:
     """Return evenly sampled records, (n_i, n_channels), as blocks, one for each length."""
     lengths = np.array([len(decay) for decay in decays])
     n_channels = decays[0].shape[1]
@@ -63,7 +61,6 @@ def even_blocks(
                 np.hstack([decays[run] for run in runs]),
                 np.repeat(runs, n_channels),
                 np.tile(np.arange(n_channels), len(runs)),
-                free_level,
             )
         )
     return tuple(blocks)

@@ -1,8 +1,7 @@
-"""The paper's chain on measured decays: modes by the State Variable Method, then Eqs. 22-33.
+"""Modes of a vehicle as its sensors see them, and the paper's chain from there (Eqs. 22-33).
 
-A result in its own right, reported beside the maximum-likelihood estimate.  Its regression wants
-samples on one grid, so the clocks are interpolated onto the slowest of them; the likelihood does
-not use these grids.
+The State Variable Method wants samples on one grid, so the clocks are interpolated onto the slowest
+of them; from there on the modal likelihood takes every sample at its own time.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from daq.channels import Channel
 from daq.vehicle import MassState, VehicleGeometry
@@ -19,13 +19,18 @@ from dbc.errors import InputError
 
 from .decay import FreeDecay, Record
 from .modal import ModalModel, displacement_shapes
+from .modal_likelihood import LikelyModes, most_likely_modes
+from .modal_products import Block
+from .modal_search import likely_modes
+from .modal_symmetry import Mirror, mirror_of
 from .model import N_DOF, delta_mass
 from .physical import ClosedForm, identify_parameters
-from .stabilisation import identify_modes
+from .stabilisation import identify_modes, vibrates
 from .window import onset_s
 
 _RATE_HZ = 125.0  # ten times the fastest mode of a vehicle
 _LENGTH_S = 1.5  # two time constants of the slowest mode; what follows is mostly noise
+_FALSE_ALARM = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,20 +42,27 @@ class SensedModes:
     channels : tuple of Channel
         Rows of the shapes.
     model : ModalModel
-        Poles and shapes, in the channels' own quantities.
+        Poles with their standard deviations, and shapes in the channels' own quantities.
+    mirrored : bool
+        Whether left and right were found to be alike, and each mode symmetric or antisymmetric.
     """
 
     channels: tuple[Channel, ...]
     model: ModalModel
+    mirrored: bool
 
 
 def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> SensedModes:
-    """Identify the modes of one mass state from its decays, all runs in one regression.
+    """Identify the modes of one mass state from its decays, all runs in one fit.
+
+    Where the sensors can tell left from right, the modes are sought as symmetric and antisymmetric
+    ones.  If shapes free of that are more likely than chance allows, the vehicle is not symmetric,
+    and they stand.
 
     Parameters
     ----------
     records, decays : sequences of equal length
-        The runs and their free decays.
+        The runs and their free decays; channels that are not in all of them are left out.
 
     Raises
     ------
@@ -66,7 +78,17 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     slowest = min(_rate_hz(r.time_s) for d in decays for r in d.recordings if len(r.time_s) > 1)
     rate_hz = slowest / max(1, round(slowest / _RATE_HZ))
     grids = [_on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
-    return SensedModes(channels, identify_modes(grids, rate_hz))
+    alive = np.any([np.ptp(grid, axis=0) > 0.0 for grid in grids], axis=0)
+    live = tuple(channel for channel, lives in zip(channels, alive, strict=True) if lives)
+    grids = [grid[:, alive] for grid in grids]
+    blocks = _blocks(decays, live)
+    likely = _mirrored_modes(grids, rate_hz, blocks, mirror_of(live))
+    mirrored = likely is not None
+    if likely is None:
+        start = identify_modes(grids, rate_hz)
+        if len(start):
+            likely = likely_modes(blocks, start.poles, start.shapes)
+    return SensedModes(channels, _model(likely, alive), mirrored)
 
 
 def closed_form(
@@ -106,6 +128,63 @@ def closed_form(
         shapes.append(displacement_shapes(modes.model, modes.channels, geometry))
     light, heavy = (delta_mass(state.added, geometry.a).real for state in mass_states)
     return identify_parameters(shapes[0], shapes[1], heavy - light, known)
+
+
+def _mirrored_modes(
+    grids: Sequence[NDArray[np.float64]], rate_hz: float, blocks: Sequence[Block], mirror: Mirror
+) -> LikelyModes | None:
+    """Return symmetric and antisymmetric modes, None if the data are against them."""
+    poles, shapes, parity = [], [], []
+    for kind in (1.0, -1.0):
+        combinations = mirror.combinations(kind)
+        if not len(combinations):
+            return None
+        found = identify_modes([grid @ combinations.T for grid in grids], rate_hz)
+        poles.append(found.poles)
+        shapes.append(combinations.T @ found.shapes)
+        parity.append(np.full(len(found), kind))
+    if not sum(len(kind) for kind in poles):
+        return None
+    ties = mirror.ties(np.concatenate(parity))
+    tied = likely_modes(blocks, np.concatenate(poles), np.hstack(shapes), ties)
+    if np.sum(vibrates(tied.poles)) > N_DOF:  # modes that are neither kind are found as both
+        return None
+    free = most_likely_modes(blocks, tied.poles, tied.shapes)
+    gain = free.log_likelihood - tied.log_likelihood
+    more = free.n_unknowns - tied.n_unknowns
+    return tied if gain <= (chdtri(more, _FALSE_ALARM) if more > 0 else 0.0) else None
+
+
+def _blocks(decays: Sequence[FreeDecay], channels: Sequence[Channel]) -> tuple[Block, ...]:
+    """Return the samples of some channels; the level of each sensor is unknown."""
+    position = {channel.name: number for number, channel in enumerate(channels)}
+    blocks = []
+    for run, decay in enumerate(decays):
+        for recording in decay.recordings:
+            names = [channel.name for channel in recording.clock.channels]
+            columns = [number for number, name in enumerate(names) if name in position]
+            if columns and len(recording.time_s):
+                mine = np.array([position[names[column]] for column in columns])
+                values = recording.values[:, columns]
+                blocks.append(
+                    Block(recording.time_s, values, np.full(len(mine), run), mine, free_level=True)
+                )
+    return tuple(blocks)
+
+
+def _model(likely: LikelyModes | None, alive: NDArray[np.bool_]) -> ModalModel:
+    """Return the vibrating ones of some modes, with zeros in the silent channels."""
+    if likely is None:
+        return ModalModel(np.zeros(0, complex), np.zeros((len(alive), 0), complex))
+    modes = vibrates(likely.poles)
+    shapes = np.zeros((len(alive), int(modes.sum())), dtype=complex)
+    shapes[alive] = likely.shapes[:, modes]
+    return ModalModel(
+        likely.poles[modes],
+        shapes,
+        likely.frequency_std_hz[modes],
+        likely.damping_ratio_std[modes],
+    )
 
 
 def _rate_hz(time_s: NDArray[np.float64]) -> float:

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .modal import ModalModel
 from .modal_fit import ModalFit, fit_modes
+from .modal_products import even_blocks
 from .modal_search import likely_modes
 from .stable_poles import diagram_of, seen_in
 from .svm import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
@@ -98,7 +99,7 @@ def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
         rank = _numerical_rank(space.strength)
         if rank is not None:
             poles, shapes = poles_of_rank(space, rank)
-            modes = _vibrates(poles)
+            modes = vibrates(poles)
             found.append((poles[modes], shapes[:, modes]))
     if not found:
         return None
@@ -138,8 +139,8 @@ def noisy_modes(
     )
     if not len(best.poles):
         return ModalModel(best.poles, best.shapes)
-    likely = likely_modes(decays, rate_hz, best.poles, best.shapes)
-    modes = _vibrates(likely.poles)
+    likely = likely_modes(even_blocks(decays, rate_hz), best.poles, best.shapes)
+    modes = vibrates(likely.poles)
     return ModalModel(
         likely.poles[modes],
         likely.shapes[:, modes],
@@ -148,7 +149,7 @@ def noisy_modes(
     )
 
 
-def _vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
+def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
     """Tell which poles stand for a mode; of a pair, the one with positive imaginary part."""
     return np.asarray((poles.imag > 0.0) & (-poles.real < _MAX_DAMPING * np.abs(poles)))
 
