@@ -14,6 +14,7 @@ from .commands.decode import decode
 from .commands.demo import demo
 from .commands.identify import identify
 from .commands.inspect import inspect
+from .commands.plan import plan
 from .commands.record import record
 from .commands.recover import recover
 from .commands.simulate import simulate
@@ -26,7 +27,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (demo, simulate, record, recover, decode, inspect, identify):
+for command in (demo, simulate, record, recover, decode, inspect, identify, plan):
     app.command()(command)
 app.add_typer(study, name="study")
 

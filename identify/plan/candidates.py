@@ -1,0 +1,214 @@
+"""What could be done next, in the operator's words, each as the plan that it would make."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from daq.channels import SI_UNITS, Channel, Quantity
+from daq.runs import ADDED, Excitation
+from daq.vehicle import (
+    AddedMass,
+    BodyWeight,
+    Corner,
+    Fact,
+    FactQuantity,
+    HubWeight,
+    MassState,
+)
+
+from ..model import FULL_NAMES
+from .design import Plan, Runs, Sensor, sensor
+
+HIGHEST_BUMP_M = 0.05
+"""Above this a wheel may lift off the ground (METHOD, section 5)."""
+
+_HIGHEST_RATE_HZ = 1000.0
+_HUB_KG = 5.0
+_FLOOR_KG = 30.0
+_SCALES_KG = 1.0
+_TAPE_M = 0.003
+_AXLES = (FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE)
+_LENGTHS = (FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK)
+_CORNER_LOADS = {
+    FactQuantity.CORNER_FL,
+    FactQuantity.CORNER_FR,
+    FactQuantity.CORNER_RL,
+    FactQuantity.CORNER_RR,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One thing that could be done.
+
+    Parameters
+    ----------
+    action : str
+        What to do.
+    plan : Plan
+        The plan with it done.
+    """
+
+    action: str
+    plan: Plan
+
+
+def candidates(plan: Plan) -> tuple[Candidate, ...]:
+    """Return everything that would be worth a thought as an addition to a plan."""
+    return (
+        *_runs(plan),
+        *_bump(plan),
+        *_rate(plan),
+        *_sensors(plan),
+        *_weights(plan),
+        *_facts(plan),
+    )
+
+
+def _runs(plan: Plan) -> Iterator[Candidate]:
+    for state in plan.mass_states:
+        for excitation in Excitation:
+            done = any((r.mass_state, r.excitation) == (state.name, excitation) for r in plan.runs)
+            action = f"one {'more ' * done}{excitation} run in mass state {state.name}"
+            yield Candidate(action, replace(plan, runs=(*plan.runs, Runs(state.name, excitation))))
+
+
+def _bump(plan: Plan) -> Iterator[Candidate]:
+    height = min(2.0 * plan.bump.height_m, HIGHEST_BUMP_M)
+    if height > plan.bump.height_m:
+        action = f"a bump of {height * 1e3:.0f} mm instead of {plan.bump.height_m * 1e3:.3g} mm"
+        yield Candidate(action, replace(plan, bump=replace(plan.bump, height_m=height)))
+
+
+def _rate(plan: Plan) -> Iterator[Candidate]:
+    slow = [s for s in plan.sensors if s.rate_hz < _HIGHEST_RATE_HZ]
+    if slow:
+        faster = tuple(
+            replace(s, rate_hz=min(2.0 * s.rate_hz, _HIGHEST_RATE_HZ)) if s in slow else s
+            for s in plan.sensors
+        )
+        rate = min(2.0 * min(s.rate_hz for s in slow), _HIGHEST_RATE_HZ)
+        action = f"sample at {rate:.0f} Hz or more, if a sample is then no noisier"
+        yield Candidate(action, replace(plan, sensors=faster))
+
+
+def _sensors(plan: Plan) -> Iterator[Candidate]:
+    present = [s.channel for s in plan.sensors]
+    rate_hz = max(s.rate_hz for s in plan.sensors)
+    for quantity, what in (
+        (Quantity.HUB_ACCELERATION, "an accelerometer on the hub"),
+        (Quantity.SUSPENSION_TRAVEL, "a travel sensor on the suspension"),
+    ):
+        there = {c.corner for c in present if c.quantity is quantity}
+        missing = [corner for corner in Corner if corner not in there]
+        if missing:
+            more = [_new(quantity, rate_hz, corner) for corner in missing]
+            yield _with_sensors(plan, f"{what} at {', '.join(missing)}", more)
+    places = {(c.x_m, c.y_m, c.at_cg) for c in present if c.quantity is Quantity.BODY_ACCELERATION}
+    if len(places) < 3:
+        more = [_on_body(plan, corner, rate_hz) for corner in Corner]
+        yield _with_sensors(plan, "accelerometers on the body above the four wheels", more)
+    kinds = {c.quantity for c in present}
+    for rate, acceleration, what in (
+        (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION, "pitch rate"),
+        (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION, "roll rate"),
+    ):
+        if not kinds & {rate, acceleration}:
+            yield _with_sensors(plan, f"a gyro for the {what} of the body", [_new(rate, rate_hz)])
+
+
+def _new(quantity: Quantity, rate_hz: float, corner: Corner | None = None) -> Sensor:
+    name = f"new_{quantity}_{corner or 'body'}"
+    return sensor(Channel(name, quantity, SI_UNITS[quantity], corner=corner), rate_hz)
+
+
+def _on_body(plan: Plan, corner: Corner, rate_hz: float) -> Sensor:
+    x, y = _above_wheel(plan, corner)
+    name = f"new_{Quantity.BODY_ACCELERATION}_{corner}"
+    return sensor(Channel(name, Quantity.BODY_ACCELERATION, "m/s2", x_m=x, y_m=y), rate_hz)
+
+
+def _above_wheel(plan: Plan, corner: Corner) -> tuple[float, float]:
+    a, b, t_f, t_r = plan.vehicle[FULL_NAMES.index("a") :][:4].tolist()
+    return (0.0, corner.side * t_f) if corner.front else (-a - b, corner.side * t_r)
+
+
+def _with_sensors(plan: Plan, action: str, more: list[Sensor]) -> Candidate:
+    return Candidate(action, replace(plan, sensors=(*plan.sensors, *more)))
+
+
+def _weights(plan: Plan) -> Iterator[Candidate]:
+    hubs = tuple(HubWeight(_HUB_KG, corner) for corner in Corner)
+    floor = tuple(BodyWeight(_FLOOR_KG, *_above_wheel(plan, corner)) for corner in Corner)
+    loaded = next((s for s in plan.mass_states if s.added.weights or s.added.matrix.any()), None)
+    if loaded is None:
+        for weights, what in (
+            (hubs, f"{_HUB_KG:.0f} kg on every hub"),
+            (floor, f"{_FLOOR_KG:.0f} kg on the floor near each wheel"),
+        ):
+            action = f"{what} as mass state {ADDED}, with one run of each kind at least"
+            yield Candidate(action, _first_loaded(plan, weights))
+        return
+    if all(r.mass_state != loaded.name for r in plan.runs):
+        return  # weights without a run; `_runs` offers one
+    added = loaded.added
+    where = f"in mass state {loaded.name}"
+    action = f"{_HUB_KG:.0f} kg more on every hub {where}"
+    yield _reloaded(plan, loaded, action, (*added.weights, *hubs))
+    on_body = [w for w in added.weights if isinstance(w, BodyWeight)]
+    others = [w for w in added.weights if not isinstance(w, BodyWeight)]
+    if on_body:
+        twice = [replace(w, mass_kg=2.0 * w.mass_kg) for w in on_body]
+        action = f"the weights on the body twice as heavy {where}"
+        yield _reloaded(plan, loaded, action, (*others, *twice))
+        one_side = [replace(w, y_m=abs(w.y_m)) for w in on_body]
+        if one_side != on_body:
+            action = f"the weights on the body all on the left side {where}"
+            yield _reloaded(plan, loaded, action, (*others, *one_side))
+    else:
+        action = f"{_FLOOR_KG:.0f} kg on the floor near each wheel {where}"
+        yield _reloaded(plan, loaded, action, (*added.weights, *floor))
+        corner = floor[Corner.REAR_LEFT.position]
+        action = f"{_FLOOR_KG:.0f} kg on the floor near the left rear wheel {where}"
+        yield _reloaded(plan, loaded, action, (*added.weights, corner))
+
+
+def _reloaded(
+    plan: Plan, state: MassState, action: str, weights: tuple[BodyWeight | HubWeight, ...]
+) -> Candidate:
+    new = replace(state, added=AddedMass(weights, state.added.matrix))
+    states = tuple(new if s is state else s for s in plan.mass_states)
+    return Candidate(action, replace(plan, mass_states=states))
+
+
+def _first_loaded(plan: Plan, weights: tuple[BodyWeight | HubWeight, ...]) -> Plan:
+    """Return the plan with these weights in the state `ADDED`, and each kind of run in it."""
+    others = tuple(s for s in plan.mass_states if s.name != ADDED)
+    planned = {r.excitation for r in plan.runs if r.mass_state == ADDED}
+    kinds = dict.fromkeys(r.excitation for r in plan.runs if r.excitation not in planned)
+    more = tuple(Runs(ADDED, excitation) for excitation in kinds)
+    states = (*others, MassState(ADDED, AddedMass(weights)))
+    return replace(plan, mass_states=states, runs=(*plan.runs, *more))
+
+
+def _facts(plan: Plan) -> Iterator[Candidate]:
+    known = {fact.quantity for fact in plan.facts}
+    corners = known >= _CORNER_LOADS
+    axles = corners or known >= set(_AXLES)
+    by_parts = known & {FactQuantity.TOTAL_MASS} and known & set(_AXLES)
+    if not (axles or by_parts):
+        if FactQuantity.TOTAL_MASS not in known:
+            total = [FactQuantity.TOTAL_MASS]
+            yield _with_facts(plan, "weigh the vehicle to 1 kg", total, _SCALES_KG)
+        yield _with_facts(plan, "weigh each axle to 1 kg", list(_AXLES), _SCALES_KG)
+    lengths = [q for q in _LENGTHS if q not in known]
+    if lengths and plan.geometry is None:
+        names = ", ".join(q.removesuffix("_m").replace("_", " ") for q in lengths)
+        yield _with_facts(plan, f"measure {names} by tape to 3 mm", list(lengths), _TAPE_M)
+
+
+def _with_facts(plan: Plan, action: str, what: list[FactQuantity], sigma: float) -> Candidate:
+    # The value is of no account: only the uncertainty of a fact is information.
+    more = tuple(Fact(quantity, 0.0, sigma) for quantity in what)
+    return Candidate(action, replace(plan, facts=(*plan.facts, *more)))

@@ -1,0 +1,145 @@
+"""Fisher information of a plan: what its runs will say, before they are run.
+
+The noise-free free decays of the planned runs go through the very code that fits measured ones;
+at the truth, the normal matrix of the fit is the Fisher information.  Information of runs with
+independent noise adds up, and that of a free decay goes with the square of the bump's height: so
+each kind of run is computed once, for a bump of a metre.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import Channel
+from daq.runs import Excitation
+from daq.vehicle import MassState
+
+from ..decay import Clock, FreeDecay, Recording
+from ..facts import CORNERS
+from ..greybox import GreyBox
+from ..likelihood import shares
+from ..model import PhysicalModel, delta_mass, full_matrices
+from ..projection import Point, linear_coefficients, point, share
+from ..simulate import Bump, exact_response
+from .design import Plan, Runs
+
+
+@dataclass(frozen=True, slots=True)
+class Fisher:
+    """The information of a plan.
+
+    Parameters
+    ----------
+    box : GreyBox
+        What is unknown.
+    eta : (P,) float64
+        The unknowns at the expected vehicle.
+    information : (P, P) float64
+        Inverse of the covariance that an efficient estimate will have.
+    """
+
+    box: GreyBox
+    eta: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class KnownRuns:
+    """Remembers the information of each kind of run, for plans that have it in common."""
+
+    _known: dict[tuple[Any, ...], NDArray[np.float64]] = field(default_factory=dict)
+
+    def fisher(self, plan: Plan) -> Fisher:
+        """Return the information of all runs of a plan, its facts and stated uncertainties."""
+        rates, clocks = _clocks(plan)
+        box = GreyBox(clocks, plan.mass_states, plan.geometry, plan.structure, plan.facts)
+        eta = box.unknowns_of(plan.vehicle)
+        sigma = {s.channel.name: s.noise for s in plan.sensors}
+        common = _common(plan)
+        total = np.sum([s.information for s in shares(box, (), sigma, eta).values()], axis=0)
+        per_state: defaultdict[str, list[Runs]] = defaultdict(list)
+        for runs in plan.runs:
+            per_state[runs.mass_state].append(runs)
+        for state in plan.mass_states:
+            at: Point | None = None
+            for runs in per_state[state.name]:
+                added = state.added
+                key = (common, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
+                if key not in self._known:
+                    at = at or point(box, eta, state.name, sigma)
+                    start = _start(at, eta, state, runs.excitation, plan.bump.duration_s)
+                    decay = _decay(at, start, state.name, rates, plan.decay_s)
+                    self._known[key] = share(at, decay).information
+                total = total + plan.bump.height_m**2 * runs.repeats * self._known[key]
+        return Fisher(box, eta, total)
+
+
+def _common(plan: Plan) -> tuple[Any, ...]:
+    """Return all that the information of a run depends on beside its mass state and excitation."""
+    uncertain = tuple(
+        (state.name, i)
+        for state in plan.mass_states
+        for i, weight in enumerate(state.added.weights)
+        if weight.sigma_kg > 0.0
+    )
+    return (
+        plan.vehicle.tobytes(),
+        plan.sensors,
+        plan.geometry,
+        plan.structure,
+        any(fact.quantity in CORNERS for fact in plan.facts),
+        uncertain,
+        plan.bump.duration_s,
+        plan.decay_s,
+    )
+
+
+def _clocks(plan: Plan) -> tuple[dict[Clock, float], tuple[Clock, ...]]:
+    """Return the sample clocks, as a session would have them, and the rate of each."""
+    groups: defaultdict[tuple[Any, ...], list[Channel]] = defaultdict(list)
+    for sensor in plan.sensors:
+        c = sensor.channel
+        alike = (c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order)
+        groups[(c.signal.partition(".")[0], sensor.rate_hz, *alike)].append(c)
+    rates = {Clock(key[0], tuple(cs)): key[1] for key, cs in groups.items()}
+    return rates, tuple(rates)
+
+
+def _start(
+    at: Point,
+    eta: NDArray[np.float64],
+    state: MassState,
+    excitation: Excitation,
+    bump_s: float,
+) -> NDArray[np.float64]:
+    """Return the state, (14,), in which a bump of a metre leaves the vehicle."""
+    full = at.box.full(eta.astype(complex))
+    M, C, K = (matrix.real for matrix in full_matrices(full))
+    model = PhysicalModel(M + delta_mass(state.added, full[19], None, full[27]).real, C, K)
+    run = exact_response(model, excitation, Bump(1.0, 0.0, bump_s), 1.0 / bump_s, bump_s)
+    return np.concatenate([run.displacement[-1], run.velocity[-1]])
+
+
+def _decay(
+    at: Point,
+    start: NDArray[np.float64],
+    mass_state: str,
+    rates: dict[Clock, float],
+    decay_s: float,
+) -> FreeDecay:
+    """Return the free decay from a state, without noise, as the sensors sample it."""
+    empty = []
+    for clock, rate in rates.items():
+        time = np.arange(int(decay_s * rate)) / rate
+        empty.append(Recording(clock, time, np.zeros((len(time), len(clock.channels)))))
+    silent = FreeDecay("planned", mass_state, 0.0, tuple(empty))
+    filled = tuple(
+        Recording(r.clock, r.time_s, at.basis(r) @ (stack[..., : len(start)] @ start).T)
+        for r, stack in zip(empty, linear_coefficients(at, silent), strict=True)
+    )
+    return FreeDecay("planned", mass_state, 0.0, filled)

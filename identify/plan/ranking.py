@@ -1,0 +1,98 @@
+"""The planner's answers: what a campaign will tell, and what to do next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .candidates import Candidate, candidates
+from .design import Plan
+from .information import KnownRuns
+from .outlook import Outlook, expected
+
+MOST_STEPS = 12
+_MOST_ADVICE = 3
+_NOTICEABLE = 0.995  # of worst times mean; a step that leaves more is not worth its line
+
+
+@dataclass(frozen=True, slots=True)
+class NextStep:
+    """Something to do next, and what it is good for.
+
+    Parameters
+    ----------
+    action : str
+        In the operator's words.
+    outlook : Outlook
+        What the plan will tell with it done.
+    """
+
+    action: str
+    outlook: Outlook
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """The planner's answer.
+
+    Parameters
+    ----------
+    outlook : Outlook
+        What the plan as it is will tell.
+    steps : tuple of NextStep
+        At most a dozen, each by itself added to the plan, the most useful first.
+    remedies : tuple of str
+        What to do, all of it, to determine what the plan leaves undetermined; empty if nothing is.
+    """
+
+    outlook: Outlook
+    steps: tuple[NextStep, ...]
+    remedies: tuple[str, ...]
+
+
+def outlook(plan: Plan) -> Outlook:
+    """Return the expected interval of every parameter of a plan."""
+    return expected(KnownRuns().fisher(plan))
+
+
+def advise(plan: Plan) -> Advice:
+    """Return what a plan will tell, and what would improve it most.
+
+    Steps that determine more come first; among equals the one that leaves the smallest product of
+    worst and mean interval.
+    """
+    known = KnownRuns()
+    now = expected(known.fisher(plan))
+    ranked = _ranked(plan, known)
+    steps = tuple(NextStep(c.action, o) for c, o in ranked if _helps(o, now))
+    return Advice(now, steps[:MOST_STEPS], _remedies(now, ranked, known))
+
+
+def _ranked(plan: Plan, known: KnownRuns) -> list[tuple[Candidate, Outlook]]:
+    judged = [(c, expected(known.fisher(c.plan))) for c in candidates(plan)]
+    return sorted(judged, key=lambda pair: _rank(pair[1]))
+
+
+def _rank(outlook: Outlook) -> tuple[int, int, float]:
+    return outlook.open_directions, len(outlook.undetermined), outlook.worst * outlook.mean
+
+
+def _helps(after: Outlook, now: Outlook) -> bool:
+    if now.undetermined:  # first things first
+        return _rank(after)[:2] < _rank(now)[:2]
+    return after.worst * after.mean < _NOTICEABLE * now.worst * now.mean
+
+
+def _remedies(
+    now: Outlook, ranked: list[tuple[Candidate, Outlook]], known: KnownRuns
+) -> tuple[str, ...]:
+    """Return the best step, and the best after it, until everything is determined."""
+    actions: list[str] = []
+    while now.undetermined and len(actions) < _MOST_ADVICE:
+        best, after = ranked[0]
+        if not _helps(after, now):
+            break
+        actions.append(best.action)
+        now = after
+        if now.undetermined:
+            ranked = _ranked(best.plan, known)
+    return tuple(actions)

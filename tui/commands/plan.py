@@ -1,0 +1,204 @@
+"""`bumpbench plan`: what a campaign will tell before it is held, and what would improve it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..diagnostics import ExitCode
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from daq.config import Bench
+    from daq.runs import Session
+    from identify.plan import Advice, Plan, Sensor
+
+_USUAL_RATE_HZ = 200.0  # where neither the DBC nor the command line has one
+
+
+def plan(
+    bench: Annotated[
+        Path | None,
+        typer.Option(help="bench.toml; if absent that of the session, else the shipped bench."),
+    ] = None,
+    session: Annotated[
+        Path | None, typer.Option("--from", help="Session whose vehicle is expected again.")
+    ] = None,
+    bump_mm: Annotated[float, typer.Option(min=0.1, max=500.0, help="Height of the bump.")] = 50.0,
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            min=40.0, max=5000.0, metavar="HZ", help="Samples a second; else as the DBC has it."
+        ),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON.")] = False,
+) -> int:
+    """Say how well a campaign will determine each parameter, and what to do next."""
+    import daq
+    from identify.plan import Plan, Runs, advise
+    from identify.simulate import Bump
+
+    from ..output import print_json, progress
+
+    with progress("plan") as stage:
+        stage(0.1, "reading")
+        held = None if session is None else daq.read_session(session)
+        described = _bench(bench, session, held)
+        stage(0.2, "expecting the vehicle")
+        vehicle, whose = _expected_vehicle(session, held)
+        stage(0.6, "weighing the next steps")
+        planned = Plan(
+            vehicle=vehicle,
+            sensors=_sensors(described, rate),
+            mass_states=described.mass_states,
+            runs=tuple(
+                Runs(state, excitation, described.campaign.repeats)
+                for state in described.campaign.mass_states
+                for excitation in dict.fromkeys(described.campaign.excitations)
+            ),
+            bump=Bump(bump_mm * 1e-3, 0.0, described.bump_s),
+            decay_s=max(described.trigger.post_s - described.bump_s, 0.2),
+            geometry=described.vehicle.geometry,
+            structure=described.vehicle.structure,
+            facts=described.vehicle.facts,
+        )
+        advice = advise(planned)
+    if json:
+        print_json(_document(planned, advice, whose))
+    else:
+        _print(planned, advice, whose)
+    return ExitCode.ANSWER_IS_NO if advice.outlook.undetermined else ExitCode.OK
+
+
+def _bench(path: Path | None, session: Path | None, held: Session | None) -> Bench:
+    from daq.config import load_bench, parse_bench
+
+    text = held.provenance.get("bench_toml") if held and path is None else None
+    if held is None or session is None or text is None:
+        return load_bench(path)
+    where = f"bench.toml in {session}"
+    return parse_bench(text, where, session.parent, held.provenance.get("dbc"))
+
+
+def _sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
+    from daq.channels import Quantity
+    from daq.mapping import map_channels
+    from dbc import parse_codec
+    from identify.plan import sensor
+
+    codec = parse_codec(bench.dbc_text, bench.dbc_name)
+    found = []
+    for mapped in map_channels(bench.channels, codec.messages, bench.dbc_name):
+        if mapped.channel.quantity is not Quantity.UNUSED:
+            cycle_s = mapped.message.cycle_s or 1.0 / _USUAL_RATE_HZ
+            found.append(sensor(mapped.channel, rate_hz or 1.0 / cycle_s))
+    return tuple(found)
+
+
+def _expected_vehicle(
+    session: Path | None, held: Session | None
+) -> tuple[NDArray[np.float64], str]:
+    """Return the parameters, (15,) or (28,), that are expected, and whose they are."""
+    import identify as method
+    from daq.vehicle import FORD_GRANADA
+    from identify.plan import full_vector
+
+    typical = "the Ford Granada of the paper, as a typical car"
+    if held is None:
+        return FORD_GRANADA.to_array(), typical
+    result = method.identify(held)
+    if result.parameters and result.quality.verdict != "refused":
+        values = {name: estimate.value for name, estimate in result.parameters.items()}
+        return full_vector(values), f"the vehicle identified from {session}"
+    return FORD_GRANADA.to_array(), f"{typical}: the identification of {session} is refused"
+
+
+def _document(planned: Plan, advice: Advice, whose: str) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    now = advice.outlook
+    return {
+        "vehicle": whose,
+        "bump_mm": planned.bump.height_m * 1e3,
+        "decay_s": planned.decay_s,
+        "sensors": [
+            {"name": s.channel.name, "noise": s.noise, "unit": s.channel.unit, "rate_hz": s.rate_hz}
+            for s in planned.sensors
+        ],
+        "runs": [
+            {"mass_state": r.mass_state, "excitation": r.excitation, "repeats": r.repeats}
+            for r in planned.runs
+        ],
+        "parameters": {
+            name: {**asdict(e), "relative_interval": now.relative.get(name)}
+            for name, e in now.parameters.items()
+        },
+        "worst": now.worst,
+        "mean": now.mean,
+        "undetermined": list(now.undetermined),
+        "reasons": list(now.reasons),
+        "remedies": list(advice.remedies),
+        "next_steps": [
+            {
+                "action": step.action,
+                "worst_before": now.worst,
+                "worst": step.outlook.worst,
+                "mean_before": now.mean,
+                "mean": step.outlook.mean,
+                "undetermined": list(step.outlook.undetermined),
+            }
+            for step in advice.steps
+        ],
+    }
+
+
+def _print(planned: Plan, advice: Advice, whose: str) -> None:
+    from ..output import print_line, print_table
+    from ..result import number
+
+    now = advice.outlook
+    runs = ", ".join(f"{r.repeats} x {r.mass_state} {r.excitation}" for r in planned.runs)
+    rates = sorted({s.rate_hz for s in planned.sensors})
+    spread = " .. ".join(f"{rate:g}" for rate in dict.fromkeys((rates[0], rates[-1])))
+    print_line(f"Runs: {runs}; bump of {planned.bump.height_m * 1e3:g} mm")
+    print_line(
+        f"Sensors: {len(planned.sensors)} at {spread} Hz, with the usual noise of their kind"
+    )
+    print_line(f"Vehicle: {whose}")
+    print_line()
+    rows = []
+    for name, e in now.parameters.items():
+        if name in now.undetermined:
+            cells = ["not determined", ""]
+        elif not e.std:
+            cells = ["given", ""]
+        else:
+            share = f"{now.relative[name] * 100:.2f} %" if name in now.relative else ""
+            cells = [f"± {number(e.high - e.value)}", share]
+        rows.append([name, number(e.value), *cells, e.unit])
+    columns = ["parameter", "expected", "95 % interval", "±", "unit"]
+    print_table("What this campaign will tell", columns, rows)
+    print_line()
+    if now.undetermined:
+        print_line(f"not determined: {', '.join(now.undetermined)}")
+        for reason in now.reasons:
+            print_line(f"  - {reason}")
+        for action in advice.remedies or ("more than one step that is known here",):
+            print_line(f"  - add: {action}")
+        print_line()
+    steps = [["(as planned)", *_cells(now.worst, now.mean, now.undetermined)]]
+    for step in advice.steps:
+        after = step.outlook
+        steps.append([step.action, *_cells(after.worst, after.mean, after.undetermined)])
+    columns = ["next step, each by itself", "worst", "mean", "not determined"]
+    print_table("What would improve it (95 % intervals, share of the value)", columns, steps)
+
+
+def _cells(worst: float, mean: float, undetermined: tuple[str, ...]) -> list[str]:
+    if undetermined:
+        return ["", "", str(len(undetermined))]
+    return [f"± {worst * 100:.2f} %", f"± {mean * 100:.2f} %", ""]
