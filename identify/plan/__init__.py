@@ -5,7 +5,7 @@ next steps: run, bump, rate, sensor, weight, fact.
 """
 
 from .design import TYPICAL_NOISE, Plan, Runs, Sensor, full_vector, sensor, sensors_of
-from .outlook import Outlook
+from .outlook import Outlook, vague
 from .ranking import Advice, NextStep, advise, outlook
 
 __all__ = [
@@ -21,4 +21,5 @@ __all__ = [
     "outlook",
     "sensor",
     "sensors_of",
+    "vague",
 ]

@@ -86,6 +86,15 @@ def expected(fisher: Fisher) -> Outlook:
     )
 
 
+def vague(parameters: Mapping[str, Estimate]) -> tuple[str, ...]:
+    """Return the parameters of an identification that are too uncertain to plan with."""
+    return tuple(
+        name
+        for name, e in parameters.items()
+        if not (name in SIGNED or e.std <= LARGEST_SHARE * abs(e.value))
+    )
+
+
 def _largest(name: str) -> float:
     """Return the largest standard deviation of an unknown that counts as determined."""
     return 1.0 if name in SIGNED else LARGEST_SHARE

@@ -105,16 +105,20 @@ def _expected_vehicle(
     """Return the parameters, (15,) or (28,), that are expected, and whose they are."""
     import identify as method
     from daq.vehicle import FORD_GRANADA
-    from identify.plan import full_vector
+    from identify.plan import full_vector, vague
 
     typical = "the Ford Granada of the paper, as a typical car"
     if held is None:
         return FORD_GRANADA.to_array(), typical
     result = method.identify(held)
-    if result.parameters and result.quality.verdict != "refused":
-        values = {name: estimate.value for name, estimate in result.parameters.items()}
-        return full_vector(values), f"the vehicle identified from {session}"
-    return FORD_GRANADA.to_array(), f"{typical}: the identification of {session} is refused"
+    values = {name: estimate.value for name, estimate in result.parameters.items()}
+    if not values or result.quality.verdict == "refused":
+        return FORD_GRANADA.to_array(), f"{typical}: the identification of {session} is refused"
+    lost = vague(result.parameters)
+    if lost:
+        why = f"{session} does not determine {', '.join(lost)}"
+        return FORD_GRANADA.to_array(), f"{typical}: {why}"
+    return full_vector(values), f"the vehicle identified from {session}"
 
 
 def _document(planned: Plan, advice: Advice, whose: str) -> dict[str, Any]:

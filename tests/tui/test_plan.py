@@ -1,0 +1,143 @@
+"""`bumpbench plan`: what the operator reads, and the exit code."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import daq
+from daq.config import default_bench_text
+from daq.runs import Excitation
+from daq.vehicle import DOF, FORD_GRANADA
+from identify.model import physical_model
+from identify.simulate import Bump, exact_response
+from tui.cli import run
+
+PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
+
+
+def _json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
+    assert run(["plan", "--json", *arguments]) == code
+    out, err = capsys.readouterr()
+    assert err == ""
+    document = json.loads(out)
+    assert isinstance(document, dict)
+    return document
+
+
+def _bench(tmp_path: Path, old: str, new: str) -> str:
+    text = default_bench_text()
+    assert old in text
+    path = tmp_path / "bench.toml"
+    path.write_text(text.replace(old, new))
+    return str(path)
+
+
+def test_the_shipped_bench(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["plan"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "as a typical car" in out
+    assert "500 .. 1000 Hz" in out
+    assert "m_s          1,380.0" in out or "m_s         1,380.0" in out
+    assert "weigh each axle" in out
+    assert "not determined:" not in out
+
+
+def test_rate_and_height(capsys: pytest.CaptureFixture[str]) -> None:
+    plain = _json(capsys, "--rate", "200")
+    assert {s["rate_hz"] for s in plain["sensors"]} == {200.0}
+    assert len(plain["parameters"]) == 15
+    assert 0.0 < plain["mean"] <= plain["worst"] < 0.02
+    assert 1 <= len(plain["next_steps"]) <= 12
+    assert all(step["worst_before"] == plain["worst"] for step in plain["next_steps"])
+    low = _json(capsys, "--rate", "200", "--bump-mm", "10")
+    assert 4.0 < low["worst"] / plain["worst"] <= 5.001  # less what is known beforehand
+    higher = "a bump of 20 mm instead of 10 mm"
+    assert higher in [step["action"] for step in low["next_steps"]]
+    assert "bump" not in " ".join(step["action"] for step in plain["next_steps"])
+
+
+def test_no_roll_is_no_plan(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bench = _bench(tmp_path, '"bounce", "pitch", "roll"', '"bounce", "pitch"')
+    document = _json(capsys, "--bench", bench, "--rate", "200", code=1)
+    assert document["undetermined"] == ["I_xx", "t_f", "t_r"]
+    assert document["parameters"]["I_xx"]["std"] is None
+    assert document["remedies"] == ["one roll run in mass state baseline"]
+    assert run(["plan", "--bench", bench, "--rate", "200"]) == 1
+    out = capsys.readouterr().out
+    assert "not determined: I_xx, t_f, t_r" in out
+    assert "  - add: one roll run in mass state baseline" in out
+
+
+def test_facts_and_structure_of_the_bench(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    plain = _json(capsys, "--rate", "200")
+    facts = "".join(
+        f'[[fact]]\nquantity = "{axle}_axle_kg"\nvalue = 800.0\nsigma = 1.0\n'
+        for axle in ("front", "rear")
+    )
+    weighed = _bench(tmp_path, "[campaign]", facts + "[campaign]")
+    better = _json(capsys, "--bench", weighed, "--rate", "200")
+    assert better["mean"] < 0.5 * plain["mean"]
+    assert not any("weigh" in step["action"].split() for step in better["next_steps"])
+    structure = "[vehicle.structure]\nsymmetric = false\nanti_roll_bars = true\n"
+    free = _bench(tmp_path, "[campaign]", structure + "[campaign]")
+    document = _json(capsys, "--bench", free, "--rate", "200")
+    assert {"k_sfl", "k_srr", "k_af"} <= set(document["parameters"])
+    assert document["parameters"]["k_af"]["relative_interval"] is None
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--bump-mm", "0"],
+        ["--bump-mm", "nan"],
+        ["--rate", "1"],
+        ["--rate", "nan"],
+        ["--bench", "absent.toml"],
+        ["--from", "absent.h5"],
+    ],
+)
+def test_bad_input(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
+    assert run(["plan", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert len(err.splitlines()) == 1
+
+
+def _session(tmp_path: Path, cases: tuple[Excitation, ...]) -> str:
+    """Write a session of a car that is a tenth heavier than the typical one."""
+    heavy = physical_model(replace(FORD_GRANADA, m_s=1.1 * FORD_GRANADA.m_s))
+    rng = np.random.default_rng(1)
+    runs = []
+    for state, model in (("baseline", heavy), ("added", heavy.with_mass(PAPER_MASS))):
+        for case in cases:
+            motion = exact_response(model, case, Bump(), 200.0, 2.0)
+            columns = motion.acceleration + 0.02 * rng.standard_normal(motion.acceleration.shape)
+            samples = {n: (motion.time_s, c) for n, c in zip(DOF, columns.T, strict=True)}
+            runs.append((state, case.value, samples))
+    path = tmp_path / "car.h5"
+    daq.write_session(path, daq.session_from_arrays(runs, delta_mass=PAPER_MASS, bump_s=0.2))
+    return str(path)
+
+
+def test_the_vehicle_of_a_session(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    cases = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+    path = _session(tmp_path, cases)
+    document = _json(capsys, "--from", path, "--rate", "200")
+    assert "car.h5" in document["vehicle"]
+    assert document["parameters"]["m_s"]["value"] == pytest.approx(1.1 * 1380.0, rel=0.03)
+
+
+def test_a_session_without_a_vehicle_gives_the_typical_car(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    document = _json(capsys, "--from", _session(tmp_path, (Excitation.PITCH,)), "--rate", "200")
+    assert document["vehicle"].startswith("the Ford Granada")
+    assert "car.h5" in document["vehicle"]
+    assert document["parameters"]["m_s"]["value"] == pytest.approx(1380.0)
