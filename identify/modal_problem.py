@@ -193,6 +193,10 @@ class Problem:
         trial = self.point(at, point.amplitudes + parts[1:], shapes, weight)
         return trial if trial.objective <= point.objective else None
 
+    def log_likelihood(self, point: Point) -> float:
+        """Return twice the logarithm of the likelihood, constants apart."""
+        return -float(np.sum(self.count * np.log(point.squares / self.count)))
+
     def _left(
         self, at: Waves, amplitudes: NDArray[np.complex128], shapes: NDArray[np.complex128]
     ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from .modal_fit import feigned
-from .modal_likelihood import LikelyModes, most_likely_modes
+from .modal_likelihood import LikelyModes, likelihood_near, most_likely_modes
 from .modal_problem import Ties
 from .modal_products import Block
 
 _FALSE_ALARM = 1e-3
-_TRIAL_STEPS = 12
+_TRIAL_STEPS = 8
 """A second mode that is there has shown its worth by then."""
 _TINY = 1e-100
 _DETUNED = 1.03
@@ -63,10 +63,10 @@ def likely_modes(
         best = most_likely_modes(blocks, trial.poles, trial.shapes, trial.ties)
     while len(best.poles) > 1:
         left = _least_needed(blocks, best)
-        trial = most_likely_modes(blocks, *_chosen(best, left))
+        trial = most_likely_modes(blocks, *_chosen(best, left), steps=_TRIAL_STEPS)
         if _merit(trial, n) <= _merit(best, n):
             break
-        best = trial
+        best = most_likely_modes(blocks, trial.poles, trial.shapes, trial.ties)
     return best
 
 
@@ -105,5 +105,10 @@ def _least_needed(blocks: Sequence[Block], modes: LikelyModes) -> NDArray[np.int
     m = len(modes.poles)
     n = sum(block.values.size for block in blocks) // len(modes.shapes)
     fewer = [np.delete(np.arange(m), leave) for leave in range(m)]
-    trials = [most_likely_modes(blocks, *_chosen(modes, left), steps=1) for left in fewer]
-    return fewer[int(np.argmax([_merit(trial, n) for trial in trials]))]
+    n_channels, n_runs = len(modes.shapes), len(modes.amplitudes)
+    merits = [
+        likelihood_near(blocks, *_chosen(modes, left))
+        - feigned(modes.poles[left], n_channels, n_runs, n)
+        for left in fewer
+    ]
+    return fewer[int(np.argmax(merits))]

@@ -25,7 +25,7 @@ from .modal import ModalModel
 from .modal_fit import ModalFit, fit_modes
 from .modal_products import even_blocks
 from .modal_search import likely_modes
-from .stable_poles import diagram_of, seen_in
+from .stable_poles import Poles, diagram_of, seen_in
 from .svm import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
 
 _GAP = 100.0
@@ -35,8 +35,8 @@ _ROUNDING = 1e-11
 _SAME_POLE_CLEAN = 1e-4
 _MAX_DAMPING = 0.98
 
-_FINALISTS = 2
-"""Sets of poles in which the needless ones are searched."""
+_LIKE = 0.003
+"""Sets of poles that differ by no more, relative, lead to the same optimum."""
 _TRIAL_SWEEPS = 2
 """A set with one pole less begins near its optimum; two sweeps rank the sets."""
 
@@ -126,19 +126,16 @@ def noisy_modes(
         Samples a second.
     """
     duration_s = max(len(decay) for decay in decays) / rate_hz
+    stable = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
     fits = [
         fit_modes(decays, rate_hz, poles, shapes, _TRIAL_SWEEPS)
-        for space in spaces
-        for poles, shapes in diagram_of(space, duration_s).stable_sets
+        for poles, shapes in _worth_trying(stable)
     ]
-    finalists = sorted(fits, key=lambda fit: fit.merit)[-_FINALISTS:]
-    best = max(
-        (_without_needless(fit, decays, rate_hz) for fit in finalists),
-        key=lambda fit: fit.merit,
-        default=ModalFit(np.zeros(0, complex), np.zeros((decays[0].shape[1], 0), complex), 0.0),
-    )
-    if not len(best.poles):
-        return ModalModel(best.poles, best.shapes)
+    best = max(fits, key=lambda fit: fit.merit, default=None)
+    if best is not None:
+        best = _without_needless(best, decays, rate_hz)
+    if best is None or not len(best.poles):
+        return ModalModel(np.zeros(0, complex), np.zeros((decays[0].shape[1], 0), complex))
     likely = likely_modes(even_blocks(decays, rate_hz), best.poles, best.shapes)
     modes = vibrates(likely.poles)
     return ModalModel(
@@ -147,6 +144,20 @@ def noisy_modes(
         likely.frequency_std_hz[modes],
         likely.damping_ratio_std[modes],
     )
+
+
+def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:
+    """Return the sets without those that are like one before, or much smaller than another."""
+    most = max((len(poles) for poles, _ in sets), default=0)
+    chosen: list[Poles] = []
+    for poles, shapes in sets:
+        like = any(
+            len(poles) == len(other) and np.all(np.abs(poles - other) < _LIKE * np.abs(other))
+            for other, _ in chosen
+        )
+        if 2 * len(poles) >= most and not like:
+            chosen.append((poles, shapes))
+    return chosen
 
 
 def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:

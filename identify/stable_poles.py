@@ -56,10 +56,14 @@ class StabilisationDiagram:
 
     @property
     def stable_sets(self) -> list[Poles]:
-        """The stable poles of each rank that has some."""
+        """The stable poles of each rank that has some, in order of frequency."""
         ranks = np.unique(self.rank[self.stable])
-        chosen = [self.stable & (self.rank == rank) for rank in ranks]
-        return [(self.poles[keep], self.shapes[:, keep]) for keep in chosen]
+        found = []
+        for rank in ranks:
+            which = np.flatnonzero(self.stable & (self.rank == rank))
+            which = which[np.argsort(np.abs(self.poles[which]))]
+            found.append((self.poles[which], self.shapes[:, which]))
+        return found
 
 
 def stabilisation_diagram(records: Sequence[ArrayLike], rate_hz: float) -> StabilisationDiagram:

@@ -62,7 +62,8 @@ class DelaySpace:
     strength : (r,) float64
         Singular values.
     coordinates : tuple of (n_i, r) float64
-        The delay vectors of each record, one a sample, in these directions.
+        The delay vectors of each record, one a sample, in these directions; none are needed
+        where the step is one sample.
     n_channels : int
         Channels of the records.
     """
@@ -141,7 +142,7 @@ def layouts(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Dela
     coarse = max(1, int(rate_hz / (10.0 * _highest_frequency_hz(decays, rate_hz))))
     coarse = min(coarse, max(1, longest // 16))
     chosen = []
-    for step, parts in ((coarse, (1, 2, 4)), (1, (1, 2))):
+    for step, parts in ((coarse, (1, 2)), (1, (1, 2))):
         most = max(4, min(_MAX_ROWS // decays[0].shape[1], longest // (2 * step)))
         chosen += [Delays(max(4, most // part), step) for part in parts]
     return tuple(dict.fromkeys(chosen))
@@ -175,7 +176,7 @@ def delay_space(
         rate_hz=rate_hz,
         directions=directions,
         strength=strength,
-        coordinates=tuple(table @ directions for table in tables),
+        coordinates=tuple(table @ directions for table in tables) if step > 1 else (),
         n_channels=decays[0].shape[1],
     )
 
