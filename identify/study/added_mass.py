@@ -76,7 +76,7 @@ MASS_ERRORS: Mapping[str, MassError] = MappingProxyType(
 _CONVENTION = (
     "Error e: the identification is told (1 - e) times what is on board. Row i of M, C and K is"
     " then (1 - e) times its true self, so K is no longer symmetric and least squares settles"
-    " between its two halves. m_s, I_yy, I_xx, m_uf, m_ur are off by -e each in its own figure."
+    " between its two halves."
 )
 
 
@@ -147,7 +147,6 @@ def mass_error_study(figure: str) -> Study:
     found = np.array([_parameters_told(error, e) for e in ERRORS_PERCENT])
     errors = percent(found, FORD_GRANADA.to_array())
     by_name = dict(zip(PARAMETER_NAMES, errors.T, strict=True))
-    names = (*_DYNAMIC, *_GEOMETRY)
     middle = len(ERRORS_PERCENT) // 2
     rows = tuple(
         (
@@ -156,7 +155,7 @@ def mass_error_study(figure: str) -> Study:
             float(by_name[name][-1]),
             float((by_name[name][middle + 1] - by_name[name][middle - 1]) / 2.0),
         )
-        for name in names
+        for name in PARAMETER_NAMES
     )
     return Study(
         title=f"Fig. {figure.removeprefix('fig')}, identified parameters by an error in"

@@ -39,6 +39,7 @@ PAPER_CASES = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
 BUMP = Bump()
 RECORD_S = 3.0
 _RATES_HZ = (40.0, 20_000.0)
+_LEAST_NOISE_DB = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +79,26 @@ class Campaign:
             )
         if not -20.0 <= self.noise_db <= inf:
             raise InputError(
-                "noise", f"{self.noise_db:g} dB buries every signal", "give -20 dB or more"
+                "noise", f"{self.noise_db:g} dB cannot be studied", "give -20 dB or more"
             )
         if not self.cases or len(set(self.cases)) < len(self.cases):
             raise InputError("cases", "none, or one named twice", "name each case once")
+
+
+def require_noise(campaign: Campaign) -> None:
+    """Refuse a campaign whose noise is none, or less than rounding makes.
+
+    Raises
+    ------
+    InputError
+        If it is above 100 dB.
+    """
+    if campaign.noise_db > _LEAST_NOISE_DB:
+        raise InputError(
+            "noise",
+            f"{campaign.noise_db:g} dB leaves no noise to study",
+            f"give -20 to {_LEAST_NOISE_DB:g} dB",
+        )
 
 
 def records_of(campaign: Campaign, seed: int) -> tuple[Record, ...]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daq.runs import Excitation
 
-from .campaign import BUMP, Campaign, records_of
+from .campaign import BUMP, Campaign, records_of, require_noise
 from .fir import PASS_HZ, filtered, taps
 from .result import Column, Curve, CurvePanel, Study
 
@@ -39,6 +39,7 @@ def fig9(rate_hz: float, noise_db: float, seed: int) -> Study:
         If a rate or noise level cannot be studied.
     """
     campaign = Campaign(rate_hz=rate_hz, noise_db=noise_db, cases=(Excitation.BOUNCE,))
+    require_noise(campaign)
     noisy = records_of(campaign, seed)[0].recordings[0]
     clean = records_of(replace(campaign, noise_db=inf), seed)[0].recordings[0]
     low, clean_low = (filtered(values, rate_hz) for values in (noisy.values, clean.values))

@@ -15,15 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
-from dbc.errors import InputError
 from dbc.frames import read_only
 
 from ..estimation import estimate, generic_vehicles
 from ..likelihood import fit
-from ..quality import Verdict, judge
 from ..uncertainty import COVERAGE_95, Estimate, estimates
-from .campaign import BUMP, Campaign, box_of, noise_levels, records_of
+from .campaign import BUMP, Campaign, box_of, noise_levels, records_of, require_noise
 from .result import Column, DotPanel, Dots, Study, percent
+
+_CHI2_LIMIT = 1.5
+_VAGUE_PERCENT = 25.0
+_UNDETERMINED_PERCENT = 1e6
+"""A bound above this is infinite but for rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,16 +38,16 @@ class Outcome:
     errors_percent, stds_percent : (15,) float64
         Error and stated standard deviation in per cent of the true value; both are zero for a
         length that was given.
+    chi2_per_n : float
+        Goodness of fit; 1 if the model holds.
     converged : bool
         Whether the fit settled.
-    refused : bool
-        Whether the verdict is that the result must not be used.
     """
 
     errors_percent: NDArray[np.float64]
     stds_percent: NDArray[np.float64]
+    chi2_per_n: float
     converged: bool
-    refused: bool
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "errors_percent", read_only(self.errors_percent))
@@ -52,8 +55,18 @@ class Outcome:
 
     @property
     def lost(self) -> bool:
-        """Whether the campaign gave no result."""
-        return self.refused or not self.converged
+        """Whether the campaign gave no result that anyone would use."""
+        return not self.converged or self.misfit or self.vague
+
+    @property
+    def misfit(self) -> bool:
+        """Whether the fit leaves more than noise."""
+        return not self.chi2_per_n <= _CHI2_LIMIT
+
+    @property
+    def vague(self) -> bool:
+        """Whether some parameter is not determined."""
+        return not bool(np.all(self.stds_percent <= _VAGUE_PERCENT))
 
 
 def outcome(campaign: Campaign, seed: int) -> Outcome:
@@ -65,8 +78,8 @@ def outcome(campaign: Campaign, seed: int) -> Outcome:
     return Outcome(
         errors_percent=percent([found[name].value for name in PARAMETER_NAMES], known),
         stds_percent=_stds_percent(found),
+        chi2_per_n=estimation.chi2_per_n,
         converged=estimation.fit.converged,
-        refused=judge(estimation, found).verdict is Verdict.REFUSED,
     )
 
 
@@ -79,15 +92,15 @@ def bound_percent(campaign: Campaign) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        If the campaign is without noise.
+        If the campaign is without noise worth the name.
     """
-    if campaign.noise_db == inf:
-        raise InputError("noise", "without noise there is no bound", "give a level in dB")
+    require_noise(campaign)
     box = box_of(campaign)
     clean = records_of(replace(campaign, noise_db=inf), 0)
     decays = tuple(record.decay(BUMP.end_s - 1e-9) for record in clean)
     truth = box.unknowns(FORD_GRANADA.to_array())
-    return _stds_percent(estimates(box, fit(box, decays, noise_levels(campaign), truth)))
+    bound = _stds_percent(estimates(box, fit(box, decays, noise_levels(campaign), truth)))
+    return np.where(bound < _UNDETERMINED_PERCENT, bound, inf)
 
 
 def _stds_percent(found: dict[str, Estimate]) -> NDArray[np.float64]:
@@ -112,21 +125,12 @@ def noise_study(
     names = PARAMETER_NAMES if campaign.geometry is None else PARAMETER_NAMES[:11]
     n = len(names)
     kept = [o for o in outcomes if not o.lost]
-    errors = np.array([o.errors_percent[:n] for o in kept]).reshape(-1, n)
-    stds = np.array([o.stds_percent[:n] for o in kept]).reshape(-1, n)
-    if len(kept):
-        rms = np.sqrt(np.mean(errors**2, axis=0))
-        stated = np.sqrt(np.mean(stds**2, axis=0))
-        covered = 100.0 * np.mean(np.abs(errors) <= COVERAGE_95 * stds, axis=0)
-    else:
-        rms, stated, covered = np.full((3, n), np.nan)
+    rms, stated, covered = _statistics(kept, n)
     cells = np.array([rms, stated, bound[:n], rms / bound[:n], covered]).T
-    ratio = cells[:, 3]
     likely = _likely_coverage(len(kept))
-    cases = ", ".join(campaign.cases)
     return Study(
         title=f"Noise study: {len(outcomes)} campaigns at {campaign.noise_db:g} dB,"
-        f" {campaign.rate_hz:g} Hz, {cases}",
+        f" {campaign.rate_hz:g} Hz, {', '.join(campaign.cases)}",
         columns=(
             Column("parameter", "parameter"),
             Column("rms_error_percent", "rms error %", ".3f"),
@@ -138,12 +142,10 @@ def noise_study(
         rows=tuple((name, *row) for name, row in zip(names, cells.tolist(), strict=True)),
         notes=(
             f"lost: {len(outcomes) - len(kept)} of {len(outcomes)}"
-            f" ({sum(o.refused for o in outcomes)} refused,"
-            f" {sum(not o.converged for o in outcomes)} not converged)",
-            f"rms error {np.max(rms):.3f} % at most; {np.min(ratio):.3f} .. {np.max(ratio):.3f}"
-            f" times the bound, {sqrt(np.mean(ratio**2)):.3f} in the mean square",
-            f"95 % intervals hold the truth in {np.mean(covered):.1f} % of all cases; of one"
-            f" parameter, {likely[0]:.0f} .. {likely[1]:.0f} % would be chance",
+            f" (not converged {sum(not o.converged for o in outcomes)},"
+            f" chi2/n above {_CHI2_LIMIT:g} {sum(o.misfit for o in outcomes)},"
+            f" a standard deviation above {_VAGUE_PERCENT:g} % {sum(o.vague for o in outcomes)})",
+            *_remarks(names, cells, likely),
         ),
         panels=(
             (
@@ -167,6 +169,42 @@ def noise_study(
             ),
         ),
     )
+
+
+def _statistics(kept: Sequence[Outcome], n: int) -> NDArray[np.float64]:
+    """Return rms error, %, stated standard deviation, %, and coverage, %, as (3, n)."""
+    if not kept:
+        return np.full((3, n), np.nan)
+    errors = np.array([outcome.errors_percent[:n] for outcome in kept])
+    stds = np.array([outcome.stds_percent[:n] for outcome in kept])
+    return np.array(
+        [
+            np.sqrt(np.mean(errors**2, axis=0)),
+            np.sqrt(np.mean(stds**2, axis=0)),
+            100.0 * np.mean(np.abs(errors) <= COVERAGE_95 * stds, axis=0),
+        ]
+    )
+
+
+def _remarks(
+    names: Sequence[str], cells: NDArray[np.float64], likely: tuple[float, float]
+) -> list[str]:
+    """Sum up the table; `cells` has a row for each parameter."""
+    rms, _, bound, ratio, covered = cells.T
+    remarks = []
+    open_ = [name for name, limit in zip(names, bound, strict=True) if limit == inf]
+    if open_:
+        remarks.append(
+            f"these cases do not determine {', '.join(open_)}: take bounce, pitch and roll"
+        )
+    if not np.isnan(rms).any():
+        remarks += [
+            f"rms error {rms.max():.3f} % at most; {ratio.min():.3f} .. {ratio.max():.3f} times"
+            f" the bound, {sqrt(np.mean(ratio**2)):.3f} in the mean square",
+            f"95 % intervals hold the truth in {covered.mean():.1f} % of all cases; for one"
+            f" parameter, {likely[0]:.0f} .. {likely[1]:.0f} % may be chance",
+        ]
+    return remarks
 
 
 def _likely_coverage(n: int) -> tuple[float, float]:

@@ -161,6 +161,11 @@ class Study:
         place = [column.key for column in self.columns].index(key)
         return tuple(row[place] for row in self.rows)
 
+    def numbers(self, key: str) -> dict[str, float]:
+        """Return the numbers of a column by the first cell of their rows."""
+        names = self.column(self.columns[0].key)
+        return {str(n): float(x) for n, x in zip(names, self.column(key), strict=True)}
+
 
 def percent(
     found: Sequence[float] | NDArray[np.float64], known: NDArray[np.float64]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from identify.study.table2 import table2
@@ -40,16 +41,19 @@ PRINTED = {"m_s": -0.011, "I_yy": -0.011, "I_xx": -0.023, "m_uf": 0.093, "m_ur":
 
 
 def test_the_exact_response_gives_every_parameter() -> None:
-    rows = table2("exact")
-    assert {row.name: row.known for row in rows} == KNOWN
-    for row in rows:
-        assert row.identified == pytest.approx(row.known, rel=1e-7)
-        assert abs(row.error_percent) < 1e-5
+    study = table2("exact")
+    known = study.numbers("known")
+    assert known == KNOWN
+    for name, found in study.numbers("identified").items():
+        assert found == pytest.approx(known[name], rel=1e-7)
+    assert np.max(np.abs(list(study.numbers("error_percent").values()))) < 1e-5
 
 
 def test_wilson_theta_makes_the_errors_that_the_paper_prints() -> None:
-    errors = {row.name: row.error_percent for row in table2("wilson")}
+    study = table2("wilson")
+    errors = study.numbers("error_percent")
     for name, printed in PRINTED.items():
         assert round(errors[name], 3) == printed
     for name, printed in PRINTED_OTHERS.items():
         assert abs(errors[name] - printed) < 0.022, name
+    assert study.numbers("paper_percent") == PRINTED | PRINTED_OTHERS

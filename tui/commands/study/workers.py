@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import active_children, get_context
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import active_children, get_context, parent_process
+from multiprocessing.connection import wait
+from threading import Thread
 from typing import TypeVar
 
 from ...output import Stage
@@ -31,8 +35,16 @@ def over_seeds(
         Number of processes.
     stage : Stage
         Is told how far it is.
+
+    Raises
+    ------
+    InputError
+        If a worker dies, most likely for want of memory.
     """
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as executor:
+    from dbc.errors import InputError  # with NumPy behind it: not for --help
+
+    context = get_context("spawn")
+    with ProcessPoolExecutor(workers, context, _end_with_parent) as executor:
         try:
             # Workers start at the first calls, and inherit which signals are blocked.
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -40,11 +52,28 @@ def over_seeds(
                 futures = [executor.submit(function, seed) for seed in seeds]
             finally:
                 signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-            for done, _ in enumerate(as_completed(futures), start=1):
+            for done, future in enumerate(as_completed(futures), start=1):
+                future.result()  # what fails, fails at once
                 stage(done / len(futures), f"{done} of {len(futures)}")
             return [future.result() for future in futures]
+        except BrokenProcessPool:
+            raise InputError(
+                "study", "a worker process died", "try fewer --workers or a lower --rate-hz"
+            ) from None
         except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
+            # Otherwise the executor would first finish what it has begun.
             for worker in active_children():
                 worker.terminate()
             raise
+
+
+def _end_with_parent() -> None:
+    """Let a worker end when its parent was killed; it would wait for work for ever."""
+    parent = parent_process()
+    assert parent is not None  # a worker has one
+
+    def watch() -> None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
