@@ -75,10 +75,11 @@ def _runs(plan: Plan) -> Iterator[Candidate]:
 
 
 def _bump(plan: Plan) -> Iterator[Candidate]:
-    height = min(2.0 * plan.bump.height_m, HIGHEST_BUMP_M)
-    if height > plan.bump.height_m:
-        action = f"a bump of {height * 1e3:.0f} mm instead of {plan.bump.height_m * 1e3:.3g} mm"
-        yield Candidate(action, replace(plan, bump=replace(plan.bump, height_m=height)))
+    now = plan.bump.height_m
+    for height in dict.fromkeys((min(2.0 * now, HIGHEST_BUMP_M), HIGHEST_BUMP_M)):
+        if height > now:
+            action = f"a bump of {height * 1e3:.3g} mm instead of {now * 1e3:.3g} mm"
+            yield Candidate(action, replace(plan, bump=replace(plan.bump, height_m=height)))
 
 
 def _rate(plan: Plan) -> Iterator[Candidate]:

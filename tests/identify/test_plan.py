@@ -190,8 +190,7 @@ def test_bump_height(height_m: float, worst: float) -> None:
 
 def test_added_mass() -> None:
     plan = _bench_plan()
-    matrices_ = {0.5: 2.0, 1.0: 1.13, 2.0: 0.62}
-    for factor, worst in matrices_.items():
+    for factor, worst in ((0.5, 2.0), (1.0, 1.13), (2.0, 0.62)):
         state = MassState(ADDED, AddedMass(matrix=factor * PAPER_MASS))
         scaled = replace(plan, mass_states=(MassState(BASELINE), state))
         assert _worst(scaled) == pytest.approx(worst, rel=0.03)
@@ -322,7 +321,7 @@ def test_too_small_a_bump_is_named_and_cured() -> None:
     plan = replace(_bench_plan(_channels(), facts=()), bump=Bump(0.001))
     advice = advise(plan)
     assert advice.outlook.undetermined
-    assert advice.remedies
+    assert "a bump of 50 mm instead of 1 mm" in advice.remedies
 
 
 def _gains(advice: Advice) -> list[float]:

@@ -191,8 +191,10 @@ def _print(planned: Plan, advice: Advice, whose: str) -> None:
         print_line(f"not determined: {', '.join(now.undetermined)}")
         for reason in now.reasons:
             print_line(f"  - {reason}")
-        for action in advice.remedies or ("more than one step that is known here",):
+        for action in advice.remedies:
             print_line(f"  - add: {action}")
+        if not advice.remedies:
+            print_line("  - no step that is known here makes up for it")
         print_line()
     steps = [["(as planned)", *_cells(now.worst, now.mean, now.undetermined)]]
     for step in advice.steps:
