@@ -1,0 +1,157 @@
+"""Excitation: how far each mode stands out of the noise in each run, and what no run excites.
+
+The modes of a vehicle that is alike left and right move either both sides alike or against each
+other: a bounce or pitch run shows nothing of the second kind.  That is normal as long as another
+run does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.runs import Excitation
+from daq.vehicle import MassState, VehicleGeometry
+
+from ..decay import FreeDecay
+from ..estimation import Estimation
+from ..modal import modes_of
+from ..mode_names import mode_names
+from ..model import N_DOF, PhysicalModel, loaded_model
+from ..projection import Point, linear_part, point, pseudo_inverse
+from ..simulate import WHEELS
+from .finding import Finding, Verdict
+
+SNR_LIMIT_DB = 20.0
+"""A decaying wave whose energy is E times the noise shows its frequency to ``2 zeta / sqrt(E)``.
+At 20 dB and a damping ratio of 0.25 that is 5 %: as much as the added masses shift a frequency,
+from which all inertias follow."""
+_AS_GOOD = 0.8  # of the strongest excitation of a mode; the more familiar run is preferred
+_FLOOR = 1e-3  # of the noise; -30 dB stands for nothing
+
+
+def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
+    """Return the energy of each mode in each run over the noise.
+
+    The energy is that of the matched filter: the squares of the mode's share in every sample, in
+    units of the noise, summed over all channels, as far as no other mode could show the same.  A
+    run that does not excite a mode has some 3 dB by the noise alone.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        The fit.
+
+    Returns
+    -------
+    dict of run label to tuple of float
+        dB, in the order of `identify.modal.modes_of` for the run's mass state.
+    """
+    points = _points(estimation)
+    return {
+        decay.label: tuple((10.0 * np.log10(_energies(points[decay.mass_state], decay))).tolist())
+        for decay in estimation.decays
+    }
+
+
+def excitation_findings(
+    estimation: Estimation, snr_db: Mapping[str, tuple[float, ...]]
+) -> tuple[Finding, ...]:
+    """Name the modes that the runs of a mass state do not excite.
+
+    The energies of its runs add up, as their information does.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        The fit.
+    snr_db : mapping of run label to tuple of float
+        From `mode_snr_db`.
+    """
+    present = {decay.mass_state for decay in estimation.decays}
+    findings: list[Finding] = []
+    for state in estimation.box.mass_states:
+        if state.name in present:
+            rows = [snr_db[d.label] for d in estimation.decays if d.mass_state == state.name]
+            findings += _unexcited(estimation, state, 10.0 * np.log10(_sum_of_powers(rows)))
+    return tuple(findings)
+
+
+def _sum_of_powers(rows: list[tuple[float, ...]]) -> NDArray[np.float64]:
+    return np.asarray(np.sum(10.0 ** (np.array(rows) / 10.0), axis=0))
+
+
+def _unexcited(
+    estimation: Estimation, state: MassState, total_db: NDArray[np.float64]
+) -> Iterator[Finding]:
+    box, eta = estimation.box, estimation.fit.eta
+    full = box.full(eta.astype(complex)).real
+    model = loaded_model(full, state.added)
+    modes = modes_of(model.A)
+    a, b, t_f, t_r = full[19:23].tolist()
+    names = mode_names(modes, VehicleGeometry(a, b, t_f, t_r))
+    advised: dict[Excitation, list[str]] = {}
+    for k in np.flatnonzero(total_db < SNR_LIMIT_DB).tolist():
+        frequency = abs(modes.poles[k]) / (2.0 * np.pi)
+        text = f"mode {k + 1} ({names[k]}, {frequency:.2f} Hz) with {total_db[k]:.0f} dB"
+        advised.setdefault(_best_run(model, modes.poles[k], full[11:15]), []).append(text)
+    for run, texts in advised.items():
+        yield Finding(
+            "excitation",
+            Verdict.DOUBTFUL,
+            f"hardly excited in state {state.name}: {', '.join(texts)} in all its runs together "
+            f"(limit {SNR_LIMIT_DB:.0f} dB); what depends on them is not known: record a {run} run "
+            f"in state {state.name}, or one with a higher bump",
+        )
+
+
+def _best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64]) -> Excitation:
+    """Return the run that drives a mode: the road's force seen by the mode's left eigenvector."""
+    poles, right = np.linalg.eig(model.A)
+    left = np.linalg.inv(right)[int(np.argmin(np.abs(poles - pole)))]
+    gain = {}
+    for run, wheels in WHEELS.items():
+        force = np.concatenate([np.zeros(3), tyre_n_m * wheels])
+        gain[run] = abs(left[N_DOF:] @ np.linalg.solve(model.M, force))
+    strongest = max(gain.values())
+    return next(run for run in Excitation if gain[run] >= _AS_GOOD * strongest)
+
+
+def _points(estimation: Estimation) -> dict[str, Point]:
+    states = dict.fromkeys(decay.mass_state for decay in estimation.decays)
+    noise = estimation.noise
+    return {s: point(estimation.box, estimation.fit.eta, s, noise) for s in states}
+
+
+def _energies(at: Point, decay: FreeDecay) -> NDArray[np.float64]:
+    """Return the energy of each oscillating mode in units of the noise, in order of frequency."""
+    linear = linear_part(at, decay)
+    size = len(linear.solution)
+    normal = np.zeros((size, size))
+    for recording, product, stack in zip(
+        decay.recordings, linear.seen, linear.coefficients, strict=True
+    ):
+        weighted = stack * at.weights(recording.clock)[:, None, None]
+        normal += np.einsum("cms,cmt->st", weighted, product.gram @ stack, optimize=True)
+    modes = at.modes
+    upper = np.flatnonzero(modes.poles.imag > 0.0)
+    upper = upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")]
+    # Real coordinates of the modes: initial state = T q, the channels' own unknowns as they are.
+    T = np.eye(size)
+    T[: 2 * N_DOF, : 2 * N_DOF] = modes.V.real
+    T[: 2 * N_DOF, upper] = 2.0 * modes.V[:, upper].real
+    T[: 2 * N_DOF, upper + 1] = -2.0 * modes.V[:, upper].imag
+    q_normal = T.T @ normal @ T
+    z = modes.W @ linear.solution[: 2 * N_DOF]
+    energies = []
+    for k in upper:
+        own = np.array([k, k + 1])
+        rest = np.setdiff1d(np.arange(size), own)
+        mixed = q_normal[np.ix_(own, rest)]
+        others = pseudo_inverse(q_normal[np.ix_(rest, rest)])
+        alone = q_normal[np.ix_(own, own)] - mixed @ others @ mixed.T
+        q = np.array([z[k].real, z[k].imag])
+        energies.append(float(q @ alone @ q))
+    return np.maximum(energies, _FLOOR)

@@ -1,0 +1,15 @@
+"""How findings say where: a few places by name, the rest by number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+_NAMED = 3
+
+
+def listed(places: Iterable[str]) -> str:
+    """Return the first three different places, and how many more there are."""
+    unique = tuple(dict.fromkeys(places))
+    text = ", ".join(unique[:_NAMED])
+    more = len(unique) - _NAMED
+    return f"{text} and {more} more" if more > 0 else text

@@ -1,0 +1,233 @@
+"""Time stamps: samples that are missing or mistimed while the vehicle moves.
+
+Every sample is fitted at its own time, so uneven sampling is legal and a lost frame costs no more
+than its information.  What hurts is to lose the wheels' motion, which is over in 0.2 s, or a
+channel that looks alive and is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import Quantity
+from daq.runs import Run, RunStatus, Session
+
+from ..decay import Recording, record_of
+from ..window import decay_start_s
+from .finding import Finding, Verdict
+from .places import listed
+from .stuck import stuck_findings
+
+WHEEL_MOTION_S = 0.2
+"""After this long the wheels' motion has decayed by 97 %."""
+GAP_S = 0.02
+"""A gap of a quarter of a period of the wheels; waiting so long for a decay costs a fifth."""
+GAP_PERIODS = 3.5
+"""A gap is more than two lost samples in a row, however slow the sampling."""
+LOST_SHARE = 0.1
+"""So many losses have a cause (bus load, a loose plug) that may well know of the bump."""
+JITTER_S = 1e-4
+"""The acceleration of a wheel changes by the noise of its sensor in about this time."""
+_EVEN = 0.3  # quartiles of the intervals closer than this share of the period: evenly sampled
+
+
+def sampling_findings(session: Session) -> tuple[Finding, ...]:
+    """Judge the time stamps of the accepted runs.
+
+    Parameters
+    ----------
+    session : Session
+        As recorded; rejected runs do not count.
+    """
+    runs = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
+    stretches = _stretches(runs, session)
+    return (
+        *_gaps(stretches),
+        *_lost(stretches),
+        *_jitter(stretches),
+        *_order(runs),
+        *_missing(runs, session),
+        *stuck_findings(runs, session.channels),
+        *_losses(runs),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """The sampling of one clock during one free decay.
+
+    Parameters
+    ----------
+    place : str
+        Message and run.
+    time_s : (n,) float64
+        Usable samples from just before the decay on, s since the decay's start.
+    period_s : float
+        The clock's median interval over all runs.
+    """
+
+    place: str
+    time_s: NDArray[np.float64]
+    period_s: float
+
+    @property
+    def intervals_s(self) -> NDArray[np.float64]:
+        return np.diff(self.time_s)
+
+    @property
+    def longest_early_s(self) -> float:
+        """The longest interval that reaches into the wheels' motion."""
+        early = self.intervals_s[self.time_s[:-1] < WHEEL_MOTION_S]
+        return float(early.max(initial=0.0))
+
+    @property
+    def even(self) -> bool:
+        """Whether the samples are meant to come at equal intervals."""
+        low, high = np.percentile(self.intervals_s, [25, 75])
+        return bool(high - low < _EVEN * self.period_s)
+
+    @property
+    def lost_share(self) -> float:
+        """Share of samples that the intervals say are missing; 0 if they are uneven by nature."""
+        if not self.even:
+            return 0.0
+        lost = float(np.sum(np.maximum(np.rint(self.intervals_s / self.period_s) - 1.0, 0.0)))
+        return lost / (lost + len(self.time_s))
+
+    @property
+    def jitter_s(self) -> float:
+        """Scatter of the time stamps about an even clock."""
+        steps = np.rint(self.intervals_s / self.period_s)
+        off = (self.intervals_s - steps * self.period_s)[steps > 0]
+        return float(np.std(off) / np.sqrt(2.0)) if len(off) else 0.0
+
+
+def _stretches(runs: Sequence[Run], session: Session) -> list[_Stretch]:
+    found: list[tuple[str, tuple[str, ...], NDArray[np.float64]]] = []
+    for run in runs:
+        record = record_of(run, session.channels)
+        if not record.recordings:
+            continue
+        start = decay_start_s(record)
+        for recording in record.recordings:
+            time = recording.time_s - start
+            # The sample before the decay too: a gap may begin on the bump.
+            time = time[max(int(np.searchsorted(time, 0.0)) - 1, 0) :]
+            if len(time) > 2:
+                place = f"{recording.clock.name} in {run.label}"
+                found.append((place, _names(recording), time))
+    periods: dict[tuple[str, ...], list[float]] = {}
+    for _, names, time in found:
+        periods.setdefault(names, []).append(float(np.median(np.diff(time))))
+    return [_Stretch(place, t, float(np.median(periods[names]))) for place, names, t in found]
+
+
+def _names(recording: Recording) -> tuple[str, ...]:
+    return tuple(channel.name for channel in recording.clock.channels)
+
+
+def _gaps(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
+    bad = [s for s in stretches if s.longest_early_s > max(GAP_S, GAP_PERIODS * s.period_s)]
+    if not bad:
+        return
+    bad.sort(key=lambda s: -s.longest_early_s)
+    worst = bad[0]
+    limit = max(GAP_S, GAP_PERIODS * worst.period_s)
+    yield Finding(
+        "gaps",
+        Verdict.DOUBTFUL,
+        f"no sample for {worst.longest_early_s * 1e3:.0f} ms (limit {limit * 1e3:.0f}) in the "
+        f"first {WHEEL_MOTION_S:g} s after the bump: {listed(s.place for s in bad)}; the wheels' "
+        "motion is over by then, so these runs say little of wheels and tyres: repeat them",
+    )
+
+
+def _lost(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
+    poor = sorted((s for s in stretches if s.lost_share > 0.0), key=lambda s: -s.lost_share)
+    bad = [s for s in poor if s.lost_share > LOST_SHARE]
+    if bad:
+        yield Finding(
+            "lost_samples",
+            Verdict.DOUBTFUL,
+            f"{bad[0].lost_share:.0%} of the samples are missing (limit {LOST_SHARE:.0%}): "
+            f"{listed(s.place for s in bad)}; if they are lost when the vehicle moves most, "
+            "the result is biased: check bus load, cable and plugs and repeat these runs",
+        )
+    elif poor:
+        yield Finding(
+            "lost_samples",
+            Verdict.OK,
+            f"up to {poor[0].lost_share:.1%} of the samples are missing (limit {LOST_SHARE:.0%}): "
+            f"{listed(s.place for s in poor)}; they cost their information and nothing else",
+        )
+
+
+def _jitter(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
+    scattered = sorted((s for s in stretches if s.jitter_s > JITTER_S), key=lambda s: -s.jitter_s)
+    if scattered:
+        worst = scattered[0]
+        clocks = listed(s.place.split(" in ")[0] for s in scattered)
+        yield Finding(
+            "jitter",
+            Verdict.OK,
+            f"time stamps scatter by {worst.jitter_s * 1e3:.2f} ms about an even clock of "
+            f"{worst.period_s * 1e3:.3g} ms: {clocks}; right if the sensor samples so, for each "
+            "sample is fitted at its own time; if only its frames are late, give the message a "
+            "rolling counter",
+        )
+
+
+def _order(runs: Sequence[Run]) -> Iterator[Finding]:
+    groups = [(f"{g.name} in {run.label}", g) for run in runs for g in run.groups]
+    backwards = [place for place, g in groups if (np.diff(g.time_s) <= 0.0).any()]
+    if backwards:
+        yield Finding(
+            "time_order",
+            Verdict.DOUBTFUL,
+            f"sample times do not increase: {listed(backwards)}; samples then stand at wrong "
+            "times: sort them, remove doubles, or record again",
+        )
+    swapped = [place for place, g in groups if (np.diff(g.t_ns) < 0).any()]
+    if swapped:
+        yield Finding(
+            "time_order",
+            Verdict.OK,
+            f"frames were stamped out of order on the bus: {listed(swapped)}; the times of the "
+            "samples were put right, check the interface if it happens often",
+        )
+
+
+def _missing(runs: Sequence[Run], session: Session) -> Iterator[Finding]:
+    used = [c.name for c in session.channels if c.quantity is not Quantity.UNUSED]
+    present = {
+        (name, run.label)
+        for run in runs
+        for group in run.groups
+        for name, values in group.values.items()
+        if np.isfinite(values).any()
+    }
+    missing = [f"{n} in {run.label}" for n in used for run in runs if (n, run.label) not in present]
+    if missing:
+        yield Finding(
+            "missing_channels",
+            Verdict.OK,
+            f"channels without a sample: {listed(missing)}; these runs are fitted by the others: "
+            "check sensor and plug",
+        )
+
+
+def _losses(runs: Sequence[Run]) -> Iterator[Finding]:
+    lossy = [run for run in runs if run.losses.measured]
+    if lossy:
+        total = sum(run.losses.measured for run in lossy)
+        yield Finding(
+            "frame_losses",
+            Verdict.OK,
+            f"the recorder counted {total} frames lost or unusable: "
+            f"{listed(f'{run.losses.measured} in {run.label}' for run in lossy)}; they cost their "
+            "information only, check bus load and wiring if there are many",
+        )

@@ -1,0 +1,177 @@
+"""Whiteness: what the fit leaves of each channel against its noise at rest.
+
+The intervals rest on white noise.  If the noise is coloured at rest already, they are too narrow;
+if it is white at rest and the residuals are not, the model leaves motion behind.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..estimation import Estimation
+from ..window import onset_s
+from .finding import Finding, Verdict
+from .places import listed
+
+Z_LIMIT = 4.5
+"""Normal deviate of a correlation: one false alarm in 20,000 campaigns of seven channels."""
+NARROW_LIMIT = 1.3
+"""Intervals too narrow by this factor cover 87 % instead of 95 %."""
+EARLY_S = 0.3
+"""Looked at apart: what is wrong with the wheels' motion is over by then."""
+_FEWEST = 100  # pairs of samples that tell a correlation to 0.1
+_FEWEST_LEVELS = 5  # a coarser converter shows its own steps instead of the noise
+_SILENT = 0.01  # of the noise's power: rounding of data without noise
+_MARGIN_S = 0.005  # the onset of motion is seen a little late
+
+
+@dataclass(slots=True)
+class _Pairs:
+    """Running sums over pairs of successive samples, and what the fit has taken out of them."""
+
+    products: float = 0.0
+    squares: float = 0.0
+    n: int = 0
+    fitted: float = 0.0
+    levels: set[float] = field(default_factory=set)
+
+    def add(self, time_s: NDArray[np.float64], values: NDArray[np.float64], fitted: float) -> None:
+        interval = np.diff(time_s)
+        if not len(interval):
+            return
+        period = float(np.median(interval))
+        even = np.abs(interval - period) < 0.5 * period
+        left, right = values[:-1][even], values[1:][even]
+        self.products += float(left @ right)
+        self.squares += float(left @ left + right @ right) / 2.0
+        self.n += int(even.sum())
+        self.fitted += fitted
+        if len(self.levels) < _FEWEST_LEVELS:
+            self.levels.update(np.unique(values)[:_FEWEST_LEVELS].tolist())
+
+    @property
+    def correlation(self) -> float:
+        # What is fitted is smooth, so its correlation of almost 1 is missing in what is left.
+        r = self.products / self.squares + self.fitted / self.n
+        return min(max(r, -0.99), 0.99)
+
+    def usable(self, noise: float) -> bool:
+        """Whether there are samples enough, and noise to be judged."""
+        loud = self.squares > _SILENT * noise**2 * self.n
+        return self.n >= _FEWEST and loud and len(self.levels) >= _FEWEST_LEVELS
+
+    def z(self, other: float, n_other: float) -> float:
+        """Return by how many standard deviations the correlation exceeds another one."""
+        spread = (1.0 - other**2) * (1.0 / self.n + 1.0 / n_other)
+        return float((self.correlation - other) / np.sqrt(spread))
+
+
+def whiteness_findings(estimation: Estimation) -> tuple[Finding, ...]:
+    """Compare the lag-1 autocorrelation of the residuals with that of the channel at rest.
+
+    All runs are pooled; a gap in the sampling makes no pair.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        The fit and its residuals.
+    """
+    rest = _at_rest(estimation)
+    windows = (
+        (f"the first {EARLY_S:g} s of the decays", _left(estimation, EARLY_S)),
+        ("the decays", _left(estimation, np.inf)),
+    )
+    return (*_coloured(rest), *_misfit(windows, rest))
+
+
+def _coloured(rest: dict[str, _Pairs]) -> Iterator[Finding]:
+    worst: list[tuple[float, str, float, float]] = []
+    for name, pairs in rest.items():
+        z = pairs.z(0.0, np.inf)
+        if z > Z_LIMIT:
+            r = pairs.correlation
+            worst.append((float(np.sqrt((1.0 + r) / (1.0 - r))), name, r, z))
+    if not worst:
+        return
+    worst.sort(reverse=True)
+    factor, name, r, z = worst[0]
+    yield Finding(
+        "coloured_noise",
+        Verdict.DOUBTFUL if factor > NARROW_LIMIT else Verdict.OK,
+        f"the noise at rest is not white, worst {name} with a correlation of {r:.2f} from sample "
+        f"to sample (z {z:.0f}, limit {Z_LIMIT}): {listed(n for _, n, _, _ in worst)}; intervals "
+        f"that rest on it are too narrow by up to {factor:.2f} (limit {NARROW_LIMIT}): look for "
+        "hum or a running engine, and state the sensor's low-pass if it has one",
+    )
+
+
+def _misfit(
+    windows: Sequence[tuple[str, dict[str, _Pairs]]], rest: dict[str, _Pairs]
+) -> Iterator[Finding]:
+    worst: dict[str, tuple[float, float, str]] = {}
+    for where, left in windows:
+        for name, pairs in left.items():
+            known = rest.get(name)
+            r_rest, n_rest = (known.correlation, known.n) if known else (0.0, np.inf)
+            z = pairs.z(r_rest, n_rest)
+            if z > max(Z_LIMIT, worst.get(name, (0.0,))[0]):
+                worst[name] = (z, pairs.correlation, where)
+    if not worst:
+        return
+    names = sorted(worst, key=lambda name: -worst[name][0])
+    z, r, where = worst[names[0]]
+    if names[0] in rest:
+        compared = f"but {rest[names[0]].correlation:.2f} at rest"
+        meaning = "the model leaves motion unexplained"
+    else:
+        compared = "and there is no rest to compare with"
+        meaning = "the model leaves motion unexplained, or the noise is coloured"
+    yield Finding(
+        "whiteness",
+        Verdict.DOUBTFUL,
+        f"the residuals are not white, worst {names[0]} in {where} with a correlation of {r:.2f} "
+        f"from sample to sample {compared} (z {z:.1f}, limit {Z_LIMIT}): {listed(names)}; "
+        f"{meaning}, so errors may exceed the intervals: check delay, low-pass, gain and place of "
+        "these sensors, friction and dampers",
+    )
+
+
+def _left(estimation: Estimation, end_s: float) -> dict[str, _Pairs]:
+    """Return the residuals of each channel up to a time since the decay's start, pooled."""
+    pooled: defaultdict[str, _Pairs] = defaultdict(_Pairs)
+    for decay, left in zip(estimation.decays, estimation.residuals, strict=True):
+        for recording in decay.recordings:
+            keep = recording.time_s < end_s
+            for name in (channel.name for channel in recording.clock.channels):
+                values = left.values[name]
+                share = float(keep.mean()) if len(keep) else 0.0
+                fitted = (len(values) - left.freedom[name]) * share
+                pooled[name].add(recording.time_s[keep], values[keep], fitted)
+    return _usable(pooled, estimation)
+
+
+def _at_rest(estimation: Estimation) -> dict[str, _Pairs]:
+    pooled: defaultdict[str, _Pairs] = defaultdict(_Pairs)
+    for record in estimation.records:
+        onset = onset_s(record)
+        if onset is None:
+            continue
+        for recording in record.recordings:
+            quiet = recording.time_s < onset - _MARGIN_S
+            values = recording.values[quiet]
+            if len(values) < 3:
+                continue
+            values = values - values.mean(axis=0)
+            for channel, column in zip(recording.clock.channels, values.T, strict=True):
+                pooled[channel.name].add(recording.time_s[quiet], column, 1.0)
+    return _usable(pooled, estimation)
+
+
+def _usable(pooled: dict[str, _Pairs], estimation: Estimation) -> dict[str, _Pairs]:
+    noise = estimation.noise
+    return {name: pairs for name, pairs in pooled.items() if pairs.usable(noise[name])}
