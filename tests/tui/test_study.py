@@ -13,8 +13,9 @@ import pytest
 
 from dbc.errors import InputError
 from tui.cli import run
-from tui.commands.study import monte_carlo
-from tui.commands.study.workers import over_seeds
+from tui.commands.study import workers
+
+over_seeds = workers.over_seeds
 
 QUICK = ["fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9"]
 ALL = ["table2", "table3", *QUICK, "noise"]
@@ -110,10 +111,10 @@ def test_ctrl_c_ends_the_workers(
     def interrupted(done: float, text: str = "") -> None:
         raise KeyboardInterrupt
 
-    def begun(function: object, seeds: range, workers: int, stage: object) -> list[int]:
-        return over_seeds(abs, range(50), workers, interrupted)
+    def begun(function: object, seeds: range, count: int, stage: object) -> list[int]:
+        return over_seeds(abs, range(50), count, interrupted)
 
-    monkeypatch.setattr(monte_carlo, "over_seeds", begun)
+    monkeypatch.setattr(workers, "over_seeds", begun)
     assert run(["study", "noise", "--fits", "50"]) == 130
     assert capsys.readouterr() == ("", "")
     assert active_children() == []

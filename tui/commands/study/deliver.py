@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ...output import print_json, print_line, print_table
-
 if TYPE_CHECKING:
     from identify.study.result import Cell, Column, Study
 
@@ -47,6 +45,8 @@ def deliver(study: Study, json: bool, figure: Path | None) -> None:
     InputError
         If the file cannot be written.
     """
+    from ...output import print_json, print_line, print_table
+
     if figure is not None:
         from dbc.errors import InputError
         from identify.figures import svg

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ...output import progress
 from .deliver import FigureFile, Json, check_figure_file, deliver
-from .workers import over_seeds
 
 if TYPE_CHECKING:
     from daq.runs import Excitation
@@ -45,6 +43,9 @@ def table3(
     from identify.study.table3 import attempt, table3_campaign
     from identify.study.table3 import table3 as study
 
+    from ...output import progress
+    from .workers import over_seeds
+
     check_figure_file(figure)
     campaign = table3_campaign(rate_hz, noise_db)
     with progress("table3") as stage:
@@ -78,6 +79,9 @@ def noise(
     from identify.study.campaign import Campaign
     from identify.study.noise import bound_percent, noise_study, outcome
     from identify.study.sensors import SENSOR_SETS
+
+    from ...output import progress
+    from .workers import over_seeds
 
     check_figure_file(figure)
     campaign = Campaign(

@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from ...output import progress
 from .deliver import FigureFile, Json, check_figure_file, deliver
 
 
@@ -28,6 +27,8 @@ def table2(
 ) -> None:
     """Identify all parameters from noise-free simulated runs."""
     from identify.study.table2 import table2 as study
+
+    from ...output import progress
 
     check_figure_file(figure)
     with progress("table2"):
