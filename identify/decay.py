@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,16 +160,41 @@ def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
 
 
 def _by_clock(group: SampleGroup, used: dict[str, Channel]) -> list[Recording]:
-    clocks: defaultdict[tuple[float, ...], list[Channel]] = defaultdict(list)
-    for name in group.values:
-        if name in used:
-            c = used[name]
-            alike = (c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order)
-            clocks[alike].append(c)
     recordings = []
-    for members in clocks.values():
+    for members in _alike(tuple(used[name] for name in group.values if name in used)):
         values = np.column_stack([group.values[c.name] for c in members])
         good = np.isfinite(values).all(axis=1)
         time = group.time_s[good] - members[0].delay_s
-        recordings.append(Recording(Clock(group.name, tuple(members)), time, values[good]))
+        recordings.append(Recording(Clock(group.name, members), time, values[good]))
     return recordings
+
+
+def _alike(channels: tuple[Channel, ...]) -> list[tuple[Channel, ...]]:
+    """Group the channels of one sample group that are equally late and have one low-pass."""
+    groups: defaultdict[tuple[float, ...], list[Channel]] = defaultdict(list)
+    for c in channels:
+        groups[c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order].append(c)
+    return [tuple(members) for members in groups.values()]
+
+
+def with_channels(decay: FreeDecay, change: Callable[[Channel], Channel | None]) -> FreeDecay:
+    """Return a decay whose channels are described otherwise.
+
+    Parameters
+    ----------
+    decay : FreeDecay
+        The samples, which stay as they are.
+    change : callable
+        From a channel to the channel in its place, or to None to leave it out.  The nominal
+        lateness must stay.
+    """
+    recordings = []
+    for r in decay.recordings:
+        changed = {c.name: change(c) for c in r.clock.channels}
+        kept = tuple(c for c in changed.values() if c is not None)
+        order = [c.name for c in r.clock.channels]
+        for members in _alike(kept):
+            columns = [order.index(c.name) for c in members]
+            clock = Clock(r.clock.name, members)
+            recordings.append(Recording(clock, r.time_s, r.values[:, columns]))
+    return replace(decay, recordings=tuple(recordings))

@@ -15,7 +15,10 @@ from .projection import point
 from .reach_back import earliest_start_s
 from .window import decay_start_s, difference_noise, onset_s, quiet_counts, quiet_noise
 
-CHI2_FITS = 1.3  # below this, chi2/n says that the model fits
+_BASIN_CHI2 = 1.3
+_LIMIT_SIGMAS = 5.0
+_LEAST_EXCESS = 0.02
+"""What clocks that are fitted to arrival times, and quantisation, may add to chi2/n."""
 _SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
 _FLOOR = 1e-6  # of a channel's rms: the noise of noise-free data
 _LATER_S = (0.02, 0.05)
@@ -25,7 +28,10 @@ _LATER_UNSTATED_S = (0.1, 0.2, 0.4)
 """Tried where no bump is stated and a record may begin within it."""
 _UNEXPLAINED = 0.03
 """Share of the motion's power that a model of the right basin may leave, even if it is wrong."""
+_SAME_COST = 0.01
+_ROUGH = 0.1  # of a standard deviation: a search is followed by a fit
 _SEARCH_STEPS = 40
+_FIT_STEPS = 30
 _SCANS = 3
 
 _MID_SIZE_CAR = np.array(
@@ -89,6 +95,20 @@ class Estimation:
     later_s: float = 0.0
 
     @property
+    def chi2_limit(self) -> float:
+        """What chi2/n stays below if the model holds: noise levels rest on finite samples too."""
+        freedom = sum(sum(r.freedom.values()) for r in self.residuals)
+        quiet = sum(quiet_counts(self.records).values()) if self.rest else freedom / 2.0
+        if freedom <= 0.0:
+            return 1.0
+        return 1.0 + max(_LEAST_EXCESS, _LIMIT_SIGMAS * float(np.sqrt(2 / freedom + 2 / quiet)))
+
+    @property
+    def holds(self) -> bool:
+        """Whether the model explains the decays up to the noise."""
+        return self.chi2_per_n <= self.chi2_limit
+
+    @property
     def noise(self) -> dict[str, float]:
         """The noise that residuals are compared with: at rest where it was measured."""
         return _floored(self.rest, self.decays) if self.rest else self.sigma
@@ -120,22 +140,39 @@ def estimate(
     movable = np.array([stated or onset_s(record) is None for record in records])
     laters = (_LATER_S if stated else _LATER_UNSTATED_S) if movable.any() else ()
     etas = [box.unknowns(theta) for theta in starts]
+    near = _basin(box, records, rest, first, etas)
     best: Estimation | None = None
-    for eta in etas:
-        for later in (0.0, *laters):
-            begin = first + later * movable
-            near, in_basin = _search(box, records, rest, begin, eta)
-            trial = _from(box, records, rest, begin, near)
-            if trial.chi2_per_n <= CHI2_FITS:
-                return settled(replace(trial, later_s=later))
-            if best is None or (later == 0.0 and trial.fit.cost < best.fit.cost):
-                best = trial
-            if in_basin:
-                eta = near
-        if in_basin:
-            break
-    assert best is not None  # there is always a vehicle to start from
+    for later in (0.0, *laters):
+        begin = first + later * movable
+        if best is not None:
+            # With the bump's last force in the window the first search may have gone astray.
+            trials = [_search(box, records, rest, begin, eta) for eta in (near, etas[0])]
+            near = min(trials, key=lambda found: found.cost).eta
+        trial = _from(box, records, rest, begin, near)
+        if trial.holds:
+            return settled(replace(trial, later_s=later))
+        best = best or trial
+    assert best is not None  # there is always a window to start with
     return best
+
+
+def _basin(
+    box: GreyBox,
+    records: tuple[Record, ...],
+    rest: dict[str, float],
+    start_s: NDArray[np.float64],
+    etas: Sequence[NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Return an optimum, (P,): one that explains nearly all, or that two starts led to."""
+    best: _Found | None = None
+    for eta in etas:
+        found = _search(box, records, rest, start_s, eta)
+        again = best is not None and abs(found.cost / best.cost - 1.0) < _SAME_COST
+        best = found if best is None or found.cost < best.cost else best
+        if best.explains or again:
+            break
+    assert best is not None  # there is always a generic vehicle
+    return best.eta
 
 
 def settled(late: Estimation) -> Estimation:
@@ -151,7 +188,7 @@ def settled(late: Estimation) -> Estimation:
         if starts == [d.start_s for d in best.decays]:
             break
         moved = _from(best.box, best.records, best.rest, np.array(starts), best.fit.eta)
-        if moved.chi2_per_n > CHI2_FITS:
+        if not moved.holds:
             break
         best = replace(moved, later_s=late.later_s)
     return _reweighted(best)
@@ -162,14 +199,23 @@ def _lower_s(record: Record) -> float:
     return record.start_s if onset is None else onset
 
 
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Result of a search: the point (P,), its cost, whether it explains nearly all."""
+
+    eta: NDArray[np.float64]
+    cost: float
+    explains: bool
+
+
 def _search(
     box: GreyBox,
-    records: Sequence[Record],
+    records: tuple[Record, ...],
     rest: dict[str, float],
     start_s: NDArray[np.float64],
     eta: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], bool]:
-    """Find an optimum, (P,), and say whether it explains so much that it must be the right one."""
+) -> _Found:
+    """Find an optimum on thinned samples."""
     decays = tuple(
         r.decay(float(s)).thinned(_SEARCH_RATE_HZ) for r, s in zip(records, start_s, strict=True)
     )
@@ -180,8 +226,8 @@ def _search(
         moving = recording.values - recording.values.mean(axis=0)
         level = [sigma[c.name] for c in recording.clock.channels]
         power += float(np.sum((moving / level) ** 2))
-    found = fit(box, decays, sigma, eta, max_iterations=_SEARCH_STEPS, hold=HOLD)
-    return found.eta, found.cost < CHI2_FITS * n + _UNEXPLAINED * power
+    found = fit(box, decays, sigma, eta, _ROUGH, _SEARCH_STEPS, HOLD)
+    return _Found(found.eta, found.cost, found.cost < _BASIN_CHI2 * n + _UNEXPLAINED * power)
 
 
 def _from(
@@ -194,7 +240,7 @@ def _from(
     """Fit the decays that begin at the given times, (n_records,), from near the optimum."""
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
     sigma = _floored(rest or _rough_noise(decays), decays)
-    fine = fit(box, decays, sigma, eta)
+    fine = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
     left = residuals(box, decays, sigma, fine.eta)
     if not rest:
         for _ in range(2):  # the noise and the fit settle together

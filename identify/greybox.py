@@ -23,7 +23,8 @@ from .decay import Clock
 from .facts import CORNERS, predicted
 from .model import SYMMETRIC, delta_mass, expansion, full_matrices, motion_row, state_matrix
 
-_STEP = 1e-30  # complex step: no subtraction, so no lower limit from rounding
+COMPLEX_STEP = 1e-30
+"""Of derivatives: there is no subtraction, so no lower limit from rounding."""
 _CROSS_SCALE_KG = 10.0
 
 SIGNED = {"k_af": 1e4, "k_ar": 1e4, "c_tf": 100.0, "c_tr": 100.0, "y_s": 0.1}
@@ -128,6 +129,20 @@ class GreyBox:
     def _first_delay(self) -> int:
         return len(self.parameters) + 2 * len(self._loose)
 
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        """What is stated with an uncertainty, in the order of the unknowns after the parameters."""
+        return (
+            *(f"{axis} of {name}" for name in self._loose for axis in "xy"),
+            *(f"delay of {self.clocks[i].name}" for i in self._late),
+            *(f"weight {i + 1} of state {state}" for state, i in self._weights),
+        )
+
+    def pulls(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far each of `corrections` lies from what is stated, in its sigmas."""
+        stated = slice(len(self.parameters), len(self.parameters) + len(self.corrections))
+        return np.asarray(eta[stated] / self.prior_sigma[stated])
+
     def unknowns(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the vector of unknowns, (P,), for a symmetric vehicle, (15,), no correction."""
         return self.unknowns_of(SYMMETRIC @ theta)
@@ -181,12 +196,12 @@ class GreyBox:
     def system(self, eta: NDArray[np.float64], mass_state: str) -> System:
         """Return state matrix, output rows and their derivatives for one mass state."""
         state = next(s for s in self.mass_states if s.name == mass_state)
-        A, rows = self._evaluate(_stepped(eta), state)
-        slopes = rows[1:].imag / _STEP  # (P, n_channels, 14)
+        A, rows = self._evaluate(stepped(eta), state)
+        slopes = rows[1:].imag / COMPLEX_STEP  # (P, n_channels, 14)
         names = [channel.name for channel in self._channels]
         return System(
             A[0].real,
-            A[1:].imag / _STEP,
+            A[1:].imag / COMPLEX_STEP,
             dict(zip(names, rows[0].real, strict=True)),
             {name: slopes[:, i] for i, name in enumerate(names)},
         )
@@ -203,14 +218,14 @@ class GreyBox:
         slopes : (n_facts, P) float64
             Derivative of the predicted value.
         """
-        stepped = _stepped(eta)
+        points = stepped(eta)
         # The cross weight is the last unknown, if there is one; no other fact asks for it.
-        full, cross = self.full(stepped), _CROSS_SCALE_KG * stepped[:, -1]
+        full, cross = self.full(points), _CROSS_SCALE_KG * points[:, -1]
         misfits, slopes = np.zeros(len(self.facts)), np.zeros((len(self.facts), len(eta)))
         for i, fact in enumerate(self.facts):
             value = predicted(fact, full, cross)
             misfits[i] = (fact.value - value[0].real) / fact.sigma
-            slopes[i] = value[1:].imag / _STEP / fact.sigma
+            slopes[i] = value[1:].imag / COMPLEX_STEP / fact.sigma
         return misfits, slopes
 
     def _evaluate(
@@ -254,7 +269,7 @@ class GreyBox:
         return np.concatenate([row, zero], axis=-1)
 
 
-def _stepped(eta: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return the point itself and one complex step along each unknown, (P + 1, P)."""
+def stepped(eta: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return the point itself and one `COMPLEX_STEP` along each unknown, (P + 1, P)."""
     steps = np.vstack([np.zeros(len(eta)), np.eye(len(eta))])
-    return np.asarray(eta + 1j * _STEP * steps)
+    return np.asarray(eta + 1j * COMPLEX_STEP * steps)

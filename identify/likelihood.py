@@ -137,7 +137,10 @@ def fit(
         trial = _problem(box, decays, sigma, eta + step)
         pull = held * float(np.sum((eta + step - start) ** 2) - np.sum((eta - start) ** 2))
         if np.isfinite(trial.cost) and trial.cost + pull <= here.cost + rounding:
-            small = damping < 1e-3 and float(np.max(np.abs(step) * scale)) < tolerance
+            # Where the model does not hold, residuals are larger than sigma says, and so is the
+            # uncertainty that a step is measured by.
+            fine = tolerance * max(1.0, trial.cost / n) ** 0.5
+            small = damping < 1e-3 and float(np.max(np.abs(step) * scale)) < fine
             converged = small and not held
             eta, here = eta + step, trial
             damping = max(damping / 10, 1e-12)

@@ -20,6 +20,7 @@ from .modal_problem import Ties
 from .modal_products import Block
 
 _FALSE_ALARM = 1e-3
+_MOST_SPLITS = 4
 _TRIAL_STEPS = 8
 """A second mode that is there has shown its worth by then."""
 _TINY = 1e-100
@@ -56,7 +57,7 @@ def likely_modes(
         if free.log_likelihood - best.log_likelihood > chdtri(n_levels, _FALSE_ALARM):
             blocks, best = floating, free
     n = sum(block.values.size for block in blocks) // len(shapes)
-    while True:
+    for _ in range(_MOST_SPLITS):
         trial = most_likely_modes(blocks, *_split(blocks, best), steps=_TRIAL_STEPS)
         if _merit(trial, n) <= _merit(best, n):
             break

@@ -96,7 +96,7 @@ def full_matrices(
     M, C, K : (..., 7, 7) complex128
     """
     m_u, k_s, k_t, c_s = (full[..., 3 + 4 * i : 7 + 4 * i] for i in range(4))
-    travel = _travel(full)
+    travel = travel_rows(full)
     twist = _AXLE_DIFFERENCE @ travel
     wheels = np.eye(N_DOF)[3:]
     M = _diagonal(np.concatenate([full[..., :3], m_u], axis=-1))
@@ -105,7 +105,7 @@ def full_matrices(
     return M, C, K
 
 
-def _travel(full: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def travel_rows(full: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return what each corner's suspension travel is of the degrees of freedom, (..., 4, 7)."""
     a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
     y_s = full[..., 27]
@@ -150,6 +150,21 @@ def state_matrix(M: NDArray[Any], C: NDArray[Any], K: NDArray[Any]) -> NDArray[A
     lower = -np.linalg.solve(M, np.concatenate([K, C], axis=-1))
     upper = np.broadcast_to(np.eye(n, 2 * n, n), lower.shape)
     return np.concatenate([upper, lower], axis=-2)
+
+
+def loaded_model(full: NDArray[np.float64], added: AddedMass) -> PhysicalModel:
+    """Return M, C and K of a vehicle with its added mass.
+
+    Parameters
+    ----------
+    full : (28,) float64
+        In the order of `FULL_NAMES`.
+    added : AddedMass
+        What it carries.
+    """
+    M, C, K = full_matrices(full.astype(complex))
+    total = M + delta_mass(added, full[19], y_s=full[27])
+    return PhysicalModel(total.real, C.real, K.real)
 
 
 def physical_model(parameters: VehicleParameters) -> PhysicalModel:

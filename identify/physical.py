@@ -6,6 +6,7 @@ delta-M, give the scale that the first leaves open.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from dbc.errors import InputError
 from .modal import ModalModel
 from .model import N_DOF, PhysicalModel, matrices, with_geometry
 
+MASS_ADVICE = "add weights to the body at three places or more and to each of the four hubs"
 _SINGULAR = 1e-9
 _N_GEOMETRY = 4
 _MAX_STEPS = 100
@@ -36,10 +38,20 @@ class ClosedForm:
         M, C and K of Eqs. 30, 31 and 33, every element as it comes out.
     parameters : VehicleParameters
         The symmetric vehicle whose matrices come nearest.
+    damping : mapping of str to (7, 7) float64
+        C by each way there is (`damping_matrices`); `model` has the first.
     """
 
     model: PhysicalModel
     parameters: VehicleParameters
+    damping: Mapping[str, NDArray[np.float64]]
+
+    def corner_damping(self) -> dict[str, dict[str, float]]:
+        """Return c_sf and c_sr by each way to C, read from the heave row as the paper does."""
+        return {
+            way: {"c_sf": float(-C[0, 3:5].mean()), "c_sr": float(-C[0, 5:7].mean())}
+            for way, C in self.damping.items()
+        }
 
 
 def identify_parameters(
@@ -65,8 +77,10 @@ def identify_parameters(
         If a state does not have seven modes with independent shapes, or `delta_M` leaves a degree
         of freedom without mass.
     """
-    model = physical_matrices(state_matrix_of(baseline), state_matrix_of(added), delta_M)
-    return ClosedForm(model, nearest_vehicle(model, geometry))
+    A, A_added = state_matrix_of(baseline), state_matrix_of(added)
+    model = physical_matrices(A, A_added, delta_M)
+    damping = damping_matrices(A, A_added, delta_M, model.M)
+    return ClosedForm(model, nearest_vehicle(model, geometry), damping)
 
 
 def state_matrix_of(modal: ModalModel) -> NDArray[np.float64]:
@@ -124,6 +138,35 @@ def physical_matrices(
     A21, A22, A21_added = A[n:, :n], A[n:, n:], A_added[n:, :n]
     M = delta_M @ np.linalg.solve((A21 - A21_added).T, A21_added.T).T
     return PhysicalModel(M, -M @ A22, -M @ A21)
+
+
+def damping_matrices(
+    A: NDArray[np.float64],
+    A_added: NDArray[np.float64],
+    delta_M: NDArray[np.float64],
+    M: NDArray[np.float64],
+) -> dict[str, NDArray[np.float64]]:
+    """Return C from the baseline, from the added state, and from both.
+
+    Noise apart they are equal; how far they differ shows how far noise has come.
+
+    Parameters
+    ----------
+    A, A_added, delta_M
+        As in `physical_matrices`.
+    M : (n, n) float64
+        Mass matrix of Eq. 30.
+
+    Returns
+    -------
+    dict of str to (n, n) float64
+        `baseline` (Eq. 31), `added` (Eq. 32), and their `mean`, which is the least-squares
+        solution of Eqs. 27 and 29 for known masses.
+    """
+    n = len(M)
+    baseline = -M @ A[n:, n:]
+    added = -(M + delta_M) @ A_added[n:, n:]
+    return {"baseline": baseline, "added": added, "mean": (baseline + added) / 2.0}
 
 
 def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> VehicleParameters:
@@ -210,18 +253,21 @@ def _equalising(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(1.0 / np.outer(root, root))
 
 
-def _require_mass_everywhere(delta_M: NDArray[np.float64]) -> None:
-    """Say which degrees of freedom carry no added mass, if there are any."""
+def massless_motions(delta_M: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return the degrees of freedom in which an added mass, (n, n), leaves some motion massless."""
     size = np.sqrt(np.abs(np.diag(delta_M)))
     size = np.where(size > 0.0, size, 1.0)
     _, strength, directions = np.linalg.svd(delta_M / np.outer(size, size))
     massless = directions[strength < _SINGULAR]
     if len(massless) == 0:
-        return
+        return ()
     idle = np.max(np.abs(massless / size), axis=0) > _SINGULAR
     names = DOF if len(delta_M) == N_DOF else tuple(f"x{i + 1}" for i in range(len(delta_M)))
-    raise InputError(
-        "added mass",
-        f"no mass moves with {', '.join(n for n, bare in zip(names, idle, strict=True) if bare)}",
-        "add weights to the body at three places or more and to each of the four hubs",
-    )
+    return tuple(name for name, bare in zip(names, idle, strict=True) if bare)
+
+
+def _require_mass_everywhere(delta_M: NDArray[np.float64]) -> None:
+    """Say which degrees of freedom carry no added mass, if there are any."""
+    bare = massless_motions(delta_M)
+    if bare:
+        raise InputError("added mass", f"no mass moves with {', '.join(bare)}", MASS_ADVICE)

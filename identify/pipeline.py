@@ -2,26 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from math import nan
 
 import numpy as np
 
 from daq.runs import RunStatus, Session
-from daq.vehicle import MassState, VehicleGeometry, VehicleParameters
+from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 
 from .decay import Record, record_of
 from .estimation import Estimation, estimate, generic_vehicles
 from .greybox import GreyBox
+from .likelihood import Residuals
 from .modal import ModalModel, modes_of
-from .model import PhysicalModel, delta_mass, physical_model
+from .model import PhysicalModel, loaded_model
 from .pairing import Pairing, pair_modes
-from .quality import Quality, Verdict, judge, shortcomings
 from .sensed import SensedModes, closed_form, sensed_modes
-from .uncertainty import Estimate, estimates
+from .trust.finding import Quality
+from .trust.judge import judge
+from .trust.shortcomings import shortcomings
+from .uncertainty import (
+    Correlation,
+    Estimate,
+    ModeEstimate,
+    correlation,
+    derived_estimates,
+    drivers,
+    estimates,
+    mode_estimates,
+)
+
+Progress = Callable[[float, str], None]
+"""Told what share of the work is done, 0..1, and what comes next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +46,17 @@ class Identification:
     Parameters
     ----------
     parameters : mapping of str to Estimate
-        The 15 parameters with 95 % intervals (maximum likelihood); empty if no fit was possible.
+        The parameters with 95 % intervals (maximum likelihood); empty if no fit was possible.
+    derived : mapping of str to Estimate
+        What follows from them: loads, radii of gyration, damping ratios (`identify.derived`).
+    correlation : Correlation
+        Of the errors of the parameters.
+    drivers : mapping of parameter to mapping of source to float
+        Which run, fact or stated uncertainty its precision rests on; shares of one.
     modal : mapping of mass state to ModalModel
         Modes of the identified vehicle, shapes in `daq.vehicle.DOF`.
+    modes : mapping of mass state to tuple of ModeEstimate
+        Their frequencies and damping ratios with intervals, in the same order.
     pairings : mapping of mass state to Pairing
         How the modes of each further mass state follow from those of the first, by MAC: with mass
         on board, wheel modes that are nearly equal may change their order.
@@ -41,25 +64,42 @@ class Identification:
         Modes by the State Variable Method alone, shapes in the channels' units.
     closed_form : mapping of str to float
         Parameters by the paper's chain (Eqs. 22-33); empty where it has no answer.
+    closed_form_damping : mapping of str to mapping of str to float
+        Its c_sf and c_sr by each of the three ways to C.
     physical : mapping of mass state to PhysicalModel
         M, C and K of the identified vehicle.
     quality : Quality
-        Verdict, reasons and goodness of fit.
+        Verdict, findings and goodness of fit.
+    noise : mapping of channel name to float
+        Standard deviation of the noise, SI.
+    residuals : tuple of Residuals
+        Measured less fitted, one for each run.
     provenance : mapping of str to str
         Of the session.
     """
 
-    parameters: Mapping[str, Estimate]
-    modal: Mapping[str, ModalModel]
-    pairings: Mapping[str, Pairing]
-    sensed: Mapping[str, ModalModel]
-    closed_form: Mapping[str, float]
-    physical: Mapping[str, PhysicalModel]
     quality: Quality
     provenance: Mapping[str, str]
+    parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    derived: Mapping[str, Estimate] = field(default_factory=dict)
+    correlation: Correlation = field(default_factory=lambda: Correlation((), np.zeros((0, 0))))
+    drivers: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    modal: Mapping[str, ModalModel] = field(default_factory=dict)
+    modes: Mapping[str, tuple[ModeEstimate, ...]] = field(default_factory=dict)
+    pairings: Mapping[str, Pairing] = field(default_factory=dict)
+    sensed: Mapping[str, ModalModel] = field(default_factory=dict)
+    closed_form: Mapping[str, float] = field(default_factory=dict)
+    closed_form_damping: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    physical: Mapping[str, PhysicalModel] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    residuals: tuple[Residuals, ...] = ()
 
 
-def identify(session: Session) -> Identification:
+def _silent(done: float, text: str) -> None:
+    """Tell nobody."""
+
+
+def identify(session: Session, progress: Progress = _silent) -> Identification:
     """Identify the physical parameters of a session's vehicle.
 
     Maximum likelihood on the free decays gives the parameters, from generic vehicles to start
@@ -69,7 +109,9 @@ def identify(session: Session) -> Identification:
     Parameters
     ----------
     session : Session
-        Accepted runs in at least two mass states.
+        Accepted runs in two mass states, or in one with scales among the facts.
+    progress : callable, optional
+        Told how far the work is.
 
     Returns
     -------
@@ -77,29 +119,40 @@ def identify(session: Session) -> Identification:
         With verdict `refused` and reasons where the data do not carry a result.
     """
     records = usable_records(session)
-    missing = shortcomings(records, session.mass_states)
+    missing = shortcomings(records, session)
     if missing:
-        quality = Quality(Verdict.REFUSED, missing, nan, {})
-        return Identification({}, {}, {}, {}, {}, {}, quality, session.provenance)
+        return Identification(Quality(missing, nan), session.provenance)
+    progress(0.1, "fitting")
     box = grey_box(session, records)
     estimation = estimate(box, records, generic_vehicles())
-    parameters = estimates(box, estimation.fit)
-    vehicle = VehicleParameters(**{name: e.value for name, e in parameters.items()})
+    fit = estimation.fit
+    full = box.full(fit.eta.astype(complex)).real
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
-    physical = {state.name: _loaded(vehicle, state) for state in states}
+    physical = {state.name: loaded_model(full, state.added) for state in states}
     modal = {name: modes_of(model.A) for name, model in physical.items()}
     first, *others = modal
+    progress(0.6, "modes")
     sensed = _sensed(records, estimation, states)
+    geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
+    chain, damping = _closed_form(sensed, states, geometry, session.vehicle.geometry)
+    progress(0.8, "judging")
     return Identification(
-        parameters=parameters,
+        quality=judge(session, estimation),
+        provenance=session.provenance,
+        parameters=estimates(box, fit),
+        derived=derived_estimates(box, fit),
+        correlation=correlation(box, fit),
+        drivers=drivers(box, fit),
         modal=modal,
+        modes={name: mode_estimates(box, fit, name) for name in modal},
         pairings={name: pair_modes(modal[first], modal[name]) for name in others},
         sensed={name: modes.model for name, modes in sensed.items()},
-        closed_form=_closed_form(sensed, states, vehicle, session.vehicle.geometry),
+        closed_form=chain,
+        closed_form_damping=damping,
         physical=physical,
-        quality=judge(estimation, parameters),
-        provenance=session.provenance,
+        noise=estimation.sigma,
+        residuals=estimation.residuals,
     )
 
 
@@ -113,11 +166,10 @@ def usable_records(session: Session) -> tuple[Record, ...]:
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
     """Return the structure of a session's problem; every sample clock that occurs, once."""
     clocks = dict.fromkeys(r.clock for record in records for r in record.recordings)
-    return GreyBox(tuple(clocks), session.mass_states, session.vehicle.geometry)
-
-
-def _loaded(vehicle: VehicleParameters, state: MassState) -> PhysicalModel:
-    return physical_model(vehicle).with_mass(delta_mass(state.added, vehicle.a).real)
+    vehicle = session.vehicle
+    return GreyBox(
+        tuple(clocks), session.mass_states, vehicle.geometry, vehicle.structure, vehicle.facts
+    )
 
 
 def _sensed(
@@ -137,16 +189,16 @@ def _sensed(
 def _closed_form(
     sensed: Mapping[str, SensedModes],
     states: Sequence[MassState],
-    vehicle: VehicleParameters,
+    geometry: VehicleGeometry,
     known: VehicleGeometry | None,
-) -> dict[str, float]:
-    """Return the parameters by the paper's chain, empty where it has no answer."""
+) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+    """Return the parameters by the paper's chain, and its damping by three ways, or nothing."""
     if len(states) != 2 or len(sensed) != 2:
-        return {}
+        return {}, {}
     first, second = states
     with suppress(InputError, np.linalg.LinAlgError):
         chain = closed_form(
-            sensed[first.name], sensed[second.name], (first, second), vehicle.geometry, known
+            sensed[first.name], sensed[second.name], (first, second), geometry, known
         )
-        return asdict(chain.parameters)
-    return {}
+        return asdict(chain.parameters), chain.corner_damping()
+    return {}, {}

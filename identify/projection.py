@@ -213,15 +213,26 @@ def slopes(at: Point, clock: Clock, z: NDArray[np.complex128]) -> NDArray[np.flo
     return np.asarray((on @ modes.to_real.T).real.transpose(1, 2, 0))
 
 
-def misfit(at: Point, decay: FreeDecay) -> float:
-    """Return the sum of squared residuals of one decay in units of sigma, linear part fitted."""
-    linear = linear_part(at, decay)
-    return sum(
-        _squares(product, stack @ linear.solution, at.weights(recording.clock))
-        for recording, product, stack in zip(
-            decay.recordings, linear.seen, linear.coefficients, strict=True
-        )
-    )
+def motion(
+    at: Point, clock: Clock, z: NDArray[np.complex128], derivative: int
+) -> NDArray[np.float64]:
+    """Return what the vehicle's motion gives in each channel, on the real basis, (n_channels, 28).
+
+    Parameters
+    ----------
+    at : Point
+        Where.
+    clock : Clock
+        Whose channels.
+    z : (14,) complex128
+        Initial state in modal coordinates.
+    derivative : int
+        Of the motion by time: 0 for the motion itself, 1 for its rate of change.
+    """
+    modes = at.modes
+    gain = low_pass_of(clock.channels[0]).gain(modes.poles)
+    on_exp = _modal_rows(at, clock) * (gain * z * modes.poles**derivative)
+    return np.asarray((on_exp @ modes.to_real[:, :_N].T).real)
 
 
 def _squares(product: Products, fitted: NDArray[np.float64], weight: NDArray[np.float64]) -> float:

@@ -25,11 +25,12 @@ from .modal_search import likely_modes
 from .modal_symmetry import Mirror, mirror_of
 from .model import N_DOF, delta_mass
 from .physical import ClosedForm, identify_parameters
-from .stabilisation import identify_modes, vibrates
+from .stabilisation import regression_modes, vibrates
 from .window import onset_s
 
 _RATE_HZ = 125.0  # ten times the fastest mode of a vehicle
 _LENGTH_S = 1.5  # two time constants of the slowest mode; what follows is mostly noise
+_BLUR = 0.03
 _FALSE_ALARM = 1e-3
 
 
@@ -81,11 +82,12 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     alive = np.any([np.ptp(grid, axis=0) > 0.0 for grid in grids], axis=0)
     live = tuple(channel for channel, lives in zip(channels, alive, strict=True) if lives)
     grids = [grid[:, alive] for grid in grids]
+    grids = _blurred(grids)
     blocks = _blocks(decays, live)
     likely = _mirrored_modes(grids, rate_hz, blocks, mirror_of(live))
     mirrored = likely is not None
     if likely is None:
-        start = identify_modes(grids, rate_hz)
+        start = regression_modes(grids, rate_hz)
         if len(start):
             likely = likely_modes(blocks, start.poles, start.shapes)
     return SensedModes(channels, _model(likely, alive), mirrored)
@@ -139,7 +141,7 @@ def _mirrored_modes(
         combinations = mirror.combinations(kind)
         if not len(combinations):
             return None
-        found = identify_modes([grid @ combinations.T for grid in grids], rate_hz)
+        found = regression_modes([grid @ combinations.T for grid in grids], rate_hz)
         poles.append(found.poles)
         shapes.append(combinations.T @ found.shapes)
         parity.append(np.full(len(found), kind))
@@ -153,6 +155,16 @@ def _mirrored_modes(
     gain = free.log_likelihood - tied.log_likelihood
     more = free.n_unknowns - tied.n_unknowns
     return tied if gain <= (chdtri(more, _FALSE_ALARM) if more > 0 else 0.0) else None
+
+
+def _blurred(grids: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Add a little noise: errors of interpolation decay like modes and would be taken for some.
+
+    Only the start comes from these grids.
+    """
+    rng = np.random.default_rng(0)
+    size = _BLUR * np.std(np.concatenate(grids), axis=0)
+    return [grid + size * rng.standard_normal(grid.shape) for grid in grids]
 
 
 def _blocks(decays: Sequence[FreeDecay], channels: Sequence[Channel]) -> tuple[Block, ...]:

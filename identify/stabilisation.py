@@ -16,7 +16,7 @@ at once, and a vehicle's dampers make its shapes complex anyway.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,6 +68,25 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
         No record, different numbers of channels, fewer than 8 samples, values that are not finite,
         or a rate that is not positive.
     """
+    return _modes(records, rate_hz, noisy_modes)
+
+
+def regression_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
+    """Return what regression alone says, to start a fit from; with noise, real poles as well.
+
+    Parameters and Raises are those of `identify_modes`.
+    """
+    return _modes(records, rate_hz, noisy_start)
+
+
+def _modes(
+    records: Sequence[ArrayLike],
+    rate_hz: float,
+    noisy: Callable[
+        [Sequence[DelaySpace], Sequence[NDArray[np.float64]], float],
+        ModalModel,
+    ],
+) -> ModalModel:
     decays = checked_records(records, rate_hz)
     size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
     alive = size > 0.0
@@ -78,7 +97,7 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
     spaces = [delay_space(scaled, rate_hz, delays) for delays in layouts(scaled, rate_hz)]
     found = clean_modes(spaces)
     if found is None:
-        found = noisy_modes(spaces, scaled, rate_hz)
+        found = noisy(spaces, scaled, rate_hz)
     shapes = np.zeros((len(size), len(found)), dtype=complex)
     shapes[alive] = found.shapes * size[alive, None]
     return ModalModel(found.poles, shapes, found.frequency_std_hz, found.damping_ratio_std)
@@ -125,18 +144,10 @@ def noisy_modes(
     rate_hz : float
         Samples a second.
     """
-    duration_s = max(len(decay) for decay in decays) / rate_hz
-    stable = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
-    fits = [
-        fit_modes(decays, rate_hz, poles, shapes, _TRIAL_SWEEPS)
-        for poles, shapes in _worth_trying(stable)
-    ]
-    best = max(fits, key=lambda fit: fit.merit, default=None)
-    if best is not None:
-        best = _without_needless(best, decays, rate_hz)
-    if best is None or not len(best.poles):
-        return ModalModel(np.zeros(0, complex), np.zeros((decays[0].shape[1], 0), complex))
-    likely = likely_modes(even_blocks(decays, rate_hz), best.poles, best.shapes)
+    start = noisy_start(spaces, decays, rate_hz)
+    if not len(start):
+        return start
+    likely = likely_modes(even_blocks(decays, rate_hz), start.poles, start.shapes)
     modes = vibrates(likely.poles)
     return ModalModel(
         likely.poles[modes],
@@ -144,6 +155,25 @@ def noisy_modes(
         likely.frequency_std_hz[modes],
         likely.damping_ratio_std[modes],
     )
+
+
+def noisy_start(
+    spaces: Sequence[DelaySpace], decays: Sequence[NDArray[np.float64]], rate_hz: float
+) -> ModalModel:
+    """Return the best founded set of stable poles, real ones among them; none if there are none.
+
+    Parameters are those of `noisy_modes`.
+    """
+    duration_s = max(len(decay) for decay in decays) / rate_hz
+    stable = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
+    fits = [
+        fit_modes(decays, rate_hz, poles, shapes, _TRIAL_SWEEPS)
+        for poles, shapes in _worth_trying(stable)
+    ]
+    if not fits:
+        return ModalModel(np.zeros(0, complex), np.zeros((decays[0].shape[1], 0), complex))
+    best = _without_needless(max(fits, key=lambda fit: fit.merit), decays, rate_hz)
+    return ModalModel(best.poles, best.shapes)
 
 
 def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:

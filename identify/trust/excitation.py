@@ -28,7 +28,7 @@ SNR_LIMIT_DB = 20.0
 """A decaying wave whose energy is E times the noise shows its frequency to ``2 zeta / sqrt(E)``.
 At 20 dB and a damping ratio of 0.25 that is 5 %: as much as the added masses shift a frequency,
 from which all inertias follow."""
-_AS_GOOD = 0.8  # of the strongest excitation of a mode; the more familiar run is preferred
+_AS_GOOD = 0.5  # of the strongest drive of a mode (6 dB); the more familiar run is preferred
 _FLOOR = 1e-3  # of the noise; -30 dB stands for nothing
 
 
@@ -96,7 +96,7 @@ def _unexcited(
     for k in np.flatnonzero(total_db < SNR_LIMIT_DB).tolist():
         frequency = abs(modes.poles[k]) / (2.0 * np.pi)
         text = f"mode {k + 1} ({names[k]}, {frequency:.2f} Hz) with {total_db[k]:.0f} dB"
-        advised.setdefault(_best_run(model, modes.poles[k], full[11:15]), []).append(text)
+        advised.setdefault(best_run(model, modes.poles[k], full[11:15]), []).append(text)
     for run, texts in advised.items():
         yield Finding(
             "excitation",
@@ -107,7 +107,7 @@ def _unexcited(
         )
 
 
-def _best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64]) -> Excitation:
+def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64]) -> Excitation:
     """Return the run that drives a mode: the road's force seen by the mode's left eigenvector."""
     poles, right = np.linalg.eig(model.A)
     left = np.linalg.inv(right)[int(np.argmin(np.abs(poles - pole)))]

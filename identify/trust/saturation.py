@@ -19,9 +19,9 @@ from .places import listed
 
 FLAT_SAMPLES = 3
 """So many equal samples at the extreme of a run are a flat top."""
-_STEEP = 2.5
-"""Steps of the converter by which a signal must jump into a flat top and out of it.  A rounded
-top of that many equal samples is left by two steps at most."""
+_STEEP = 4.5
+"""Converter steps by which a signal must jump into a flat top and out of it: a parabola that
+stays within one step for three samples leaves it by three steps, four with rounding."""
 
 
 @dataclass(frozen=True, slots=True)

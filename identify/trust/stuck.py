@@ -11,30 +11,34 @@ from numpy.typing import NDArray
 from daq.channels import Channel
 from daq.runs import Run
 
-from ..decay import record_of
-from ..window import decay_start_s
+from ..decay import Record, record_of
+from ..window import decay_start_s, onset_s
 from .finding import Finding, Verdict
 from .places import listed
 
 FROZEN_S = 0.2
 """Two periods of the wheels, and too long for a saturated top."""
 _MOVING_S = 0.5  # after this, a coarse sensor may rest on one step of its converter
-_LONGER = 4.0  # than the channel holds a value elsewhere
-_FEWEST = 20  # samples that show how a channel holds its values
+_EXPECTED = 20.0
+"""Changes of value that the hold should have seen: none by chance has odds of 1 to 500 million."""
+_FEWEST = 20  # samples that show how often a channel changes
 
 
 @dataclass(frozen=True, slots=True)
 class _Hold:
-    """How long one channel held one value in one run.
+    """How long one channel held one value in one run, and how often it changes otherwise.
 
     Parameters
     ----------
     channel, run, kind : str
         Name, label, and the label without the number of the repeat.
-    decay_s : float
+    held_s : float
         The longest hold that begins in the first half second of the decay, s.
-    rest_s : float
-        The longest hold before the decay, s; infinite where there is nothing to compare with.
+    held : int
+        Its number of samples.
+    rest_rate, decay_rate : float
+        Share of samples that differ from the one before, before the decay and in it; NaN where
+        there are too few samples.
     constant : bool
         Whether it has one value in the whole run.
     """
@@ -42,8 +46,10 @@ class _Hold:
     channel: str
     run: str
     kind: str
-    decay_s: float
-    rest_s: float
+    held_s: float
+    held: int
+    rest_rate: float
+    decay_rate: float
     constant: bool
 
 
@@ -51,8 +57,8 @@ def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[
     """Find channels that do not move.
 
     A channel may be silent by symmetry (roll in a bounce run), and a coarse one may rest on one
-    step of its converter.  So a value held is held against it only where the same channel holds
-    values for shorter times at rest, or in a repeat of the run.
+    step of its converter.  So a value held is held against it only where the channel changes often
+    enough at rest before the bump, or, if it is constant there too, in a repeat of the run.
 
     Parameters
     ----------
@@ -61,7 +67,12 @@ def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[
     channels : tuple of Channel
         The session's.
     """
-    holds = [hold for run in runs for hold in _holds(run, channels)]
+    records = [record_of(run, channels) for run in runs]
+    records = [record for record in records if record.recordings]
+    starts = _starts_s(records)
+    holds = [
+        h for record, start in zip(records, starts, strict=True) for h in _holds(record, start)
+    ]
     moving = {hold.channel for hold in holds if not hold.constant}
     dead = dict.fromkeys(hold.channel for hold in holds if hold.channel not in moving)
     findings = []
@@ -76,13 +87,13 @@ def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[
         )
     frozen = [h for h in holds if h.channel in moving and _is_frozen(h, holds)]
     if frozen:
-        frozen.sort(key=lambda hold: -hold.decay_s)
+        frozen.sort(key=lambda hold: -hold.held_s)
         places = listed(f"{h.channel} in {h.run}" for h in frozen)
         findings.append(
             Finding(
                 "stuck_channels",
                 Verdict.DOUBTFUL,
-                f"holds one value for {frozen[0].decay_s:.2f} s (limit {FROZEN_S:g}) while the "
+                f"holds one value for {frozen[0].held_s:.2f} s (limit {FROZEN_S:g}) while the "
                 f"vehicle moves: {places}; these samples are not measured and bias the result: "
                 "check the sensor and repeat the run",
             )
@@ -91,45 +102,50 @@ def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[
 
 
 def _is_frozen(hold: _Hold, holds: Sequence[_Hold]) -> bool:
-    repeats = [
-        h.decay_s
-        for h in holds
-        if h.kind == hold.kind and h.channel == hold.channel and h.run != hold.run
+    rate = hold.rest_rate
+    if hold.constant or np.isnan(rate):
+        repeats = [
+            h.decay_rate
+            for h in holds
+            if h.kind == hold.kind and h.channel == hold.channel and h.run != hold.run
+        ]
+        rate = float(np.mean(repeats)) if repeats else np.nan
+    return hold.held_s >= FROZEN_S and bool(hold.held * rate > _EXPECTED)
+
+
+def _starts_s(records: Sequence[Record]) -> list[float]:
+    """Return when each decay starts; a stuck channel may hide it, then as in the other runs."""
+    starts = [decay_start_s(r) if onset_s(r) is not None else np.nan for r in records]
+    known = [start for start in starts if np.isfinite(start)]
+    usual = float(np.median(known)) if known else -np.inf
+    return [
+        start if np.isfinite(start) else max(usual, record.start_s)
+        for record, start in zip(records, starts, strict=True)
     ]
-    usual = min(hold.rest_s, *repeats, np.inf)
-    return hold.decay_s >= FROZEN_S and hold.decay_s > _LONGER * usual
 
 
-def _holds(run: Run, channels: tuple[Channel, ...]) -> Iterator[_Hold]:
-    record = record_of(run, channels)
-    if not record.recordings:
-        return
-    start = decay_start_s(record)
-    kind = run.label.rpartition("_")[0]
+def _holds(record: Record, start: float) -> Iterator[_Hold]:
+    kind = record.label.rpartition("_")[0]
     for recording in record.recordings:
         time = recording.time_s
         for channel, column in zip(recording.clock.channels, recording.values.T, strict=True):
-            begin, length = _plateaus(time, column)
-            within = (begin + length > start) & (begin < start + _MOVING_S)
-            before = time < start
-            _, at_rest = _plateaus(time[before], column[before])
+            change = np.flatnonzero(np.diff(column) != 0.0)
+            first = np.concatenate([[0], change + 1])
+            last = np.concatenate([change, [len(column) - 1]])
+            within = (time[last] > start) & (time[first] < start + _MOVING_S)
+            length = np.where(within, time[last] - time[first], 0.0)
+            k = int(length.argmax())
             yield _Hold(
                 channel.name,
-                run.label,
+                record.label,
                 kind,
-                float(length[within].max(initial=0.0)),
-                float(at_rest.max()) if before.sum() >= _FEWEST else np.inf,
-                bool((column == column[0]).all()),
+                float(length[k]),
+                int(last[k] - first[k] + 1),
+                _rate(column[time < start]),
+                _rate(column[time >= start]),
+                len(change) == 0,
             )
 
 
-def _plateaus(
-    time_s: NDArray[np.float64], column: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return begin and length, s, of each stretch of equal successive values."""
-    if not len(time_s):
-        return np.zeros(0), np.zeros(0)
-    change = np.flatnonzero(np.diff(column) != 0.0)
-    first = np.concatenate([[0], change + 1])
-    last = np.concatenate([change, [len(column) - 1]])
-    return time_s[first], time_s[last] - time_s[first]
+def _rate(column: NDArray[np.float64]) -> float:
+    return float(np.mean(np.diff(column) != 0.0)) if len(column) >= _FEWEST else float("nan")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,13 +32,17 @@ _MARGIN_S = 0.005  # the onset of motion is seen a little late
 
 @dataclass(slots=True)
 class _Pairs:
-    """Running sums over pairs of successive samples, and what the fit has taken out of them."""
+    """Running sums over pairs of successive samples of one channel.
+
+    `fitted` is the number of values that the fit has taken out of the samples, `levels` the largest
+    number of different values in one stretch.
+    """
 
     products: float = 0.0
     squares: float = 0.0
     n: int = 0
     fitted: float = 0.0
-    levels: set[float] = field(default_factory=set)
+    levels: int = 0
 
     def add(self, time_s: NDArray[np.float64], values: NDArray[np.float64], fitted: float) -> None:
         interval = np.diff(time_s)
@@ -51,8 +55,7 @@ class _Pairs:
         self.squares += float(left @ left + right @ right) / 2.0
         self.n += int(even.sum())
         self.fitted += fitted
-        if len(self.levels) < _FEWEST_LEVELS:
-            self.levels.update(np.unique(values)[:_FEWEST_LEVELS].tolist())
+        self.levels = max(self.levels, len(np.unique(values)))
 
     @property
     def correlation(self) -> float:
@@ -63,7 +66,7 @@ class _Pairs:
     def usable(self, noise: float) -> bool:
         """Whether there are samples enough, and noise to be judged."""
         loud = self.squares > _SILENT * noise**2 * self.n
-        return self.n >= _FEWEST and loud and len(self.levels) >= _FEWEST_LEVELS
+        return self.n >= _FEWEST and loud and self.levels >= _FEWEST_LEVELS
 
     def z(self, other: float, n_other: float) -> float:
         """Return by how many standard deviations the correlation exceeds another one."""

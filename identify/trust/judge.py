@@ -1,0 +1,60 @@
+"""All gates, and the verdict they make together."""
+
+from __future__ import annotations
+
+from daq.runs import Session
+
+from ..estimation import Estimation
+from .excitation import excitation_findings, mode_snr_db
+from .explain import cause_findings
+from .finding import Finding, Quality
+from .lift_off import lift_off_findings
+from .misfit import chi2_by_run, misfit_findings
+from .parameters import parameter_findings, undetermined
+from .repeats import repeat_findings
+from .sampling import sampling_findings
+from .saturation import saturation_findings
+from .whiteness import whiteness_findings
+
+_NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_in_compression"}
+
+
+def judge(session: Session, estimation: Estimation) -> Quality:
+    """Judge an estimation by everything that is known of it.
+
+    Parameters
+    ----------
+    session : Session
+        The runs.
+    estimation : Estimation
+        What was made of them.
+    """
+    snr_db = mode_snr_db(estimation)
+    findings = [
+        *misfit_findings(estimation),
+        *parameter_findings(estimation),
+        *sampling_findings(session),
+        *saturation_findings(session),
+        *excitation_findings(estimation, snr_db),
+    ]
+    determined = not undetermined(estimation)
+    if determined or not estimation.holds:
+        findings += _causes(estimation)
+    if determined and estimation.holds:
+        findings += [*whiteness_findings(estimation), *lift_off_findings(estimation)]
+    return Quality(
+        tuple(findings),
+        estimation.chi2_per_n,
+        chi2_by_run(estimation),
+        snr_db,
+    )
+
+
+def _causes(estimation: Estimation) -> tuple[Finding, ...]:
+    """Name an odd run first: it would feign causes.  What depends on amplitude, only by itself."""
+    repeats = repeat_findings(estimation)
+    if any(finding.gate == "odd_run" for finding in repeats):
+        return repeats
+    causes = cause_findings(estimation)
+    explained = bool(causes) and not {finding.gate for finding in causes} & _NON_LINEAR
+    return causes if explained else (*causes, *repeats)

@@ -1,0 +1,86 @@
+"""Does the model hold?  Convergence, chi2, and where the misfit is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..estimation import Estimation
+from ..window import onset_s
+from .finding import Finding, Verdict
+
+CHI2_LIMIT = 1.5
+"""Beyond this a result is refused: every row of the stress list that costs more than a third of a
+parameter lies there."""
+_LATE_S = 0.015
+"""Onset and guard explain less than this between the stated end of the bump and a decay's start."""
+
+
+def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
+    """Return the mean square residual in units of the noise for each run and channel."""
+    return {
+        decay.label: {
+            name: float(values @ values) / estimation.noise[name] ** 2 / decay.freedom[name]
+            for name, values in decay.values.items()
+        }
+        for decay in estimation.residuals
+    }
+
+
+def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
+    """Judge convergence and chi2/n.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        The fit and its residuals.
+    """
+    findings = []
+    if not estimation.fit.converged:
+        text = (
+            f"the fit did not converge in {estimation.fit.iterations} iterations: check units, "
+            "signs and positions of the channels"
+        )
+        findings.append(Finding("convergence", Verdict.REFUSED, text))
+    if not estimation.holds:
+        run, channel, worst = _worst(chi2_by_run(estimation))
+        refused = not estimation.chi2_per_n <= max(CHI2_LIMIT, estimation.chi2_limit)
+        text = (
+            f"the linear 7-DOF model does not explain the decays: chi2/n = "
+            f"{estimation.chi2_per_n:.3f} (limit {estimation.chi2_limit:.3f}, refused above "
+            f"{CHI2_LIMIT}), worst {channel} in {run} with {worst:.2f}: the intervals do not hold"
+        )
+        findings.append(Finding("chi2", Verdict.REFUSED if refused else Verdict.DOUBTFUL, text))
+    if not estimation.rest:
+        text = "no quiet stretch before the bumps: the noise is taken from the residuals"
+        findings.append(Finding("noise", Verdict.OK, text))
+    return (*findings, *_late_start(estimation))
+
+
+def _late_start(estimation: Estimation) -> tuple[Finding, ...]:
+    late = {}
+    for record, decay in zip(estimation.records, estimation.decays, strict=True):
+        onset = onset_s(record)
+        if onset is not None and np.isfinite(record.bump_s):
+            late[record.label] = decay.start_s - onset - record.bump_s
+    if late and max(late.values()) > _LATE_S:
+        run = max(late, key=lambda label: late[label])
+        text = (
+            f"the model holds only from {late[run] * 1e3:.0f} ms after the stated end of the bump "
+            f"({run}): the bump lasts longer than bump_s says, or the first motion of the wheels "
+            "does not fit; check bump_s, the hub sensors, and that no wheel lifted"
+        )
+        return (Finding("late_start", Verdict.DOUBTFUL, text),)
+    if estimation.later_s and not late:
+        text = (
+            f"the decays were found to start {estimation.later_s * 1e3:.0f} ms into the records: "
+            "begin a record at rest before the bump"
+        )
+        return (Finding("late_start", Verdict.OK, text),)
+    return ()
+
+
+def _worst(by_run: Mapping[str, Mapping[str, float]]) -> tuple[str, str, float]:
+    rows = [(run, name, chi2) for run, row in by_run.items() for name, chi2 in row.items()]
+    return max(rows, key=lambda row: row[2])

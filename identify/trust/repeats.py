@@ -1,0 +1,162 @@
+"""Whether all runs, and the large and the small motion, tell of the same vehicle.
+
+Each part of the data has its own pull on the parameters; at the common optimum the pulls cancel.
+If the parts agree, each pull is noise of known covariance (Hausman 1978); a part that disagrees
+pulls harder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..decay import FreeDecay
+from ..estimation import Estimation
+from ..likelihood import fit, residuals, shares
+from ..projection import Share
+from .finding import Finding, Verdict
+
+_LARGE_S = 0.4
+"""From here on the wheels are at rest and the body moves with half its first amplitude."""
+_SEEN = 1e-6
+_HEIGHTS = 1.3
+"""Ratio of bump heights from which on they count as two."""
+_MATTERS = 0.02
+_RATE_HZ = 250.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pull:
+    """How hard a part of the data pulls away from the common optimum.
+
+    Parameters
+    ----------
+    strength : float
+        Square of the pull in units of what chance would give; noise stays below 1.
+    parameter : str
+        The parameter on which it pulls hardest.
+    change : float
+        Relative change of that parameter that the part asks for, the others kept.
+    """
+
+    strength: float
+    parameter: str
+    change: float
+
+
+def repeat_findings(estimation: Estimation) -> tuple[Finding, ...]:
+    """Name runs that disagree with the others, and a dependence on amplitude.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        At its optimum.
+    """
+    parts = shares(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
+    runs = {decay.label: parts[decay.label] for decay in estimation.decays}
+    pulls = {label: pull_of(estimation, (part,)) for label, part in runs.items()}
+    odd = max(pulls, key=lambda label: pulls[label].strength)
+    findings = _odd_run(estimation, odd, pulls[odd])
+    if findings:
+        return findings
+    return (*_small_motion(estimation), *_two_heights(estimation, runs))
+
+
+def pull_of(estimation: Estimation, parts: Iterable[Share]) -> Pull:
+    """Return the pull of some shares of the data."""
+    chosen = tuple(parts)
+    H = np.sum([part.information for part in chosen], axis=0)
+    g = np.sum([part.gradient for part in chosen], axis=0)
+    C = np.where(np.isfinite(estimation.fit.covariance), estimation.fit.covariance, 0.0)
+    V = H - H @ C @ H
+    diagonal = np.maximum(np.diag(V), 1e-300)
+    scale = 1.0 / np.sqrt(diagonal)
+    values, vectors = np.linalg.eigh(V * np.outer(scale, scale))
+    seen = values > _SEEN * values[-1]
+    square = float(np.sum((vectors[:, seen].T @ (g * scale)) ** 2 / values[seen]))
+    rank = int(np.sum(seen))
+    n = len(estimation.box.parameters)
+    worst = int(np.argmax(np.abs(g[:n] * scale[:n])))
+    chance = (np.sqrt(rank) + 5.0) ** 2 * max(1.0, estimation.chi2_per_n)
+    change = float(g[worst] / diagonal[worst])
+    return Pull(square / chance, estimation.box.parameters[worst], change)
+
+
+def _odd_run(estimation: Estimation, label: str, pull: Pull) -> tuple[Finding, ...]:
+    """Say whether the fit holds without the run that disagrees most."""
+    if len(estimation.decays) < 3:
+        return ()
+    others = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label != label)
+    everything = tuple(d.thinned(_RATE_HZ) for d in estimation.decays)
+    with_it = _mean_square(estimation, everything, estimation.fit.eta)
+    eta = fit(estimation.box, others, estimation.noise, estimation.fit.eta, 0.1, 20).eta
+    without = _mean_square(estimation, others, eta)
+    mends = without < 1.0 + 0.5 * (with_it - 1.0)
+    odd = pull.strength > 1.0 and abs(pull.change) > _MATTERS
+    if not (odd if estimation.holds else mends):
+        return ()
+    text = (
+        f"run {label} disagrees with the others ({pull.parameter} {pull.change * 100:+.0f} %): "
+        f"without it chi2/n is {without:.3f} instead of {with_it:.3f}; reject it and repeat it, "
+        "or look for what changed (a second bump, a warm damper, a loose weight)"
+    )
+    return (Finding("odd_run", Verdict.DOUBTFUL, text),)
+
+
+def _mean_square(
+    estimation: Estimation, decays: tuple[FreeDecay, ...], eta: NDArray[np.float64]
+) -> float:
+    left = residuals(estimation.box, decays, estimation.noise, eta)
+    squares = sum(
+        float(v @ v) / estimation.noise[name] ** 2 for r in left for name, v in r.values.items()
+    )
+    return squares / sum(sum(r.freedom.values()) for r in left)
+
+
+def _small_motion(estimation: Estimation) -> tuple[Finding, ...]:
+    """Compare the whole decays with what follows their first 0.4 s."""
+    late = tuple(
+        FreeDecay(d.label, d.mass_state, d.start_s, tuple(r.between(_LARGE_S, np.inf)
+                  for r in d.recordings))
+        for d in estimation.decays
+    )  # fmt: skip
+    late = tuple(d for d in late if all(len(r.time_s) > 50 for r in d.recordings))
+    if not late:
+        return ()
+    parts = shares(estimation.box, late, estimation.noise, estimation.fit.eta)
+    return _amplitude(estimation, [parts[d.label] for d in late], "the small motion after 0.4 s")
+
+
+def _two_heights(estimation: Estimation, runs: Mapping[str, Share]) -> tuple[Finding, ...]:
+    """Compare runs over low bumps with the others, where there are two heights."""
+    size = {d.label: _size(d) for d in estimation.decays}
+    kinds: dict[str, list[str]] = {}
+    for label in runs:
+        kinds.setdefault(label.rpartition("_")[0], []).append(label)
+    low = [
+        label
+        for members in kinds.values()
+        for label in members
+        if size[label] * _HEIGHTS < max(size[other] for other in members)
+    ]
+    if not low:
+        return ()
+    return _amplitude(estimation, [runs[label] for label in low], "the runs over the lower bump")
+
+
+def _size(decay: FreeDecay) -> float:
+    return float(np.sqrt(np.mean([np.mean(np.var(r.values, axis=0)) for r in decay.recordings])))
+
+
+def _amplitude(estimation: Estimation, parts: list[Share], which: str) -> tuple[Finding, ...]:
+    pull = pull_of(estimation, parts)
+    if pull.strength <= 1.0 or abs(pull.change) < _MATTERS:
+        return ()
+    text = (
+        f"{which} asks for other parameters ({pull.parameter} {pull.change * 100:+.0f} %): the "
+        "vehicle is not linear; look for friction, or compare bumps of two heights"
+    )
+    return (Finding("amplitude", Verdict.DOUBTFUL, text),)

@@ -1,0 +1,243 @@
+"""A sensor that is wrong: late, slow, upside down, in another unit.  Found by fitting again.
+
+A large error of a sensor drags the whole fit along, so that the score test, which looks from the
+fitted point, sees it dimly.  Here the suspected channel is described otherwise or left out, and the
+fit says how much better it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import Channel
+
+from ..decay import FreeDecay, with_channels
+from ..estimation import Estimation
+from ..greybox import SIGNED, GreyBox
+from ..likelihood import Fit, fit, residuals
+
+_RATE_HZ = 250.0
+_LENGTH_S = 1.0
+"""The first second tells of every sensor fault."""
+_SUSPECTED = 4
+"""Channels that are left out in turn."""
+_CLEARS = 0.9
+"""Share of the misfit that must go with a channel to call it wrong."""
+_CHOICE = 1.5
+_LATE_SIGMA_S = 0.03
+_COARSE_HZ = (15.0, 40.0)
+_FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """A likely cause.
+
+    Parameters
+    ----------
+    name : str
+        What is wrong.
+    sizes, advice : str
+        How much, and what to do.
+    explained : float
+        Share of the excess of the squared residuals that it explains.
+    shift : float
+        Largest relative change of a parameter that it means.
+    shifted : str
+        Which parameter that is.
+    """
+
+    name: str
+    sizes: str
+    advice: str
+    explained: float
+    shift: float
+    shifted: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """A problem with its channels described in some way, and its fit."""
+
+    box: GreyBox
+    decays: tuple[FreeDecay, ...]
+    fit: Fit
+
+    @property
+    def excess(self) -> float:
+        """Mean square residual above the noise's."""
+        return self.fit.cost / sum(decay.n_values for decay in self.decays) - 1.0
+
+
+def sensor_explanations(estimation: Estimation, suspected: Sequence[str]) -> list[Explanation]:
+    """Return what a faulty sensor would explain, the best last.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        A fit that does not hold.
+    suspected : sequence of str
+        Channels whose gain is suspected, the most suspected first.
+    """
+    before = _solved(estimation, lambda c: c, estimation.fit.eta)
+    found = [*_wrong_channels(estimation, before, suspected[:_SUSPECTED])]
+    if not found:
+        found = [*_late(estimation, before), *_slow(estimation, before)]
+        # Lateness and a low-pass look alike; a low-pass, which has more to choose from, must
+        # leave clearly less.
+        found.sort(
+            key=lambda e: -max(1.0 - e.explained, 0.0) * (_CHOICE if e.name == "low-pass" else 1.0)
+        )
+    return found
+
+
+def gain_of(estimation: Estimation, name: str) -> Explanation:
+    """Hold one channel against what all others foretell.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        The fit with the channel in it.
+    name : str
+        Of the channel.
+    """
+    before = _solved(estimation, lambda c: c, estimation.fit.eta)
+    return _left_out(estimation, before, name)
+
+
+def _wrong_channels(
+    estimation: Estimation, before: _Problem, names: Sequence[str]
+) -> Iterator[Explanation]:
+    for name in names:
+        found = _left_out(estimation, before, name)
+        if found.explained > _CLEARS:
+            yield found
+            return
+
+
+def _left_out(estimation: Estimation, before: _Problem, name: str) -> Explanation:
+    others = _solved(estimation, lambda c: None if c.name == name else c, before.fit.eta)
+    eta = _start(before.box, others.box, others.fit.eta)
+    noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
+    foretold, measured = 0.0, 0.0
+    left = residuals(before.box, before.decays, noise, eta)
+    for decay, rest in zip(before.decays, left, strict=True):
+        for r in decay.recordings:
+            for c, channel in enumerate(r.clock.channels):
+                if channel.name == name:
+                    model = r.values[:, c] - rest.values[name]
+                    model = model - model.mean()
+                    foretold += float(model @ model)
+                    measured += float(model @ r.values[:, c])
+    gain = measured / foretold if foretold > 0.0 else float("nan")
+    advice = "check its calibration, unit and sign"
+    if abs(gain + 1.0) < 0.2:
+        advice = "it is upside down: turn its sign"
+    elif gain > 0.0 and not 0.7 < gain < 1.4:
+        advice = "its unit or gain is wrong: check the unit in the DBC (g, mg, m/s2, deg/s, rad/s)"
+    sizes = f"it shows {gain:.3g} times what the other channels foretell"
+    explained = 1.0 - others.excess / before.excess
+    return Explanation(f"gain of {name}", sizes, advice, explained, *_shift(before, others))
+
+
+def _late(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
+    kinds = {c.corner is not None for clock in before.box.clocks for c in clock.channels}
+    if len(kinds) < 2:
+        return
+
+    def loose(c: Channel) -> Channel:
+        return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.corner is not None else c
+
+    after = _solved(estimation, loose, before.fit.eta)
+    late = [
+        delay
+        for delay, clock in zip(
+            after.box.delays_s(after.fit.eta).tolist(), after.box.clocks, strict=True
+        )
+        if clock.channels[0].corner is not None
+    ]
+    mean_ms = float(np.mean(late)) * 1e3
+    who = "sensors at the wheels" if mean_ms > 0 else "body sensors"
+    yield Explanation(
+        f"{who} late",
+        f"{abs(mean_ms):.2g} ms",
+        "state delay_s and delay_sigma_s of these channels, or mend their clock",
+        1.0 - after.excess / before.excess,
+        *_shift(before, after),
+    )
+
+
+def _slow(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
+    channels = [c for clock in before.box.clocks for c in clock.channels]
+    kinds = {
+        "body sensors": {c.name for c in channels if c.corner is None},
+        "sensors at the wheels": {c.name for c in channels if c.corner is not None},
+        "all sensors": {c.name for c in channels},
+    }
+    tried = {
+        (kind, hz): _solved(estimation, _filtered(kinds[kind], hz), before.fit.eta)
+        for kind in kinds
+        if kinds[kind]
+        for hz in _COARSE_HZ
+    }
+    kind, near_hz = min(tried, key=lambda key: tried[key].fit.cost)
+    eta = tried[kind, near_hz].fit.eta
+    for hz in _FINE_HZ:
+        if 0.4 < hz / near_hz < 2.5:
+            tried[kind, hz] = _solved(estimation, _filtered(kinds[kind], hz), eta)
+    kind, hz = min(tried, key=lambda key: tried[key].fit.cost)
+    after = tried[kind, hz]
+    yield Explanation(
+        "low-pass",
+        f"near {hz:.0f} Hz on {kind}",
+        "state low_pass_hz of these channels from the data sheet, or switch the filter off",
+        1.0 - after.excess / before.excess,
+        *_shift(before, after),
+    )
+
+
+def _filtered(names: set[str], cut_off_hz: float) -> Callable[[Channel], Channel]:
+    return lambda c: replace(c, low_pass_hz=cut_off_hz) if c.name in names else c
+
+
+def _solved(
+    estimation: Estimation,
+    change: Callable[[Channel], Channel | None],
+    near: NDArray[np.float64],
+) -> _Problem:
+    """Fit the problem with its channels described otherwise, roughly, on fewer samples."""
+    changed = (
+        with_channels(_short(decay.thinned(_RATE_HZ)), change) for decay in estimation.decays
+    )
+    decays = tuple(decay for decay in changed if decay.recordings)
+    clocks = dict.fromkeys(r.clock for decay in decays for r in decay.recordings)
+    old = estimation.box
+    box = GreyBox(tuple(clocks), old.mass_states, old.geometry, old.structure, old.facts)
+    start = _start(box, old, near)
+    return _Problem(box, decays, fit(box, decays, estimation.noise, start, 0.3, 15))
+
+
+def _short(decay: FreeDecay) -> FreeDecay:
+    return replace(decay, recordings=tuple(r.between(0.0, _LENGTH_S) for r in decay.recordings))
+
+
+def _start(box: GreyBox, other: GreyBox, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the parameters of a fit as unknowns of a problem of the same structure."""
+    start = np.zeros(len(box.prior_sigma))
+    n = len(other.parameters)
+    start[:n] = eta[:n]
+    return start
+
+
+def _shift(before: _Problem, after: _Problem) -> tuple[float, str]:
+    """Return the largest relative change of a parameter, and which one it is."""
+    names = before.box.parameters
+    n = len(names)
+    moved = np.abs(after.fit.eta[:n] - before.fit.eta[:n])
+    moved[[name in SIGNED for name in names]] = 0.0
+    worst = int(np.argmax(moved))
+    return float(moved[worst]), names[worst]

@@ -1,0 +1,98 @@
+"""What is missing before a fit can be tried, and what to measure to have it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from daq.channels import Quantity
+from daq.runs import Session
+from daq.vehicle import MassState, Vehicle, parameter_names, parameter_unit
+
+from ..decay import Record
+from ..facts import SCALED
+from ..model import delta_mass
+from ..physical import MASS_ADVICE, massless_motions
+from .finding import Finding, Verdict
+
+_ANY_CG_M = 1.3
+"""Where the CG is does not decide whether weights leave a motion massless."""
+
+
+def shortcomings(records: Sequence[Record], session: Session) -> tuple[Finding, ...]:
+    """Say what is missing before a fit can be tried, with what to do about it.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The accepted runs.
+    session : Session
+        Where they come from.
+    """
+    if not records:
+        text = "no accepted run: record bounce, pitch and roll in both mass states"
+        return (_refused("no_runs", text),)
+    return (*_channels(records), *_scale(records, session))
+
+
+def _refused(gate: str, text: str) -> Finding:
+    return Finding(gate, Verdict.REFUSED, text)
+
+
+def _channels(records: Sequence[Record]) -> Iterator[Finding]:
+    names = {c.name for r in records for q in r.recordings for c in q.clock.channels}
+    motions = {c.quantity for r in records for q in r.recordings for c in q.clock.channels}
+    if not motions - {Quantity.UNUSED}:
+        yield _refused("channels", "no channel that the model knows: map the sensors to quantities")
+    elif len(names) == 1:
+        yield _refused(
+            "channels",
+            f"one channel only ({next(iter(names))}): it cannot tell body from wheels; record an "
+            "IMU on the body and an accelerometer on each hub",
+        )
+
+
+def _scale(records: Sequence[Record], session: Session) -> Iterator[Finding]:
+    """Free decays leave one scale open: known masses or scales must fix it."""
+    if _scale_is_known(session.vehicle):
+        return
+    present = {record.mass_state for record in records}
+    states = [state for state in session.mass_states if state.name in present]
+    loaded = [s for s in states if s.added.weights or s.added.matrix.any()]
+    if len(loaded) == len(states):
+        yield _refused(
+            "mass_states",
+            "no accepted baseline run: record the vehicle without added mass, or weigh it and "
+            "state the loads as facts",
+        )
+    elif not loaded:
+        yield _refused(
+            "mass_states",
+            "no accepted run with added mass and no scales: free decays alone fix no absolute "
+            "mass; add known masses and bump again, or weigh the vehicle (total and front axle) "
+            "and state the loads as facts",
+        )
+    else:
+        yield from _singular(loaded)
+
+
+def _singular(loaded: Sequence[MassState]) -> Iterator[Finding]:
+    total = np.sum([delta_mass(state.added, _ANY_CG_M).real for state in loaded], axis=0)
+    bare = massless_motions(total)
+    if bare:
+        yield _refused(
+            "added_mass",
+            f"the added mass is singular, it does not move with {', '.join(bare)}: {MASS_ADVICE}, "
+            "or weigh the vehicle and state the loads as facts",
+        )
+
+
+def _scale_is_known(vehicle: Vehicle) -> bool:
+    """Tell whether a fact says how heavy, stiff or strongly damped the vehicle is."""
+    parameters = set(parameter_names(vehicle.structure))
+    return any(
+        fact.quantity in SCALED
+        or (fact.quantity in parameters and parameter_unit(fact.quantity) != "m")
+        for fact in vehicle.facts
+    )
