@@ -1,0 +1,60 @@
+"""Campaigns that the tests of the gates share, and how to spoil one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import cache
+
+from daq.runs import Run, SampleGroup, Session
+from identify.estimation import Estimation, estimate, generic_vehicles
+from identify.pipeline import grey_box, usable_records
+from identify.trust.finding import Finding, Verdict
+
+from ..stress import stress_session
+
+SEEDS = (1, 2, 3, 4, 5)
+
+
+@cache
+def campaign(name: str, seed: int) -> Session:
+    return stress_session(name, seed)
+
+
+@cache
+def estimated(name: str, seed: int) -> Estimation:
+    session = campaign(name, seed)
+    records = usable_records(session)
+    return estimate(grey_box(session, records), records, generic_vehicles())
+
+
+def with_group(
+    session: Session, label: str, channel: str, change: Callable[[SampleGroup], SampleGroup]
+) -> Session:
+    """Change the sample group that holds a channel, in the runs whose label begins so."""
+    return with_runs(
+        session,
+        lambda run: (
+            replace(run, groups=tuple(change(g) if channel in g.values else g for g in run.groups))
+            if run.label.startswith(label)
+            else run
+        ),
+    )
+
+
+def with_runs(session: Session, change: Callable[[Run], Run]) -> Session:
+    return replace(session, runs=tuple(change(run) for run in session.runs))
+
+
+def by_gate(findings: Iterable[Finding]) -> dict[str, Finding]:
+    """Return the findings by gate; no gate says two things in these tests."""
+    found: dict[str, Finding] = {}
+    for finding in findings:
+        assert finding.gate not in found
+        assert "\n" not in finding.text
+        found[finding.gate] = finding
+    return found
+
+
+def doubtful(findings: Iterable[Finding]) -> list[str]:
+    return [finding.gate for finding in findings if finding.severity is not Verdict.OK]

@@ -1,0 +1,115 @@
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.runs import SampleGroup, Session
+from dbc.samples import Quality
+from identify.trust.finding import Verdict
+from identify.trust.saturation import saturation_findings
+
+from ..stress import BUMP_S, REST_S
+from .campaigns import SEEDS, campaign, doubtful, with_group
+
+Array = NDArray[np.float64]
+CHANNEL = "hub_acc_rl"
+AFTER_BUMP_S = REST_S + BUMP_S
+
+
+def rear_left(session: Session, change: Callable[[Array, Array], Array]) -> Session:
+    """Change the values of a hub in the bounce runs of the baseline, by time and value."""
+
+    def changed(group: SampleGroup) -> SampleGroup:
+        values = change(group.time_s, group.values[CHANNEL])
+        return replace(group, values={**group.values, CHANNEL: values})
+
+    return with_group(session, "baseline_bounce", CHANNEL, changed)
+
+
+def quantised(session: Session, lsb: float) -> Session:
+    def coarse(group: SampleGroup) -> SampleGroup:
+        return replace(
+            group, values={name: lsb * np.rint(v / lsb) for name, v in group.values.items()}
+        )
+
+    for channel in ("body_acc_z", "hub_acc_fl", "hub_acc_rl"):  # one of each device
+        session = with_group(session, "", channel, coarse)
+    return session
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_control_is_not_saturated(seed: int) -> None:
+    assert saturation_findings(campaign("linear", seed)) == ()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_hub_that_ends_at_2_g_is_doubtful(seed: int) -> None:
+    (finding,) = saturation_findings(campaign("saturation", seed))
+    assert finding.severity is Verdict.DOUBTFUL
+    assert "at 19.61 m/s2" in finding.text
+    assert "hub_acc_fl in added_bounce_1" in finding.text
+    assert "hub_acc_fr" not in finding.text
+
+
+def test_saturation_survives_the_steps_of_the_converter() -> None:
+    session = quantised(campaign("saturation", 1), 0.005)
+    assert doubtful(saturation_findings(session)) == ["saturation"]
+
+
+def test_on_the_bump_it_is_a_note() -> None:
+    """A steeper bump than the simulated one: the sensor ends at 60 m/s2, the decay at 46."""
+
+    def steep(t_s: Array, values: Array) -> Array:
+        on_bump = (t_s > REST_S) & (t_s < AFTER_BUMP_S - 0.02)
+        return np.where(on_bump, np.minimum(3.0 * values, 60.0), values)
+
+    (finding,) = saturation_findings(rear_left(campaign("linear", 1), steep))
+    assert finding.severity is Verdict.OK
+    assert "at 60 m/s2" in finding.text
+    assert "hub_acc_rl in baseline_bounce_1, hub_acc_rl in baseline_bounce_2;" in finding.text
+
+
+def test_a_limit_that_the_decay_reaches_is_doubtful() -> None:
+    session = rear_left(campaign("linear", 1), lambda _, values: np.minimum(values, 30.0))
+    assert doubtful(saturation_findings(session)) == ["saturation"]
+
+
+@pytest.mark.parametrize("lsb", [1e-4, 1e-3, 1e-2, 0.1, 1.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_quantisation_is_no_saturation(lsb: float, seed: int) -> None:
+    """From a fine converter to one whose step hides all the noise."""
+    assert saturation_findings(quantised(campaign("linear", seed), lsb)) == ()
+
+
+@pytest.mark.parametrize("lsb", [0.003, 0.01, 0.03, 0.1, 0.3])
+def test_a_rounded_top_is_not_a_flat_one(lsb: float) -> None:
+    """A slow wave without noise stays on the converter's highest step for a while."""
+
+    def wave(group: SampleGroup) -> SampleGroup:
+        t = group.time_s - AFTER_BUMP_S
+        motion = np.where(t > 0, 10 * np.exp(-t) * np.sin(5.0 * t), 0.0)
+        values: Array = lsb * np.rint(motion / lsb)
+        if lsb == 0.3:
+            assert (values == values.max()).sum() >= 3
+        return replace(group, values={**group.values, CHANNEL: values})
+
+    session = with_group(campaign("linear", 1), "", CHANNEL, wave)
+    assert saturation_findings(session) == ()
+
+
+@pytest.mark.parametrize(
+    ("at_s", "severity"),
+    [(REST_S + 0.05, Verdict.OK), (AFTER_BUMP_S + 0.05, Verdict.DOUBTFUL)],
+)
+def test_samples_out_of_range_are_told(at_s: float, severity: Verdict) -> None:
+    def flagged(group: SampleGroup) -> SampleGroup:
+        quality = group.quality.copy()
+        quality[np.searchsorted(group.time_s, at_s)] |= Quality.OUT_OF_RANGE
+        return replace(group, quality=quality)
+
+    session = with_group(campaign("linear", 1), "added_roll_1", CHANNEL, flagged)
+    (finding,) = saturation_findings(session)
+    assert (finding.gate, finding.severity) == ("out_of_range", severity)
+    assert f"{CHANNEL} in added_roll_1" in finding.text
