@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from daq.channels import paper_channels
+from daq.runs import ADDED as ADDED_STATE
+from daq.runs import BASELINE as BASELINE_STATE
+from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
 from dbc.errors import InputError
-from identify.modal import ModalModel, modes_of
+from identify.modal import ModalModel, displacement_shapes, modes_of
+from identify.mode_names import mode_names
 from identify.model import physical_model
 from identify.pairing import pair_modes
+from identify.sensed import sensed_modes
+
+from .bumps import CASES, paper_records
 
 BASELINE = physical_model(FORD_GRANADA)
 ADDED = BASELINE.with_mass(np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]))
@@ -45,3 +53,28 @@ def test_shapes_of_different_channels_are_refused() -> None:
     modes = modes_of(BASELINE.A)
     with pytest.raises(InputError, match="7 and of 6 channels"):
         pair_modes(modes, ModalModel(modes.poles, modes.shapes[:6]))
+
+
+def test_the_swapped_pair_is_matched_from_clean_and_from_noisy_decays() -> None:
+    for noise_db, seeds in ((200.0, 1), (30.0, 5)):
+        for seed in range(seeds):
+            records = paper_records(200.0, noise_db, seed, (*CASES, Excitation.WARP))
+            models = []
+            for state in (BASELINE_STATE, ADDED_STATE):
+                mine = [record for record in records if record.mass_state == state]
+                sensed = sensed_modes(mine, [record.decay(0.3 + 1e-9) for record in mine])
+                models.append(sensed.model)
+            names = [
+                mode_names(
+                    displacement_shapes(model, paper_channels(), FORD_GRANADA.geometry),
+                    FORD_GRANADA.geometry,
+                )
+                for model in models
+            ]
+            pairing = pair_modes(*models)
+            assert len(pairing.baseline) == 7
+            for light, heavy in zip(pairing.baseline, pairing.added, strict=True):
+                assert names[0][light] == names[1][heavy]
+            assert pairing.margin.min() > 0.7
+            if noise_db > 100.0:
+                assert pairing.swapped == ((3, 4),)

@@ -1,0 +1,49 @@
+"""Mirror images of sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.channels import Channel, Quantity, paper_channels
+from daq.vehicle import Corner
+from identify.modal_symmetry import mirror_of
+
+
+def body(name: str, x_m: float, y_m: float) -> Channel:
+    return Channel(name, Quantity.BODY_ACCELERATION, "m/s2", x_m=x_m, y_m=y_m)
+
+
+def test_the_papers_channels_pair_up() -> None:
+    mirror = mirror_of(paper_channels())
+    assert list(mirror.image) == [0, 1, 2, 4, 3, 6, 5]
+    assert list(mirror.sign) == [1, 1, -1, 1, 1, 1, 1]
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(
+        mirror.combinations(-1.0),
+        [[0, 0, 1, 0, 0, 0, 0], [0, 0, 0, half, -half, 0, 0], [0, 0, 0, 0, 0, half, -half]],
+    )
+    assert len(mirror.combinations(1.0)) == 4
+    ties = mirror.ties(np.array([1.0, -1.0]))
+    np.testing.assert_array_equal(
+        ties.sign, [[1, 0], [1, 0], [0, 1], [1, 1], [1, -1], [1, 1], [1, -1]]
+    )
+    assert list(ties.owner) == [0, 1, 2, 3, 3, 4, 4]
+
+
+def test_body_sensors_pair_by_place_and_a_lone_one_is_free() -> None:
+    channels = (
+        body("left", -1.0, 0.5),
+        body("right", -1.0, -0.5),
+        body("middle", -2.0, 0.0),
+        body("lone", -2.0, 0.4),
+        Channel("fl", Quantity.HUB_ACCELERATION, "m/s2", corner=Corner.FRONT_LEFT),
+        Channel("fr", Quantity.SUSPENSION_TRAVEL, "m", corner=Corner.FRONT_RIGHT),
+    )
+    mirror = mirror_of(channels)
+    assert list(mirror.image) == [1, 0, 2, -1, -1, -1]
+    np.testing.assert_array_equal(mirror.ties(np.array([-1.0])).sign.ravel(), [1, -1, 0, 1, 1, 1])
+
+
+def test_two_sensors_at_one_place_have_no_certain_image() -> None:
+    mirror = mirror_of((body("one", -1.0, 0.5), body("two", -1.0, 0.5), body("right", -1.0, -0.5)))
+    assert list(mirror.image) == [-1, -1, -1]
