@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from daq.channels import Quantity
 from daq.runs import Run, RunStatus, Session
 from dbc.samples import Quality
 
-from ..decay import record_of
+from ..decay import Record, record_of
 from ..window import GUARD_S, decay_start_s
 from .finding import Finding, Verdict
 from .places import listed
@@ -22,6 +23,10 @@ FLAT_SAMPLES = 3
 _STEEP = 4.5
 """Converter steps by which a signal must jump into a flat top and out of it: a parabola that
 stays within one step for three samples leaves it by three steps, four with rounding."""
+
+
+_CHANCE = 1e-6
+"""Odds at which a top may be flat by chance, where a coarse converter often repeats a value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +52,9 @@ def saturation_findings(session: Session) -> tuple[Finding, ...]:
         As recorded; rejected runs do not count.
     """
     runs = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
-    tops = [top for run in runs for top in _tops(run, session)]
+    records = [record_of(run, session.channels) for run in runs]
+    chance = _repeats(records)
+    tops = [t for record in records if record.recordings for t in _tops(record, chance)]
     outside = [entry for run in runs for entry in _outside(run, session)]
     return (*_flat(tops), *_out_of_range(outside))
 
@@ -77,22 +84,34 @@ def _places(tops: list[_Top]) -> str:
     return listed(f"{top.channel} in {top.run}" for top in tops)
 
 
-def _tops(run: Run, session: Session) -> Iterator[_Top]:
-    record = record_of(run, session.channels)
-    if not record.recordings:
-        return
+def _repeats(records: Sequence[Record]) -> dict[str, float]:
+    """Return how often a sample repeats the one before by chance, by channel."""
+    equal: Counter[str] = Counter()
+    total: Counter[str] = Counter()
+    for recording in (q for record in records for q in record.recordings):
+        for channel, column in zip(recording.clock.channels, recording.values.T, strict=True):
+            within = (column > column.min()) & (column < column.max())
+            same = np.diff(column) == 0.0
+            equal[channel.name] += int(np.sum(same & within[1:]))
+            total[channel.name] += int(np.sum(within[1:]))
+    return {name: equal[name] / max(n, 1) for name, n in total.items()}
+
+
+def _tops(record: Record, chance: Mapping[str, float]) -> Iterator[_Top]:
     start = decay_start_s(record) - GUARD_S
     for recording in record.recordings:
         for channel, column in zip(recording.clock.channels, recording.values.T, strict=True):
             for first, last in _flat_tops(column):
-                yield _Top(
-                    channel.name,
-                    run.label,
-                    last - first + 1,
-                    float(column[first]),
-                    channel.unit,
-                    bool(recording.time_s[last] >= start),
-                )
+                samples = last - first + 1
+                if samples * chance[channel.name] ** (samples - 1) < _CHANCE:
+                    yield _Top(
+                        channel.name,
+                        record.label,
+                        samples,
+                        float(column[first]),
+                        channel.unit,
+                        bool(recording.time_s[last] >= start),
+                    )
 
 
 def _flat_tops(column: NDArray[np.float64]) -> list[tuple[int, int]]:

@@ -6,6 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.runs import SampleGroup, Session
+from daq.sim.car import NOISE
 from dbc.samples import Quality
 from identify.trust.finding import Verdict
 from identify.trust.saturation import saturation_findings
@@ -81,6 +82,19 @@ def test_a_limit_that_the_decay_reaches_is_doubtful() -> None:
 def test_quantisation_is_no_saturation(lsb: float, seed: int) -> None:
     """From a fine converter to one whose step hides all the noise."""
     assert saturation_findings(quantised(campaign("linear", seed), lsb)) == ()
+
+
+def test_noise_may_repeat_the_highest_value_of_a_run() -> None:
+    """A travel sensor with noise of 20 converter steps: one run in some thousand has such a top."""
+    lsb = NOISE.hub_acceleration_m_s2 / 20.0
+
+    def repeated(_: Array, values: Array) -> Array:
+        values = lsb * np.rint(values / lsb)
+        top = int(values.argmax())
+        return np.where(np.abs(np.arange(len(values)) - top) <= 1, values[top], values)
+
+    session = rear_left(quantised(campaign("linear", 1), lsb), repeated)
+    assert saturation_findings(session) == ()
 
 
 @pytest.mark.parametrize("lsb", [0.003, 0.01, 0.03, 0.1, 0.3])
