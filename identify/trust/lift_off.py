@@ -1,7 +1,8 @@
-"""Lift-off: a wheel that leaves the road during the free decay.
+"""Lift-off: wheels in the air when the free decay should begin.
 
 The fitted motion tells how far each tyre is relieved.  A tyre can only push; where the linear model
-has it pull, the wheel was in the air and the model does not hold.
+has it pull, the wheel was in the air and the model does not hold.  The fit finds that out by itself
+and begins a decay when the wheels are down: then it begins late, with hardly any load on a tyre.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ from numpy.typing import NDArray
 
 from daq.vehicle import Corner
 
-from ..decay import FreeDecay
+from ..decay import FreeDecay, Record
 from ..estimation import Estimation
 from ..model import N_DOF, PhysicalModel, loaded_model
 from ..projection import Point, linear_part, point
+from ..window import onset_s
 from .finding import Finding, Verdict
 from .places import listed
 
@@ -25,68 +27,97 @@ GRAVITY_M_S2 = 9.80665
 PULL_LIMIT = 0.1
 """Share of the static load that a tyre may seem to pull.  The start of the decay lies up to one
 sample before the first that is fitted, and in that time a landing tyre gains as much."""
+LANDING_LIMIT = 0.2
+"""Share of the static load below which a tyre has just landed, by the same token."""
+LATE_S = 0.005
+"""A decay that starts so long after the stated end of the bump was not free before."""
 _SURE = 3.0  # standard deviations
 _STEP_S = 1e-3
 _LONGEST_S = 1.0  # wheels that have not lifted by then will not
 
 
 @dataclass(frozen=True, slots=True)
-class _Lift:
-    """The least load of a wheel in a run, and its static load, N."""
+class _Light:
+    """A wheel that is nearly or wholly relieved in a run.
+
+    Parameters
+    ----------
+    place : str
+        Wheel and run.
+    load_n, static_n : float
+        Its least load in the decay, and the one at rest, N.
+    late_s : float
+        How long after the stated end of the bump the decay starts; NaN if that is not known.
+    """
 
     place: str
     load_n: float
     static_n: float
+    late_s: float
+
+    @property
+    def in_the_air(self) -> bool:
+        """Whether the wheel was off the road for longer than a landing takes."""
+        return self.load_n < -PULL_LIMIT * self.static_n or self.late_s > LATE_S
 
 
 def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
-    """Find the wheels whose tyres would have to pull during a decay.
+    """Find the wheels that leave the road by the bump and come down during the decay.
 
     Parameters
     ----------
     estimation : Estimation
         The fit; tyre loads follow from its parameters and the fitted initial state of each run.
     """
-    lifts = sorted(_lifts(estimation), key=lambda lift: lift.load_n)
-    if not lifts:
+    light = sorted(_light(estimation), key=lambda wheel: wheel.load_n)
+    flying = [wheel for wheel in light if wheel.in_the_air]
+    if not light:
         return ()
-    long = [lift for lift in lifts if lift.load_n < -PULL_LIMIT * lift.static_n]
-    worst = (long or lifts)[0]
-    facts = (
-        f"{worst.load_n:.0f} N (at rest {worst.static_n:.0f} N): "
-        f"{listed(lift.place for lift in long or lifts)}"
-    )
-    if long:
+    worst = (flying or light)[0]
+    load = f"{worst.load_n:.0f} N (at rest {worst.static_n:.0f} N)"
+    places = listed(wheel.place for wheel in flying or light)
+    if not flying:
         text = (
-            f"tyre load below zero in the fitted decay, down to {facts}; the wheel was in the air, "
-            "where the linear model does not hold: use a lower bump"
+            f"a wheel just lands as the decay begins, tyre load {load}: {places}; harmless if "
+            "nothing else is found, a lower bump is safer"
         )
-        return (Finding("lift_off", Verdict.DOUBTFUL, text),)
+        return (Finding("lift_off", Verdict.OK, text),)
+    late_s = np.nanmax([wheel.late_s for wheel in flying] + [0.0])
+    waited = f", {late_s * 1e3:.0f} ms after the bump at the latest" if late_s > LATE_S else ""
     text = (
-        f"a wheel just lands as the decay begins, tyre load {facts}; harmless if nothing else is "
-        "found, a lower bump is safer"
+        f"wheels lift off the road: least tyre load in the fitted decay {load}: {places}; the "
+        f"linear model holds only once they are down{waited}, when their motion has died away in "
+        "part: use a lower bump"
     )
-    return (Finding("lift_off", Verdict.OK, text),)
+    return (Finding("lift_off", Verdict.DOUBTFUL, text),)
 
 
-def _lifts(estimation: Estimation) -> Iterator[_Lift]:
+def _light(estimation: Estimation) -> Iterator[_Light]:
+    """Return the wheels whose tyres have to pull, or have no more load than at a late landing."""
     box, eta = estimation.box, estimation.fit.eta
     full = box.full(eta.astype(complex)).real
     tyres = full[11:15]
     present = {decay.mass_state for decay in estimation.decays}
+    records = {record.label: record for record in estimation.records}
     for state in box.mass_states:
         if state.name not in present:
             continue
         static = static_loads_n(loaded_model(full, state.added), tyres)
         at = point(box, eta, state.name, estimation.noise)
-        for decay in estimation.decays:
-            if decay.mass_state == state.name:
-                least, sigma = least_loads_n(at, decay, static, tyres)
-                for corner in Corner:
-                    i = corner.position
-                    if least[i] < -_SURE * sigma[i]:
-                        place = f"wheel {corner} in {decay.label}"
-                        yield _Lift(place, float(least[i]), float(static[i]))
+        for decay in (d for d in estimation.decays if d.mass_state == state.name):
+            least, sigma = least_loads_n(at, decay, static, tyres)
+            late_s = _late_s(records[decay.label], decay)
+            limit = LANDING_LIMIT * static if late_s > LATE_S else np.zeros(len(Corner))
+            for corner in Corner:
+                i = corner.position
+                if least[i] < limit[i] - _SURE * sigma[i]:
+                    place = f"wheel {corner} in {decay.label}"
+                    yield _Light(place, float(least[i]), float(static[i]), late_s)
+
+
+def _late_s(record: Record, decay: FreeDecay) -> float:
+    onset = onset_s(record)
+    return decay.start_s - (onset + record.bump_s) if onset is not None else float("nan")
 
 
 def static_loads_n(model: PhysicalModel, tyre_n_m: NDArray[np.float64]) -> NDArray[np.float64]:
