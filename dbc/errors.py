@@ -33,6 +33,10 @@ class BumpbenchError(Exception):
         self.advice = printable(advice, 300)
         super().__init__(f"{self.where}: {self.what} ({self.advice})")
 
+    def __reduce__(self) -> tuple[type[BumpbenchError], tuple[str, str, str]]:
+        """Cross from a worker process to its parent with all three parts."""
+        return type(self), (self.where, self.what, self.advice)
+
 
 class InputError(BumpbenchError, ValueError):
     """A file, configuration or argument that cannot be used."""

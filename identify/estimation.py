@@ -182,7 +182,9 @@ def settled(late: Estimation) -> Estimation:
         points = {d.mass_state: None for d in best.decays}
         at = {s: point(best.box, best.fit.eta, s, best.sigma) for s in points}
         starts = [
-            earliest_start_s(at[d.mass_state], record, d.start_s, _lower_s(record))
+            earliest_start_s(
+                at[d.mass_state], best.fit.covariance, record, d.start_s, _lower_s(record)
+            )
             for record, d in zip(best.records, best.decays, strict=True)
         ]
         if starts == [d.start_s for d in best.decays]:

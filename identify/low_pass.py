@@ -52,4 +52,5 @@ def low_pass_of(channel: Channel) -> LowPass:
     angle = np.pi * (2 * np.arange(n // 2) + n + 1) / (2 * n)  # left half-plane, upper half
     upper = np.exp(1j * angle)
     unit = np.concatenate([np.column_stack([upper, upper.conj()]).ravel(), [-1.0] * (n % 2)])
-    return LowPass(2.0 * np.pi * channel.low_pass_hz * unit)
+    poles = 2.0 * np.pi * channel.low_pass_hz * unit
+    return LowPass(poles.astype(np.complex128))

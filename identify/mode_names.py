@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from daq.vehicle import VehicleGeometry
 
@@ -58,6 +57,8 @@ def mode_names(model: ModalModel, geometry: VehicleGeometry) -> tuple[str, ...]:
     share = np.abs(motions) ** 2
     share /= share.sum(axis=0)
     names = ["further mode"] * len(model)
+    from scipy.optimize import linear_sum_assignment  # a third of a second to import
+
     for motion, mode in zip(*linear_sum_assignment(share, maximize=True), strict=True):
         names[mode] = MODE_NAMES[motion]
     return tuple(names)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from dbc.errors import InputError
 from dbc.frames import read_only
@@ -65,6 +64,8 @@ def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
             "identify both mass states from the same channels",
         )
     likeness = mac(baseline.shapes, added.shapes)
+    from scipy.optimize import linear_sum_assignment  # a third of a second to import
+
     rows, columns = linear_sum_assignment(likeness, maximize=True)
     chosen = likeness[rows, columns]
     rivals = likeness.copy()

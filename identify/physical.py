@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from daq.vehicle import DOF, VehicleGeometry, VehicleParameters
 from dbc.errors import InputError
@@ -209,6 +208,8 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
     def jacobian(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
         step = 1e-30j * np.eye(free)
         return np.array([elements(scaled + row).imag / 1e-30 for row in step]).T
+
+    from scipy.optimize import least_squares  # a third of a second to import
 
     fit = least_squares(
         lambda scaled: elements(scaled.astype(complex)).real - target,

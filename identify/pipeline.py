@@ -18,6 +18,7 @@ from .estimation import Estimation, estimate, generic_vehicles
 from .greybox import GreyBox
 from .likelihood import Residuals
 from .modal import ModalModel, modes_of
+from .mode_names import mode_names
 from .model import PhysicalModel, loaded_model
 from .pairing import Pairing, pair_modes
 from .sensed import SensedModes, closed_form, sensed_modes
@@ -57,6 +58,8 @@ class Identification:
         Modes of the identified vehicle, shapes in `daq.vehicle.DOF`.
     modes : mapping of mass state to tuple of ModeEstimate
         Their frequencies and damping ratios with intervals, in the same order.
+    mode_names : mapping of mass state to tuple of str
+        What moves in each of them (`identify.mode_names`).
     pairings : mapping of mass state to Pairing
         How the modes of each further mass state follow from those of the first, by MAC: with mass
         on board, wheel modes that are nearly equal may change their order.
@@ -86,6 +89,7 @@ class Identification:
     drivers: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     modal: Mapping[str, ModalModel] = field(default_factory=dict)
     modes: Mapping[str, tuple[ModeEstimate, ...]] = field(default_factory=dict)
+    mode_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     pairings: Mapping[str, Pairing] = field(default_factory=dict)
     sensed: Mapping[str, ModalModel] = field(default_factory=dict)
     closed_form: Mapping[str, float] = field(default_factory=dict)
@@ -146,6 +150,7 @@ def identify(session: Session, progress: Progress = _silent) -> Identification:
         drivers=drivers(box, fit),
         modal=modal,
         modes={name: mode_estimates(box, fit, name) for name in modal},
+        mode_names={name: mode_names(model, geometry) for name, model in modal.items()},
         pairings={name: pair_modes(modal[first], modal[name]) for name in others},
         sensed={name: modes.model for name, modes in sensed.items()},
         closed_form=chain,

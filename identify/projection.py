@@ -48,7 +48,8 @@ class Point:
 
     def time_s(self, recording: Recording) -> NDArray[np.float64]:
         """Return when the motion was as sampled, lateness as estimated."""
-        return recording.time_s - self.delays_s[self.box.clocks.index(recording.clock)]
+        late = float(self.delays_s[self.box.clocks.index(recording.clock)])
+        return recording.time_s - late
 
     def basis(self, recording: Recording) -> NDArray[np.float64]:
         """Return the functions that the recording consists of, (n_samples, 28 + order + 1)."""

@@ -143,9 +143,7 @@ def drivers(box: GreyBox, fit: Fit) -> dict[str, dict[str, float]]:
         if not np.isfinite(C[j, j]):
             result[name] = {}
             continue
-        shares = {
-            source: float(C[j] @ H @ C[j] / C[j, j]) for source, H in fit.information.items()
-        }
+        shares = {source: float(C[j] @ H @ C[j] / C[j, j]) for source, H in fit.information.items()}
         result[name] = dict(sorted(shares.items(), key=lambda item: -item[1]))
     return result
 

@@ -1,4 +1,4 @@
-"""An identification as JSON and as a table."""
+"""An identification as JSON and as tables."""
 
 from __future__ import annotations
 
@@ -9,53 +9,99 @@ from typing import TYPE_CHECKING, Any
 from .output import print_line, print_table
 
 if TYPE_CHECKING:
-    from identify import Identification
+    from identify import Estimate, Identification
+
+_MARKS = {"ok": "note", "doubtful": "doubt", "refused": "refused"}
 
 
 def identification_document(result: Identification) -> dict[str, Any]:
     """Return the result as a JSON document, the form of `identify --json`."""
     return {
-        "parameters": {name: asdict(e) for name, e in result.parameters.items()},
+        "verdict": str(result.quality.verdict),
+        "reasons": list(result.quality.reasons),
+        "findings": [asdict(finding) for finding in result.quality.findings],
         "chi2_per_n": result.quality.chi2_per_n,
+        "chi2_by_run": {run: dict(row) for run, row in result.quality.chi2_by_run.items()},
+        "parameters": {name: asdict(e) for name, e in result.parameters.items()},
+        "derived": {name: asdict(e) for name, e in result.derived.items()},
+        "correlation": {
+            "names": list(result.correlation.names),
+            "matrix": result.correlation.matrix.tolist(),
+        },
+        "drivers": {name: dict(shares) for name, shares in result.drivers.items()},
         "modes": {
             state: [
-                {"frequency_hz": mode.frequency_hz, "damping_ratio": mode.damping_ratio}
-                for mode in model.modes
+                {
+                    "name": name,
+                    "frequency_hz": mode.frequency.value,
+                    "frequency_std_hz": mode.frequency.std,
+                    "damping_ratio": mode.damping_ratio.value,
+                    "damping_ratio_std": mode.damping_ratio.std,
+                }
+                for name, mode in zip(result.mode_names[state], modes, strict=True)
             ]
-            for state, model in result.modal.items()
+            for state, modes in result.modes.items()
         },
         "swapped": {
             state: [[i + 1, j + 1] for i, j in pairing.swapped]
             for state, pairing in result.pairings.items()
         },
-        "verdict": str(result.quality.verdict),
-        "reasons": list(result.quality.reasons),
+        "snr_db": {run: list(row) for run, row in result.quality.snr_db.items()},
+        "sensed_modes": {
+            state: [
+                {
+                    "frequency_hz": float(model.frequencies_hz[i]),
+                    "frequency_std_hz": float(model.frequency_std_hz[i]),
+                    "damping_ratio": float(model.damping_ratios[i]),
+                    "damping_ratio_std": float(model.damping_ratio_std[i]),
+                }
+                for i in range(len(model))
+            ]
+            for state, model in result.sensed.items()
+        },
         "closed_form": dict(result.closed_form),
+        "closed_form_damping": {way: dict(c) for way, c in result.closed_form_damping.items()},
+        "noise": dict(result.noise),
     }
 
 
 def print_identification(result: Identification, truth: Mapping[str, float]) -> None:
     """Write parameters, modes and verdict; beside the truth where it is known."""
     if result.parameters:
-        columns = ["parameter", "estimate", "95 % interval", "±", "unit"]
         if truth:
-            columns = ["parameter", "truth", "estimate", "95 % interval", "error", "unit"]
-        rows = []
-        for name, e in result.parameters.items():
-            interval = f"{number(e.low)} .. {number(e.high)}" if e.std else "given"
-            if truth:
-                error = f"{(e.value / truth[name] - 1) * 100:+.2f} %"
-                rows.append([name, number(truth[name]), number(e.value), interval, error, e.unit])
-            else:
-                share = f"{(e.high - e.low) / 2 / abs(e.value) * 100:.2f} %"
-                rows.append([name, number(e.value), interval, share, e.unit])
-        print_table("Parameters", columns, rows)
+            _print_beside_truth(result.parameters, truth)
+        else:
+            _print_estimates("Parameters", result.parameters)
+            print_line()
+            _print_estimates("Derived", result.derived)
         print_line()
         print_modes(result)
         print_line()
     print_line(f"verdict: {result.quality.verdict}   chi2/n {result.quality.chi2_per_n:.3f}")
-    for reason in result.quality.reasons:
-        print_line(f"  - {reason}")
+    for finding in result.quality.findings:
+        print_line(f"  - {_MARKS[finding.severity]}: {finding.text}")
+
+
+def _print_beside_truth(parameters: Mapping[str, Estimate], truth: Mapping[str, float]) -> None:
+    columns = ["parameter", "truth", "estimate", "95 % interval", "error", "unit"]
+    rows = []
+    for name, e in parameters.items():
+        error = f"{(e.value / truth[name] - 1) * 100:+.2f} %"
+        rows.append([name, number(truth[name]), number(e.value), _interval(e), error, e.unit])
+    print_table("Parameters", columns, rows)
+
+
+def _print_estimates(title: str, estimates: Mapping[str, Estimate]) -> None:
+    rows = []
+    for name, e in estimates.items():
+        share = f"{(e.high - e.low) / 2 / abs(e.value) * 100:.2f} %" if e.value else ""
+        unit = "" if e.unit == "1" else e.unit
+        rows.append([name, number(e.value), _interval(e), share, unit])
+    print_table(title, [title.lower(), "estimate", "95 % interval", "±", "unit"], rows)
+
+
+def _interval(e: Estimate) -> str:
+    return f"{number(e.low)} .. {number(e.high)}" if e.std else "given"
 
 
 def print_modes(result: Identification) -> None:
@@ -70,7 +116,7 @@ def print_modes(result: Identification) -> None:
     for i in columns[first]:
         shown = (column.get(i) for column in columns.values())
         rows.append(
-            [str(i + 1)]
+            [f"{i + 1} {result.mode_names[first][i]}"]
             + [f"{m.frequency_hz:.3f} Hz {m.damping_ratio * 100:.1f} %" if m else "" for m in shown]
         )
     print_table("Modes (frequency, damping ratio)", ["", *columns], rows)

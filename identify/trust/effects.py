@@ -114,7 +114,7 @@ def lateness(estimation: Estimation) -> Effects:
         kind = "hub sensors" if clock.channels[0].corner else "body sensors"
         kinds[kind] = (*kinds.get(kind, ()), clock.name)
     names = dict.fromkeys(clock.name for clock in estimation.box.clocks)
-    groups = {name: (name,) for name in names}
+    groups: dict[str, tuple[str, ...]] = {name: (name,) for name in names}
     groups |= {kind: members for kind, members in kinds.items() if len(set(members)) > 1}
     effects = tuple(Effect(f"{g} late", g, "ms", _LATE_S * 1e3) for g in groups)
 

@@ -56,7 +56,7 @@ def suspension_forces(estimation: Estimation) -> Effects:
     full = estimation.box.full(estimation.fit.eta.astype(complex)).real
     travel = travel_rows(full.astype(complex)).real
     push = {
-        state.name: -np.linalg.solve(loaded_model(full, state.added).M, travel.T)
+        state.name: np.asarray(-np.linalg.solve(loaded_model(full, state.added).M, travel.T), float)
         for state in estimation.box.mass_states
     }
 

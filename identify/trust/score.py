@@ -70,7 +70,8 @@ class Scores:
     Parameters
     ----------
     gradient : (q,) float64
-        Traces times residuals.
+        Traces times residuals, less what the unknowns would take over: thinned samples have an
+        optimum of their own, a little beside that of all.
     information : (q, q) float64
         Of the effects, everything linear projected out.
     mixed : (q, P) float64
@@ -134,10 +135,12 @@ def scores(
     q : int
         Number of effects.
     """
-    _, by_fact = estimation.box.fact_misfits(estimation.fit.eta)
-    P = len(estimation.fit.eta)
+    eta, prior = estimation.fit.eta, estimation.box.prior_sigma**-2
+    misfits, by_fact = estimation.box.fact_misfits(eta)
+    P = len(eta)
     gradient, information, mixed = np.zeros(q), np.zeros((q, q)), np.zeros((q, P))
-    unknown = np.diag(estimation.box.prior_sigma**-2) + by_fact.T @ by_fact
+    unknown = np.diag(prior) + by_fact.T @ by_fact
+    downhill = by_fact.T @ misfits - prior * eta
     for one in fitted:
         linear = one.linear
         size = len(linear.solution)
@@ -157,9 +160,11 @@ def scores(
             information += np.einsum("ncq,ncr->qr", R * weight, R, optimize=True)
             mixed += np.einsum("cqm,cmp->qp", RB[..., :m], J, optimize=True)
             unknown += np.einsum("cmp,cmr->pr", J * weight[:, None], GJ[:, :m], optimize=True)
+            downhill += np.einsum("cmp,cm->p", J * weight[:, None], (left.T @ basis)[:, :m])
             with_linear += np.einsum("cqm,cms->qs", RB, stack, optimize=True)
             between += np.einsum("cms,cmp->sp", weighted, GJ, optimize=True)
         information -= with_linear @ linear.normal_inverse @ with_linear.T
         mixed -= with_linear @ linear.normal_inverse @ between
         unknown -= between.T @ linear.normal_inverse @ between
-    return Scores(gradient, information, mixed, np.linalg.pinv(unknown, hermitian=True))
+    covariance = np.asarray(np.linalg.pinv(unknown, hermitian=True), dtype=np.float64)
+    return Scores(gradient - mixed @ covariance @ downhill, information, mixed, covariance)

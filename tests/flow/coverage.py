@@ -21,7 +21,8 @@ from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec
 from identify.estimation import estimate, generic_vehicles
 from identify.pipeline import grey_box, usable_records
-from identify.quality import Quality, judge
+from identify.trust.finding import Quality, Verdict
+from identify.trust.judge import judge
 from identify.uncertainty import estimates
 
 START_NS = 1_760_000_000_000_000_000
@@ -73,7 +74,7 @@ def outcome(bench: Bench, seed: int) -> Outcome:
     return Outcome(
         np.array([e.value / truth[name] - 1 for name, e in parameters.items()]),
         np.array([e.std / truth[name] for name, e in parameters.items()]),
-        judge(estimation, parameters),
+        judge(session, estimation),
     )
 
 
@@ -94,7 +95,8 @@ def main(campaigns: int) -> None:
     print(f"covered in all: {np.mean([o.covered for o in outcomes]) * 100:.1f} %")
     print(f"largest error: {np.abs(errors).max() * 100:.2f} %")
     print(f"chi2/n: {chi2.min():.4f} .. {chi2.max():.4f}")
-    print(f"refused: {sum(o.quality.verdict != 'ok' for o in outcomes)}")
+    for verdict in Verdict:
+        print(f"{verdict}: {sum(o.quality.verdict is verdict for o in outcomes)}")
 
 
 if __name__ == "__main__":

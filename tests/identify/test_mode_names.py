@@ -39,5 +39,5 @@ def test_pure_motions_and_one_mode_too_many() -> None:
         shapes[left, 3 + 2 * number : 5 + 2 * number] = 1.0
         shapes[right, 3 + 2 * number : 5 + 2 * number] = [1.0, -1.0]
     shapes[:, 7] = 0.1
-    poles = -1.0 + 1j * np.arange(1.0, 9.0)
+    poles = np.asarray(-1.0 + 1j * np.arange(1.0, 9.0), dtype=np.complex128)
     assert mode_names(ModalModel(poles, shapes), GEOMETRY) == (*MODE_NAMES, "further mode")

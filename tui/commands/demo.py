@@ -56,8 +56,8 @@ def demo(
     finally:
         stop.set()
         driver.join()
-    with progress("identify"):
-        result = method.identify(session)
+    with progress("identify") as stage:
+        result = method.identify(session, stage)
     truth = asdict(car.parameters)
     if json:
         document = identification_document(result)
@@ -66,4 +66,4 @@ def demo(
         print_summary(path, session)
         print_line()
         print_identification(result, truth)
-    return ExitCode.OK if result.quality.verdict == "ok" else ExitCode.ANSWER_IS_NO
+    return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK

@@ -22,12 +22,10 @@ def identify(
     from ..result import identification_document, print_identification
 
     with progress("identify") as stage:
-        stage(0.1, "reading")
-        loaded = daq.read_session(session)
-        stage(0.3, "fitting")
-        result = method.identify(loaded)
+        stage(0.05, "reading")
+        result = method.identify(daq.read_session(session), stage)
     if json:
         print_json(identification_document(result))
     else:
         print_identification(result, {})
-    return ExitCode.OK if result.quality.verdict == "ok" else ExitCode.ANSWER_IS_NO
+    return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK
