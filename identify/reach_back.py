@@ -147,7 +147,9 @@ def _recording(
     displaced = output[:, :7] @ np.linalg.inv(at.system.A[7:, :7]) * second[:, None]
     return (
         np.repeat(early.time_s, c),
-        np.concatenate([by_unknown, by_linear], axis=-1).reshape(n * c, -1),
+        np.concatenate([by_unknown, by_linear], axis=-1).reshape(
+            n * c, J.shape[2] + stack.shape[2]
+        ),
         error.ravel(),
         np.tile(output * level, (n, 1)),
         np.tile(displaced @ mobility * level, (n, 1)),

@@ -95,7 +95,10 @@ def encoded(encoder: can.BusABC, frames: list[can.Message]) -> bytes:
     line.reset_input_buffer()
     for frame in frames:
         encoder.send(frame)
-    return bytes(line.read(line.in_waiting))
+    stream = b""
+    while line.in_waiting:  # on a busy machine a read may end by its timeout
+        stream += line.read(line.in_waiting)
+    return stream
 
 
 @given(st.data())
