@@ -99,6 +99,9 @@ class Identification:
     residuals: tuple[Residuals, ...] = ()
 
 
+_SENSED_RATE_HZ = 500.0  # of what is reported beside the estimate
+
+
 def _silent(done: float, text: str) -> None:
     """Tell nobody."""
 
@@ -186,7 +189,8 @@ def _sensed(
         mine = [i for i, record in enumerate(records) if record.mass_state == state.name]
         with suppress(InputError):  # too short, no common channel: the likelihood needs neither
             result[state.name] = sensed_modes(
-                [records[i] for i in mine], [estimation.decays[i] for i in mine]
+                [records[i] for i in mine],
+                [estimation.decays[i].thinned(_SENSED_RATE_HZ) for i in mine],
             )
     return result
 

@@ -27,16 +27,16 @@ _AXLES = (slice(0, 2), slice(2, 4))
 
 
 @dataclass(frozen=True, slots=True)
-class _Drive:
-    """One unit of a force on the two corners of an axle.
+class _Drives:
+    """One unit of each of q forces, on the two corners of an axle.
 
     Parameters
     ----------
-    force : (n, 2) float64
+    force : (n, q, 2) float64
         Over the time grid, N.
-    push : (7, 2) float64
+    push : (q, 7, 2) float64
         Acceleration of the degrees of freedom by one newton at either corner.
-    state : (n, 14) float64
+    state : (n, q, 14) float64
         What it moves, from rest.
     """
 
@@ -67,9 +67,11 @@ def suspension_forces(estimation: Estimation) -> Effects:
         speed = _speeds(one, grid) @ travel.T
         forces = (np.tanh(speed / _FRICTION_SPEED_M_S), -np.abs(speed))
         pushed = push[one.decay.mass_state]
-        drives = [
-            _drive(at, force[:, axle], pushed[:, axle]) for force in forces for axle in _AXLES
-        ]
+        drives = _drives(
+            at,
+            np.stack([force[:, axle] for force in forces for axle in _AXLES], axis=1),
+            np.stack([pushed[:, axle] for _ in forces for axle in _AXLES]),
+        )
         return tuple(_seen(at, r, grid, drives) for r in one.decay.recordings)
 
     return Effects(effects, trace_of)
@@ -85,26 +87,23 @@ def _speeds(one: FittedDecay, time_s: NDArray[np.float64]) -> NDArray[np.float64
     return np.asarray((wave @ modes.V[7:, upper].T).real)
 
 
-def _drive(at: Point, force: NDArray[np.float64], push: NDArray[np.float64]) -> _Drive:
-    """Drive the vehicle from rest with a force that is linear between the points of the grid."""
-    from scipy.signal import lfilter  # takes half a second to import
-
+def _drives(at: Point, force: NDArray[np.float64], push: NDArray[np.float64]) -> _Drives:
+    """Drive the vehicle from rest with forces that are linear between the points of the grid."""
     modes = at.modes
-    inward = force @ (modes.W[:, 7:] @ push).T  # (n, 14)
+    inward = np.einsum("nqc,qkc->nqk", force, modes.W[:, 7:] @ push, optimize=True)
     s = modes.poles * _GRID_S
     step = np.exp(s)
     now, before = (step - 1.0 - s) / s**2 * _GRID_S, (step * (s - 1.0) + 1.0) / s**2 * _GRID_S
-    z = np.array(
-        [
-            lfilter([now[k], before[k]], [1.0, -step[k]], inward[:, k])
-            for k in range(len(modes.poles))
-        ]
-    )
-    return _Drive(force, push, (modes.V @ z).real.T)
+    gained = now * inward
+    gained[1:] += before * inward[:-1]
+    z = np.zeros_like(gained)
+    for k in range(1, len(z)):
+        z[k] = step * z[k - 1] + gained[k]
+    return _Drives(force, push, (z @ modes.V.T).real)
 
 
 def _seen(
-    at: Point, recording: Recording, grid: NDArray[np.float64], drives: list[_Drive]
+    at: Point, recording: Recording, grid: NDArray[np.float64], drives: _Drives
 ) -> NDArray[np.float64]:
     """Return what the driven motions give in each channel, (n_samples, n_channels, q)."""
     time = at.time_s(recording)
@@ -113,8 +112,9 @@ def _seen(
     # An acceleration feels the force itself, not only the motion that it makes.
     accelerations = np.array([TIME_DERIVATIVE[c.quantity] == 2 for c in channels])
     displaced = rows[:, :7] @ np.linalg.inv(at.system.A[7:, :7]) * accelerations[:, None]
-    trace = np.zeros((len(time), len(rows), len(drives)))
-    for q, drive in enumerate(drives):
-        on_grid = drive.state @ rows.T + drive.force @ (displaced @ drive.push).T
-        trace[..., q] = np.array([np.interp(time, grid, column) for column in on_grid.T]).T
-    return trace
+    at_once = np.einsum("nqc,qdc->nqd", drives.force, displaced @ drives.push, optimize=True)
+    on_grid = drives.state @ rows.T + at_once
+    before = np.clip(np.searchsorted(grid, time) - 1, 0, len(grid) - 2)
+    share = ((time - grid[before]) / _GRID_S)[:, None, None]
+    between = on_grid[before] * (1.0 - share) + on_grid[before + 1] * share
+    return np.asarray(between.swapaxes(1, 2))

@@ -87,16 +87,15 @@ def pull_of(estimation: Estimation, parts: Iterable[Share]) -> Pull:
 
 def _odd_run(estimation: Estimation, label: str, pull: Pull) -> tuple[Finding, ...]:
     """Say whether the fit holds without the run that disagrees most."""
-    if len(estimation.decays) < 3:
+    odd = pull.strength > 1.0 and abs(pull.change) > _MATTERS
+    if len(estimation.decays) < 3 or (estimation.holds and not odd):
         return ()
     others = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label != label)
     everything = tuple(d.thinned(_RATE_HZ) for d in estimation.decays)
     with_it = _mean_square(estimation, everything, estimation.fit.eta)
     eta = fit(estimation.box, others, estimation.noise, estimation.fit.eta, 0.1, 20).eta
     without = _mean_square(estimation, others, eta)
-    mends = without < 1.0 + 0.5 * (with_it - 1.0)
-    odd = pull.strength > 1.0 and abs(pull.change) > _MATTERS
-    if not (odd if estimation.holds else mends):
+    if not estimation.holds and without > 1.0 + 0.5 * (with_it - 1.0):
         return ()
     text = (
         f"run {label} disagrees with the others ({pull.parameter} {pull.change * 100:+.0f} %): "
