@@ -17,7 +17,15 @@ from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE
 from daq.runs import ADDED, BASELINE, Excitation, Session
-from daq.vehicle import FORD_GRANADA, AddedMass, MassState, Vehicle, VehicleGeometry
+from daq.vehicle import (
+    FORD_GRANADA,
+    AddedMass,
+    Fact,
+    FactQuantity,
+    MassState,
+    Vehicle,
+    VehicleGeometry,
+)
 from dbc.errors import InputError
 
 from ..decay import Clock, Record, Recording
@@ -60,6 +68,9 @@ class Campaign:
         Loading of the vehicle.
     geometry : VehicleGeometry or None
         The four lengths as the identification is told them; None leaves them to be identified.
+    scales_sigma_kg : float
+        Standard uncertainty of the scales that show total mass and front axle load; 0 if the
+        vehicle is not weighed.
     """
 
     rate_hz: float = 200.0
@@ -68,6 +79,7 @@ class Campaign:
     clocks: tuple[Clock, ...] = SENSOR_SETS["paper"]
     mass_states: tuple[MassState, ...] = PAPER_MASS_STATES
     geometry: VehicleGeometry | None = None
+    scales_sigma_kg: float = 0.0
 
     def __post_init__(self) -> None:
         lowest, highest = _RATES_HZ
@@ -83,6 +95,8 @@ class Campaign:
             )
         if not self.cases or len(set(self.cases)) < len(self.cases):
             raise InputError("cases", "none, or one named twice", "name each case once")
+        if not 0.0 <= self.scales_sigma_kg < inf:
+            raise InputError("scales", f"{self.scales_sigma_kg:g} kg", "give 0 kg or more")
 
 
 def require_noise(campaign: Campaign) -> None:
@@ -127,12 +141,29 @@ def noise_levels(campaign: Campaign) -> dict[str, float]:
     }
 
 
-def box_of(campaign: Campaign) -> GreyBox:
-    """Return the structure of the problem that the campaign's records pose."""
+def box_of(campaign: Campaign, seed: int | None) -> GreyBox:
+    """Return the structure of the problem that the campaign's records pose.
+
+    `seed` draws what the scales show; with None they show the truth.
+    """
     channels = tuple(channel for clock in campaign.clocks for channel in clock.channels)
-    vehicle = Vehicle("Ford Granada", campaign.geometry)
+    vehicle = Vehicle("Ford Granada", campaign.geometry, facts=_facts(campaign, seed))
     session = Session(vehicle, channels, campaign.mass_states, (), {})
     return grey_box(session, records_of(campaign, 0))
+
+
+def _facts(campaign: Campaign, seed: int | None) -> tuple[Fact, ...]:
+    sigma = campaign.scales_sigma_kg
+    if sigma == 0.0:
+        return ()
+    car = FORD_GRANADA
+    front = car.m_s * car.b / (car.a + car.b) + 2.0 * car.m_uf
+    total = car.m_s + 2.0 * (car.m_uf + car.m_ur)
+    error = np.zeros(2) if seed is None else np.random.default_rng([seed, 1]).standard_normal(2)
+    return (
+        Fact(FactQuantity.TOTAL_MASS, total + sigma * float(error[0]), sigma),
+        Fact(FactQuantity.FRONT_AXLE, front + sigma * float(error[1]), sigma),
+    )
 
 
 def _clean(

@@ -71,7 +71,7 @@ class Outcome:
 
 def outcome(campaign: Campaign, seed: int) -> Outcome:
     """Identify the campaign that `seed` draws."""
-    box = box_of(campaign)
+    box = box_of(campaign, seed)
     estimation = estimate(box, records_of(campaign, seed), generic_vehicles())
     found = estimates(box, estimation.fit)
     known = FORD_GRANADA.to_array()
@@ -95,7 +95,7 @@ def bound_percent(campaign: Campaign) -> NDArray[np.float64]:
         If the campaign is without noise worth the name.
     """
     require_noise(campaign)
-    box = box_of(campaign)
+    box = box_of(campaign, None)
     clean = records_of(replace(campaign, noise_db=inf), 0)
     decays = tuple(record.decay(BUMP.end_s - 1e-9) for record in clean)
     truth = box.unknowns(FORD_GRANADA.to_array())
