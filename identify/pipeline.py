@@ -99,7 +99,7 @@ class Identification:
     residuals: tuple[Residuals, ...] = ()
 
 
-_SENSED_RATE_HZ = 500.0  # of what is reported beside the estimate
+_SENSED_RATE_HZ = 250.0  # of what is reported beside the estimate
 
 
 def _silent(done: float, text: str) -> None:

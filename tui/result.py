@@ -71,9 +71,10 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
         if truth:
             _print_beside_truth(result.parameters, truth)
         else:
-            _print_estimates("Parameters", result.parameters)
+            rests_on = {name: _largest_share(row) for name, row in result.drivers.items()}
+            _print_estimates("Parameters", "parameter", result.parameters, rests_on)
             print_line()
-            _print_estimates("Derived", result.derived)
+            _print_estimates("Derived", "quantity", result.derived, {})
         print_line()
         print_modes(result)
         print_line()
@@ -91,13 +92,28 @@ def _print_beside_truth(parameters: Mapping[str, Estimate], truth: Mapping[str, 
     print_table("Parameters", columns, rows)
 
 
-def _print_estimates(title: str, estimates: Mapping[str, Estimate]) -> None:
+def _largest_share(shares: Mapping[str, float]) -> str:
+    """Say on which kind of runs, or which facts, most of a parameter's precision rests."""
+    kinds: dict[str, float] = {}
+    for source, share in shares.items():
+        stem, _, number = source.rpartition("_")
+        kind = stem if number.isdigit() else source
+        kinds[kind] = kinds.get(kind, 0.0) + share
+    largest = max(kinds, key=lambda kind: kinds[kind], default="")
+    return f"{largest} {kinds[largest] * 100:.0f} %" if largest else ""
+
+
+def _print_estimates(
+    title: str, what: str, estimates: Mapping[str, Estimate], rests_on: Mapping[str, str]
+) -> None:
     rows = []
     for name, e in estimates.items():
         share = f"{(e.high - e.low) / 2 / abs(e.value) * 100:.2f} %" if e.value else ""
         unit = "" if e.unit == "1" else e.unit
-        rows.append([name, number(e.value), _interval(e), share, unit])
-    print_table(title, [title.lower(), "estimate", "95 % interval", "±", "unit"], rows)
+        row = [name, number(e.value), _interval(e), share, unit]
+        rows.append([*row, rests_on.get(name, "")] if rests_on else row)
+    columns = [what, "estimate", "95 % interval", "±", "unit"]
+    print_table(title, [*columns, "mostly from"] if rests_on else columns, rows)
 
 
 def _interval(e: Estimate) -> str:
