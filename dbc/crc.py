@@ -1,39 +1,81 @@
-"""CRC-8 SAE J1850 over columns of bytes: the checksum of sensor frames."""
+"""One-byte checksums of sensor frames, over columns of bytes."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-POLYNOMIAL = 0x1D
-INITIAL = 0xFF
-FINAL_XOR = 0xFF
 
-
-def _table() -> NDArray[np.uint8]:
-    table = np.arange(256, dtype=np.uint16)
-    for _ in range(8):
-        table = np.where(table & 0x80, (table << 1) ^ POLYNOMIAL, table << 1)
-    return (table & 0xFF).astype(np.uint8)
-
-
-_TABLE = _table()
-
-
-def crc8_j1850(payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the CRC-8 of each row.
+@dataclass(frozen=True, slots=True)
+class Crc8:
+    """A CRC of 8 bits, most significant bit first, neither input nor output reflected.
 
     Parameters
     ----------
-    payload : (n, m) uint8
-        The bytes that the checksum covers, one frame a row.
-
-    Returns
-    -------
-    (n,) uint8
-        SAE J1850: polynomial 0x1D, start 0xFF, final XOR 0xFF, not reflected.
+    polynomial, initial, final_xor : int
+        As catalogues of CRC algorithms list them.
     """
-    crc = np.full(len(payload), INITIAL, np.uint8)
-    for column in range(payload.shape[1]):
-        crc = _TABLE[crc ^ payload[:, column]]
-    return crc ^ np.uint8(FINAL_XOR)
+
+    polynomial: int
+    initial: int
+    final_xor: int
+
+    def __call__(self, payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the checksum of each row of (n, m) bytes, (n,)."""
+        table = _TABLES[self.polynomial]
+        crc = np.full(len(payload), self.initial, np.uint8)
+        for column in range(payload.shape[1]):
+            crc = table[crc ^ payload[:, column]]
+        return crc ^ np.uint8(self.final_xor)
+
+
+def _table(polynomial: int) -> NDArray[np.uint8]:
+    table = np.arange(256, dtype=np.uint16)
+    for _ in range(8):
+        table = np.where(table & 0x80, (table << 1) ^ polynomial, table << 1)
+    return (table & 0xFF).astype(np.uint8)
+
+
+_TABLES = {polynomial: _table(polynomial) for polynomial in (0x07, 0x1D, 0x2F)}
+
+crc8_j1850 = Crc8(0x1D, 0xFF, 0xFF)
+
+
+def xor8(payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the exclusive or of all bytes of each row."""
+    return np.asarray(np.bitwise_xor.reduce(payload, axis=1), dtype=np.uint8)
+
+
+def sum8(payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the sum of all bytes of each row, modulo 256."""
+    return np.asarray(np.sum(payload, axis=1, dtype=np.uint8), dtype=np.uint8)
+
+
+Checksum = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
+
+CRC_RULES: Mapping[str, Checksum] = MappingProxyType(
+    {
+        "crc8_j1850": crc8_j1850,
+        "crc8_j1850_zero": Crc8(0x1D, 0x00, 0x00),
+        "crc8_j1850_noxor": Crc8(0x1D, 0xFF, 0x00),
+        "crc8_8h2f": Crc8(0x2F, 0xFF, 0xFF),
+        "crc8_smbus": Crc8(0x07, 0x00, 0x00),
+        "xor8": xor8,
+        "sum8": sum8,
+    }
+)
+"""Rules by name: SAE J1850 and what is made of its polynomial (start 0; no final XOR), the 0x2F
+polynomial of AUTOSAR, the CRC of SMBus, and the two plain sums."""
+
+
+def covered(payload: NDArray[np.uint8], byte: int, length: int) -> NDArray[np.uint8]:
+    """Return the bytes that a checksum in `byte` covers.
+
+    A checksum at the head of a message of `length` bytes covers all that follow it, any other
+    those before it.
+    """
+    return payload[:, 1:length] if byte == 0 else payload[:, :byte]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .crc import crc8_j1850
+from .crc import CRC_RULES, covered
 from .extract import FieldReader, compile_reader
 from .frames import read_only
 from .layout import MessageLayout, SignalLayout
@@ -116,7 +116,7 @@ def _crc_misfit(layout: MessageLayout, frames: MessageFrames) -> NDArray[np.bool
     if layout.crc is None:
         return np.zeros(len(frames.t_ns), np.bool_)
     byte = layout.signal(layout.crc).first_byte
-    computed = crc8_j1850(frames.payload[:, :byte])
+    computed = CRC_RULES[layout.crc_rule](covered(frames.payload, byte, layout.length))
     misfit: NDArray[np.bool_] = (computed != frames.payload[:, byte]) & (frames.length > byte)
     return misfit
 

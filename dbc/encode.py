@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .crc import crc8_j1850
+from .crc import CRC_RULES, covered
 from .layout import MessageLayout, SignalLayout
 
 
@@ -34,7 +34,7 @@ def encode_message(
         _insert(payload, signal, np.where(_present(layout, signal, raw, n), bits, np.uint64(0)))
     if layout.crc is not None:
         byte = layout.signal(layout.crc).first_byte
-        payload[:, byte] = crc8_j1850(payload[:, :byte])
+        payload[:, byte] = CRC_RULES[layout.crc_rule](covered(payload, byte, layout.length))
     return payload
 
 

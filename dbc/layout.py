@@ -124,9 +124,11 @@ class MessageLayout:
     counter : CounterRule or None
         The signal that the DBC marks as rolling counter.
     crc : str or None
-        The signal that holds the CRC-8 of all payload bytes before it.
+        The signal that holds the checksum of one byte (`dbc.crc.covered`).
     senders : tuple of str
         Nodes that send it.
+    crc_rule : str
+        How the checksum is computed, a name in `dbc.crc.CRC_RULES`.
     """
 
     name: str
@@ -138,6 +140,7 @@ class MessageLayout:
     counter: CounterRule | None
     crc: str | None
     senders: tuple[str, ...]
+    crc_rule: str = "crc8_j1850"
 
     def signal(self, name: str) -> SignalLayout:
         """Return the signal called `name`.
