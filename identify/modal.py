@@ -18,6 +18,7 @@ from daq.vehicle import DOF, VehicleGeometry
 from dbc.errors import InputError
 from dbc.frames import read_only
 
+from .low_pass import low_pass_of
 from .model import N_DOF, motion_row
 
 
@@ -197,7 +198,8 @@ def displacement_shapes(
 
     In a mode everything moves as ``exp(lambda t)``, so an acceleration is ``lambda^2`` and a rate
     ``lambda`` times a displacement: the division is exact, where integrating a signal over time
-    drifts.  What several sensors say of one degree of freedom is reconciled by least squares.
+    drifts.  A sensor's low-pass has passed it on times its gain at lambda.  What several sensors
+    say of one degree of freedom is reconciled by least squares.
 
     Parameters
     ----------
@@ -236,7 +238,8 @@ def displacement_shapes(
             "add a sensor that sees them",
         )
     derivative = np.array([TIME_DERIVATIVE[channel.quantity] for channel in channels])
-    displacement = sensed.shapes / sensed.poles ** derivative[:, None]
+    gain = np.array([low_pass_of(channel).gain(sensed.poles) for channel in channels])
+    displacement = sensed.shapes / (gain * sensed.poles ** derivative[:, None])
     return ModalModel(
         sensed.poles,
         np.linalg.pinv(rows) @ displacement,

@@ -23,7 +23,7 @@ from ..decay import Clock, FreeDecay, Recording
 from ..facts import CORNERS
 from ..greybox import GreyBox
 from ..likelihood import shares
-from ..model import PhysicalModel, delta_mass, full_matrices
+from ..model import loaded_model
 from ..projection import Point, linear_coefficients, point, share
 from ..simulate import Bump, exact_response
 from .design import Plan, Runs
@@ -118,9 +118,7 @@ def _start(
     bump_s: float,
 ) -> NDArray[np.float64]:
     """Return the state, (14,), in which a bump of a metre leaves the vehicle."""
-    full = at.box.full(eta.astype(complex))
-    M, C, K = (matrix.real for matrix in full_matrices(full))
-    model = PhysicalModel(M + delta_mass(state.added, full[19], None, full[27]).real, C, K)
+    model = loaded_model(at.box.full(eta.astype(complex)).real, state.added)
     run = exact_response(model, excitation, Bump(1.0, 0.0, bump_s), 1.0 / bump_s, bump_s)
     return np.concatenate([run.displacement[-1], run.velocity[-1]])
 
