@@ -11,22 +11,20 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from dbc import Codec, parse_codec
+from dbc import Codec
 from dbc.frames import FrameBatch
-from dbc.samples import UNUSABLE, Decoded, Quality, Samples
+from dbc.samples import Decoded
 
 from . import health, trigger
 from .campaign import Step
 from .channels import Quantity
-from .clock import arrival_times, sensor_times
-from .config import Bench, parse_bench
+from .config import Bench, bench_codec, parse_bench
 from .errors import InputError
 from .journal_contents import HopCounts, JournalContents
 from .mapping import MappedChannel, map_channels
+from .message_rules import sensor_clocks
 from .runs import Event, Losses, Run, RunStatus, SampleGroup, Session
+from .sample_groups import Timekeeping, sample_groups
 
 _EDGE_S = 0.05
 """A run whose first or last sample lies further inside its window than this is not whole."""
@@ -41,7 +39,7 @@ def session_from_journal(contents: JournalContents) -> Session:
         If the bench.toml or DBC in the journal cannot be used any more.
     """
     bench = parse_bench(contents.bench_text, "bench.toml in the journal", Path(), contents.dbc_text)
-    codec = parse_codec(contents.dbc_text, bench.dbc_name)
+    codec = bench_codec(bench)
     digest = hashlib.sha256(contents.frames.data.tobytes() + contents.frames.t_ns.tobytes())
     created = datetime.fromtimestamp(contents.head.wall_ns * 1e-9, UTC)
     provenance = {
@@ -76,7 +74,7 @@ def build_session(
     bench : Bench
         Channels, campaign and trigger times.
     codec : Codec
-        The bench's DBC.
+        The bench's DBC (`config.bench_codec`).
     frames : FrameBatch
         All frames in order of arrival.
     events : sequence of Event
@@ -128,7 +126,7 @@ def _run(
     stop_ns = bump.t_ns + round(bench.trigger.post_s * 1e9)
     own = frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns))
     decoded = codec.decode(own)
-    groups = _groups(mapped, decoded, start_ns)
+    groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
     reasons = _shortcomings(mapped, groups, own, start_ns, stop_ns)
     return Run(
         mass_state=step.mass_state,
@@ -145,61 +143,13 @@ def _run(
     )
 
 
-def _groups(
-    mapped: Sequence[MappedChannel], decoded: Decoded, t0_ns: int
-) -> tuple[SampleGroup, ...]:
-    """Gather the channels by message; multiplexed ones stand alone, for they come less often."""
-    members: dict[str, list[MappedChannel]] = {}
-    for m in mapped:
-        if m.channel.signal in decoded.samples:
-            name = m.channel.signal.replace(".", "_") if m.is_multiplexed else m.message.name
-            members.setdefault(name, []).append(m)
-    groups = (_group(name, channels, decoded, t0_ns) for name, channels in members.items())
-    return tuple(group for group in groups if len(group.time_s))
-
-
-def _group(
-    name: str, channels: Sequence[MappedChannel], decoded: Decoded, t0_ns: int
-) -> SampleGroup:
-    first = channels[0]
-    t_ns = decoded[first.channel.signal].t_ns
-    counter = None if first.is_multiplexed else first.message.counter
-    if counter is None or first.message.cycle_s is None:
-        rows, quality = np.arange(len(t_ns)), np.zeros(len(t_ns), np.uint8)
-        time_s = arrival_times(t_ns, t0_ns).time_s
-    else:
-        rows, time_s, quality = _sensor_clock(
-            decoded[f"{first.message.name}.{counter.signal}"],
-            counter.modulus,
-            first.message.cycle_s,
-            t0_ns,
-        )
-    for m in channels:
-        quality = quality | decoded[m.channel.signal].quality[rows]
-    values = {m.channel.name: m.values(decoded[m.channel.signal])[rows] for m in channels}
-    return SampleGroup(name, time_s, t_ns[rows], values, quality)
-
-
-def _sensor_clock(
-    counter: Samples, modulus: int, cycle_s: float, t0_ns: int
-) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.uint8]]:
-    """Return which frames are samples, when those were taken, and which come after a gap.
-
-    A frame whose checksum fails has no counter: its time is between those of its neighbours, and
-    at the edge of a run it is left out.  A repeated frame is no sample.
-    """
-    good = np.flatnonzero((counter.quality & UNUSABLE) == 0)
-    if not len(good):
-        return good, np.zeros(0), np.zeros(0, np.uint8)
-    value = counter.value[good].astype(np.int64)
-    times = sensor_times(value, modulus, counter.t_ns[good], cycle_s, t0_ns)
-    fresh = times.step > 0
-    sure, time_s, step = good[fresh], times.time_s[fresh], times.step[fresh]
-    rows = np.setdiff1d(np.arange(sure[0], sure[-1] + 1), good[~fresh])
-    place = np.searchsorted(rows, sure)
-    quality = np.zeros(len(rows), np.uint8)
-    quality[place[1:][step[1:] > np.diff(place)]] = Quality.COUNTER_GAP
-    return rows, np.interp(rows, sure, time_s), quality
+def timekeeping(bench: Bench, codec: Codec) -> Timekeeping:
+    """Return how the samples of a bench get their times."""
+    return Timekeeping(
+        {message.name: message for message in codec.messages},
+        sensor_clocks(codec, bench.message_rules),
+        bench.sample_sets,
+    )
 
 
 def _shortcomings(

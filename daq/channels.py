@@ -90,6 +90,12 @@ class Channel:
         Cut-off (-3 dB) of the sensor's own Butterworth low-pass (data sheet); 0 means none.
     low_pass_order : int
         Order of that low-pass.
+    signal_unit : str
+        Unit of the signal where the DBC states none or a wrong one; empty: as in the DBC.
+    serial_number : str
+        Of the sensor.
+    calibrated : str
+        Day of its last calibration, ISO 8601; empty if it is not known.
     """
 
     name: str
@@ -108,6 +114,9 @@ class Channel:
     delay_sigma_s: float = 0.0
     low_pass_hz: float = 0.0
     low_pass_order: int = 2
+    signal_unit: str = ""
+    serial_number: str = ""
+    calibrated: str = ""
 
     def __post_init__(self) -> None:
         if (self.quantity in AT_CORNER) != (self.corner is not None):

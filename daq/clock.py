@@ -1,4 +1,4 @@
-"""The sensor's own clock, recovered from its rolling counter.
+"""The sensor's own clock, recovered from its rolling counter or from its time stamps.
 
 A frame is stamped when it arrives, which is later than its sample by a delay that varies: other
 frames on the bus, the operating system, a reader that takes a whole block at one instant.  The
@@ -30,6 +30,15 @@ HARDWARE_SCATTER_S = 15e-6
 """Quartiles closer than this are the noise of a stamping clock rather than delays."""
 
 _FEWEST = 20
+
+_BELIEVED_RATE = (0.8, 1.25)
+"""Seconds of the bus per second of the sensor; outside, its unit or wrap is not what is stated."""
+_JUMP_S = 0.05
+_JUMP_SHARE = 0.05
+"""Two frames whose stamps and arrivals differ by more than this much, and this share of the time
+between them, may lie on the two sides of a restart."""
+_WINDOW_S = 5.0
+"""Lateness before and after a suspected restart is compared over so long; no stall is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +107,76 @@ def sensor_times(
         time[rows] = _fitted(index[rows], arrival[rows], cycle_s)
     time[~repeated] = _increasing(time[~repeated])
     return SensorTimes(time, step)
+
+
+def stamped_times(
+    stamp_s: NDArray[np.float64], wrap_s: float, t_ns: NDArray[np.int64], t0_ns: int
+) -> SensorTimes:
+    """Return when the samples were taken, from the time stamps that their sensor gave them.
+
+    Parameters
+    ----------
+    stamp_s : (n,) float64
+        The sensor's time, s; starts again from 0 at `wrap_s`.
+    wrap_s : float
+        Range of the stamps, s.
+    t_ns : (n,) int64
+        Arrival time stamps, in order of arrival.
+    t0_ns : int
+        Origin of the result.
+
+    Notes
+    -----
+    Samples need not be evenly spaced; `SensorTimes.step` counts in the most usual spacing.  After a
+    restart of the sensor the line is fitted anew.  Fewer than 20 frames, and stamps that do not
+    run with the time of the bus, give the arrival times.
+    """
+    arrival: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
+    if len(t_ns) < _FEWEST:
+        return arrival_times(t_ns, t0_ns)
+    gap = np.diff(stamp_s) % wrap_s
+    elapsed: NDArray[np.float64] = np.diff(arrival)
+    gap += wrap_s * np.maximum(np.rint((elapsed - gap) / wrap_s), 0)
+    restarted = _restarts(gap, elapsed, arrival)
+    usual = gap[(gap > 0) & ~restarted]
+    if len(usual) < len(gap) / 2:
+        return arrival_times(t_ns, t0_ns)
+    rate = float(np.sum(elapsed[~restarted]) / np.sum(gap[~restarted]))
+    if not _BELIEVED_RATE[0] < rate < _BELIEVED_RATE[1]:
+        return arrival_times(t_ns, t0_ns)
+    gap = np.where(restarted, np.maximum(elapsed, 1e-6), gap)
+    cycle_s = float(np.median(usual))
+    step = np.where(gap > 0, np.maximum(np.rint(gap / cycle_s), 1), 0).astype(np.int64)
+    step = np.concatenate([[1], step])
+    sensor_s = np.concatenate([[0.0], np.cumsum(gap)])
+    fresh = step > 0
+    time = np.full(len(t_ns), np.nan)
+    for rows in np.split(np.arange(len(t_ns)), np.flatnonzero(restarted) + 1):
+        rows = rows[fresh[rows]]
+        time[rows] = _fitted(sensor_s[rows], arrival[rows], 1.0)
+    time[fresh] = _increasing(time[fresh])
+    return SensorTimes(time, step)
+
+
+def _restarts(
+    gap: NDArray[np.float64], elapsed: NDArray[np.float64], arrival: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Tell the neighbours between which the sensor began to count time anew.
+
+    Late frames come back to the line that punctual ones lie on; after a restart none does.
+    """
+    restarted = np.zeros(len(gap), np.bool_)
+    late = np.concatenate([[0.0], np.cumsum(elapsed - gap)])
+    first = 0
+    for i in np.flatnonzero(np.abs(elapsed - gap) > _JUMP_S + _JUMP_SHARE * elapsed).tolist():
+        start = max(first, int(np.searchsorted(arrival, arrival[i] - _WINDOW_S)))
+        end = int(np.searchsorted(arrival, arrival[i + 1] + _WINDOW_S, "right"))
+        shift = float(np.min(late[i + 1 : end]) - np.min(late[start : i + 1]))
+        if abs(shift) > _JUMP_S + _JUMP_SHARE * float(elapsed[i]):
+            restarted[i] = True
+            late[i + 1 :] -= late[i + 1] - late[i]
+            first = i + 1
+    return restarted
 
 
 def _fitted(

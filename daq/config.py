@@ -6,20 +6,21 @@ import tomllib
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ValidationError
 
-from dbc import read_dbc, shipped_dbc
+from dbc import Codec, parse_codec, read_dbc, shipped_dbc
 
 from .campaign import Campaign
-from .channels import AT_CORNER, SI_UNITS, Channel, Quantity
+from .channels import SI_UNITS, Channel
+from .config_tables import BenchFile, ChannelTable, MessageTable, WeightTable
 from .errors import InputError
-from .runs import ADDED, BASELINE, Excitation
+from .message_rules import MessageRule, SampleSet, TimeRule, check_sets, ruled_codec
+from .ready_maps import PREFIX, ready_map
+from .runs import ADDED, BASELINE
 from .vehicle import (
     AddedMass,
     BodyWeight,
-    Corner,
     Fact,
     FactQuantity,
     HubWeight,
@@ -74,6 +75,10 @@ class Bench:
         Where the DBC came from, for messages.
     bump_s : float
         Duration of the bump, s.
+    message_rules, sample_sets : tuple of MessageRule, tuple of SampleSet
+        What is known of messages beyond the DBC.
+    calibration_days : int
+        A calibration older than this is worth a note.
     """
 
     text: str
@@ -86,113 +91,9 @@ class Bench:
     campaign: Campaign
     bump_s: float
     trigger: TriggerConfig
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-_Positive = Annotated[float, Field(gt=0)]
-_NotNegative = Annotated[float, Field(ge=0)]
-
-
-class _Bus(_Table):
-    interface: str = "virtual"
-    channel: str = "bumpbench"
-    bitrate: Annotated[int, Field(gt=0, le=1_000_000)] = 1_000_000
-
-
-class _Geometry(_Table):
-    a_m: _Positive
-    b_m: _Positive
-    t_f_m: _Positive
-    t_r_m: _Positive
-
-
-class _Structure(_Table):
-    symmetric: bool = True
-    anti_roll_bars: bool = False
-    tyre_damping: bool = False
-    cg_offset: bool = False
-
-
-class _Vehicle(_Table):
-    name: str = "vehicle"
-    geometry: _Geometry | None = None
-    structure: _Structure = _Structure()
-
-
-class _Campaign(_Table):
-    excitations: Annotated[list[Excitation], Field(min_length=1)] = [
-        Excitation.BOUNCE,
-        Excitation.PITCH,
-        Excitation.ROLL,
-    ]
-    repeats: Annotated[int, Field(ge=1, le=100)] = 2
-    bump_s: _Positive = 0.2
-
-
-class _Trigger(_Table):
-    level: _Positive = 3.0
-    pre_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
-    post_s: Annotated[float, Field(ge=0.5, le=600)] = 2.5
-    rest_s: Annotated[float, Field(ge=0.05, le=60)] = 0.3
-
-
-class _Weight(_Table):
-    mass_kg: _Positive
-    sigma_kg: _NotNegative = 0.0
-    hub: Corner | None = None
-    x_m: float | None = None
-    y_m: float | None = None
-    height_m: float = 0.0
-
-    @model_validator(mode="after")
-    def _one_place(self) -> _Weight:
-        on_body = self.x_m is not None and self.y_m is not None
-        if on_body == (self.hub is not None):
-            raise ValueError("a weight has either x_m and y_m, or hub")
-        return self
-
-
-class _Fact(_Table):
-    quantity: str
-    value: float
-    sigma: _Positive
-
-
-class _Channel(_Table):
-    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
-    signal: str
-    quantity: Quantity
-    corner: Corner | None = None
-    x_m: float = 0.0
-    y_m: float = 0.0
-    position_sigma_m: _NotNegative = 0.0
-    sign: Literal[1, -1] = 1
-    gain: _Positive = 1.0
-    tare: float = 0.0
-    delay_s: float = 0.0
-    delay_sigma_s: _NotNegative = 0.0
-    low_pass_hz: _NotNegative = 0.0
-    low_pass_order: Annotated[int, Field(ge=1, le=8)] = 2
-
-    @model_validator(mode="after")
-    def _corner_where_needed(self) -> _Channel:
-        if (self.quantity in AT_CORNER) != (self.corner is not None):
-            raise ValueError(f"{self.quantity} and corner do not go together")
-        return self
-
-
-class _BenchFile(_Table):
-    dbc: str = ""
-    bus: _Bus = _Bus()
-    vehicle: _Vehicle = _Vehicle()
-    campaign: _Campaign = _Campaign()
-    trigger: _Trigger = _Trigger()
-    weight: list[_Weight] = []
-    fact: list[_Fact] = []
-    channel: list[_Channel] = []
+    message_rules: tuple[MessageRule, ...] = ()
+    sample_sets: tuple[SampleSet, ...] = ()
+    calibration_days: int = 365
 
 
 def default_bench_text() -> str:
@@ -203,7 +104,9 @@ def default_bench_text() -> str:
 def load_bench(path: Path | None) -> Bench:
     """Read bench.toml, or the shipped one if `path` is None.
 
-    Without `[[channel]]` tables the shipped channels are used, which fit the shipped DBC.
+    Without `[[channel]]` tables the shipped channels are used, which fit the shipped DBC; with
+    ``dbc = "layout:NAME"`` those of that ready map (`daq.ready_maps`), and its messages and sample
+    sets as far as the file does not state its own.
 
     Raises
     ------
@@ -243,15 +146,17 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
         As `load_bench`.
     """
     table = _validated(text, where)
-    if not table.channel:
-        shipped = _validated(default_bench_text(), "bench.toml (shipped)")
-        table = table.model_copy(update={"channel": shipped.channel})
-    names = [channel.name for channel in table.channel]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(where, f"channel {name} occurs twice", "give each its own name")
+    table = _completed(table)
+    for kind, names in (
+        ("channel", [channel.name for channel in table.channel]),
+        ("message", [message.name for message in table.message]),
+        ("sample set", [sample_set.name for sample_set in table.sample_set]),
+    ):
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(where, f"{kind} {name} occurs twice", "give each its own name")
     if dbc_text is None:
-        dbc_text = read_dbc(folder / table.dbc) if table.dbc else shipped_dbc()
+        dbc_text = _dbc_text(table.dbc, folder)
     geometry = table.vehicle.geometry
     structure = Structure(**table.vehicle.structure.model_dump())
     known = (*FactQuantity, *parameter_names(structure))
@@ -280,16 +185,76 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
         campaign=Campaign(tuple(table.campaign.excitations), table.campaign.repeats),
         bump_s=table.campaign.bump_s,
         trigger=TriggerConfig(**table.trigger.model_dump()),
+        message_rules=tuple(_rule(message) for message in table.message),
+        sample_sets=tuple(
+            SampleSet(s.name, tuple(s.messages), s.bound_by) for s in table.sample_set
+        ),
+        calibration_days=table.calibration.max_age_days,
     )
 
 
-def _validated(text: str, where: str) -> _BenchFile:
+def bench_codec(bench: Bench) -> Codec:
+    """Return the bench's DBC, compiled, with what bench.toml adds to its messages.
+
+    Raises
+    ------
+    InputError
+        If the DBC cannot be used, or bench.toml and the DBC do not fit together.
+    """
+    codec = parse_codec(bench.dbc_text, bench.dbc_name)
+    codec = ruled_codec(codec, bench.message_rules, bench.dbc_name)
+    check_sets(codec, bench.message_rules, bench.sample_sets)
+    return codec
+
+
+def _completed(table: BenchFile) -> BenchFile:
+    """Fill in what the file leaves to the shipped bench or to a ready map."""
+    if not table.dbc.startswith(PREFIX):
+        if table.channel:
+            return table
+        shipped = _validated(default_bench_text(), "bench.toml (shipped)")
+        return table.model_copy(update={"channel": shipped.channel})
+    ready = ready_map(table.dbc.removeprefix(PREFIX))
+    piece = _validated(ready.bench_text, f"{PREFIX}{ready.name}")
+    stated = {message.name for message in table.message}
+    messages = [message for message in piece.message if message.name not in stated]
+    return table.model_copy(
+        update={
+            "channel": table.channel or piece.channel,
+            "message": table.message + messages,
+            "sample_set": table.sample_set or piece.sample_set,
+        }
+    )
+
+
+def _dbc_text(name: str, folder: Path) -> str:
+    if name.startswith(PREFIX):
+        return ready_map(name.removeprefix(PREFIX)).dbc_text
+    return read_dbc(folder / name) if name else shipped_dbc()
+
+
+def _rule(table: MessageTable) -> MessageRule:
+    time = (
+        TimeRule(table.time_signal, table.time_unit, table.time_wrap) if table.time_signal else None
+    )
+    return MessageRule(
+        name=table.name,
+        cycle_s=None if table.cycle_ms is None else table.cycle_ms * 1e-3,
+        counter=table.counter,
+        counter_modulus=table.counter_modulus,
+        crc=table.crc,
+        crc_rule=table.crc_rule,
+        time=time,
+    )
+
+
+def _validated(text: str, where: str) -> BenchFile:
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(where, f"is not TOML: {error}", "mend that line") from error
     try:
-        return _BenchFile.model_validate(document)
+        return BenchFile.model_validate(document)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in first["loc"]) or "the file"
@@ -298,15 +263,16 @@ def _validated(text: str, where: str) -> _BenchFile:
         raise InputError(where, f"{key}: {first['msg']}", "mend that value") from error
 
 
-def _weight(table: _Weight) -> BodyWeight | HubWeight:
+def _weight(table: WeightTable) -> BodyWeight | HubWeight:
     if table.x_m is not None and table.y_m is not None:
         return BodyWeight(table.mass_kg, table.x_m, table.y_m, table.height_m, table.sigma_kg)
-    assert table.hub is not None  # held by _Weight
+    assert table.hub is not None  # held by WeightTable
     return HubWeight(table.mass_kg, table.hub, table.sigma_kg)
 
 
-def _channel(table: _Channel) -> Channel:
+def _channel(table: ChannelTable) -> Channel:
     fields = table.model_dump()
+    fields["calibrated"] = table.calibrated.isoformat() if table.calibrated else ""
     return Channel(unit=SI_UNITS.get(table.quantity, ""), **fields)
 
 

@@ -72,22 +72,25 @@ def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) 
     if channel.quantity is Quantity.UNUSED:
         return _unused(channel, message, signal)
     expected = SI_UNITS[channel.quantity]
-    found = f"{channel.signal} has unit {signal.unit!r} in {dbc_name}"
+    unit = channel.signal_unit or signal.unit
+    place = "bench.toml" if channel.signal_unit else dbc_name
+    found = f"{channel.signal} has unit {unit!r} in {place}"
     try:
-        si = to_si(signal.unit)
+        si = to_si(unit)
     except InputError as error:
         what = f"{found}, which is not known; {channel.quantity} needs {expected} or a multiple"
-        raise InputError(where, what, "mend the unit in the DBC") from error
+        raise InputError(where, what, "state signal_unit in its [[channel]]") from error
     if si.unit != expected:
         what = f"{found}; {channel.quantity} needs {expected} or a multiple"
-        raise InputError(where, what, "mend signal or quantity in bench.toml")
+        raise InputError(where, what, "mend signal, signal_unit or quantity in bench.toml")
     return MappedChannel(replace(channel, unit=expected), message, si.factor, si.offset)
 
 
 def _unused(channel: Channel, message: MessageLayout, signal: SignalLayout) -> MappedChannel:
     """Map a signal that is only recorded; it keeps the unit of the DBC where the table has none."""
+    unit = channel.signal_unit or signal.unit
     try:
-        si = to_si(signal.unit)
+        si = to_si(unit)
     except InputError:
-        return MappedChannel(replace(channel, unit=signal.unit), message, 1.0, 0.0)
+        return MappedChannel(replace(channel, unit=unit), message, 1.0, 0.0)
     return MappedChannel(replace(channel, unit=si.unit), message, si.factor, si.offset)
