@@ -15,6 +15,10 @@ LARGEST_SHARE = 0.25
 DOUBTFUL_SHARE = 0.025
 """Beyond this one the 95 % interval is wider than 5 % to either side."""
 _PRIOR_SIGMAS = 4.0
+_LEAST_REDUNDANCY = 1e-5
+"""Share of a fact's variance that other data must leave to it; the fit is no more exact."""
+_REFUSED_SHIFT = 0.1
+"""Relative change of a parameter by a fact that is contradicted, from which on none is used."""
 _PLAUSIBLE = {
     "dynamic_index": (0.5, 1.6),
     "front_ride_damping_ratio": (0.03, 1.2),
@@ -90,20 +94,30 @@ def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
 
 
 def _contradicted(estimation: Estimation) -> tuple[Finding, ...]:
-    """Name facts and stated places, delays and weights that the runs contradict."""
-    box, eta = estimation.box, estimation.fit.eta
-    misfits, _ = box.fact_misfits(eta)
-    odd = [
-        f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g} by {misfit:+.1f} sigma"
-        for fact, misfit in zip(box.facts, misfits.tolist(), strict=True)
-        if abs(misfit) > _PRIOR_SIGMAS
-    ]
-    odd += [
-        f"{label} by {pull:+.1f} sigma"
-        for label, pull in zip(box.corrections, box.pulls(eta).tolist(), strict=True)
-        if abs(pull) > _PRIOR_SIGMAS
-    ]
-    if not odd:
+    """Name facts and stated places, delays and weights that the runs contradict.
+
+    One that is stated with great certainty drags the fit along and lies close to it.  So its misfit
+    is judged by the standard deviation of the misfit (Baarda 1968), which is smaller than its own
+    by what the fit owes to it; what the fit owes to it alone cannot be contradicted.
+    """
+    box, eta, C = estimation.box, estimation.fit.eta, estimation.fit.covariance
+    misfits, slopes = box.fact_misfits(eta)
+    n, pulls = len(box.parameters), box.pulls(eta)
+    stated = np.diag(1.0 / box.prior_sigma)[n : n + len(pulls)]
+    labels = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
+    rows, left = np.vstack([slopes, stated]), np.concatenate([misfits, -pulls])
+    owed = np.einsum("ip,pq,iq->i", rows, C, rows)
+    spread = np.sqrt(np.maximum(1.0 - owed, _LEAST_REDUNDANCY))
+    size = np.abs(left) / spread * (1.0 - owed > _LEAST_REDUNDANCY)
+    odd = np.flatnonzero(size > _PRIOR_SIGMAS)
+    if not len(odd):
         return ()
-    text = f"the runs contradict what is stated: {'; '.join(odd)}: measure it again"
-    return (Finding("contradiction", Verdict.DOUBTFUL, text),)
+    loose = [i for i, name in enumerate(box.parameters) if name not in SIGNED]
+    moved = float(np.max(np.abs(C[loose] @ (rows * (left / spread**2)[:, None])[odd].T)))
+    named = [f"{(*labels, *box.corrections)[i]} by {size[i]:.1f} sigma" for i in odd]
+    text = (
+        f"the runs contradict what is stated: {'; '.join(named)} (limit {_PRIOR_SIGMAS:g}; moves a "
+        f"parameter by about {min(moved, 1.0) * 100:.1f} %): measure it again"
+    )
+    severity = Verdict.REFUSED if moved > _REFUSED_SHIFT else Verdict.DOUBTFUL
+    return (Finding("contradiction", severity, text),)
