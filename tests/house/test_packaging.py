@@ -41,7 +41,7 @@ def test_no_registry_host_is_named() -> None:
 def test_top_level_is_the_house() -> None:
     allowed = {
         "README.md", "CHANGELOG.md", "pyproject.toml", "constraints.txt", "Makefile", ".ci",
-        ".gitignore", "dbc", "daq", "identify", "tui", "tests", ".git",
+        ".gitignore", "docs", "dbc", "daq", "identify", "tui", "tests", ".git",
     }  # fmt: skip
     made = {".venv", "build", "bumpbench.egg-info", "bumpbench-demo"}
     caches = {".mypy_cache", ".pytest_cache", ".ruff_cache", ".hypothesis"}
