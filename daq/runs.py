@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,10 @@ from dbc.frames import FrameBatch, read_only
 
 from .channels import Channel
 from .vehicle import MassState, Vehicle
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 BASELINE = "baseline"
 ADDED = "added"
@@ -194,3 +199,41 @@ class Session:
     mass_states: tuple[MassState, ...]
     runs: tuple[Run, ...]
     provenance: Mapping[str, str]
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return all samples as one pandas table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns `run`, `group`, `status` (categories), `time_s`, `t_ns`, `quality`, then one a
+            channel, SI; NaN in the rows of groups that do not have it.  Units are in
+            ``attrs["units"]``.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        from .formats.tables import to_dataframe
+
+        return to_dataframe(self)
+
+    def to_xarray(self) -> xr.DataTree:
+        """Return the runs as a tree of xarray datasets.
+
+        Returns
+        -------
+        xarray.DataTree
+            ``tree["baseline_bounce_1/HUB_Front"]`` holds the channels of one sample clock along
+            `time`, s since t0 of the run, with their `units`; the attributes of
+            ``tree["baseline_bounce_1"]`` are those of the run.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        from .formats.tables import to_xarray
+
+        return to_xarray(self)

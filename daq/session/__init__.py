@@ -16,7 +16,16 @@ absent: it is written beside its place and moved there.
 
 from __future__ import annotations
 
-from .read import read_session
+from .findings import Finding, Severity
+from .read import read_foreign_session, read_session
+from .validate import validate_session
 from .write import write_session
 
-__all__ = ["read_session", "write_session"]
+__all__ = [
+    "Finding",
+    "Severity",
+    "read_foreign_session",
+    "read_session",
+    "validate_session",
+    "write_session",
+]

@@ -10,6 +10,17 @@ MAX_BYTES = 2 << 30
 """No dataset of a run is larger; one that claims to be is refused before it is read."""
 MAX_TOTAL_BYTES = 8 << 30
 """Nor is a session: zeros pack a thousandfold, so many datasets of a small file could be large."""
+MAX_CHUNK_BYTES = 64 << 20
+MAX_DEPTH = 6
+MAX_OBJECTS = 200_000
+MAX_ATTRIBUTE = 4096
+"""Items of an attribute that is an array."""
+
+
+def max_total_bytes(file_bytes: int) -> int:
+    """Return how much a file of this size may unpack to: what measurements pack to, and room."""
+    return min(MAX_TOTAL_BYTES, (128 << 20) + 64 * file_bytes)
+
 
 TEXTS = ("dbc", "bench_toml")
 """Items of the provenance that are whole files and go to /config."""
@@ -36,6 +47,9 @@ CHANNEL_COLUMNS = {
     "delay_sigma_s": "f8",
     "low_pass_hz": "f8",
     "low_pass_order": "i4",
+    "signal_unit": "S16",
+    "serial_number": "S64",
+    "calibrated": "S10",
 }
 WEIGHT_COLUMNS = {
     "mass_kg": "f8",

@@ -1,0 +1,18 @@
+"""Sessions in the formats of other tools."""
+
+from __future__ import annotations
+
+from .csv_files import CsvStyle
+from .export import Exported, ExportFormat, export_session, format_of
+from .sep005 import sep005_channels
+from .universal import ModeShapes
+
+__all__ = [
+    "CsvStyle",
+    "ExportFormat",
+    "Exported",
+    "ModeShapes",
+    "export_session",
+    "format_of",
+    "sep005_channels",
+]

@@ -1,0 +1,92 @@
+"""Raw frames as BLF or ASC, through python-can's writers.
+
+Both count the time from a start that has whole milliseconds.  The writers are given times from
+that start, for seconds since 1970 in a float64 step by 238 ns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+
+import can
+
+from dbc.frames import FrameBatch, FrameFlag
+
+from .raw_frames import has
+
+_NS_PER_MS = 1_000_000
+
+
+def write_blf(frames: FrameBatch, path: Path) -> tuple[str, ...]:
+    """Write a BLF log; time stamps exact to 1 ns.
+
+    Parameters
+    ----------
+    frames : FrameBatch, not empty
+        In order of time.
+    path : Path
+        Where to.
+
+    Returns
+    -------
+    tuple of str
+        What the format cannot hold, of what there is in `frames`.
+    """
+    start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
+    with can.BLFWriter(path) as writer:
+        writer.start_timestamp = 0.0
+        for message in _messages(frames, start_ns):
+            writer.on_message_received(message)
+        writer.start_timestamp = start_ns * 1e-9
+        writer.stop_timestamp = int(frames.t_ns[-1]) * 1e-9
+    errors = has(frames, FrameFlag.ERROR)
+    sent = errors & has(frames, FrameFlag.TRANSMITTED)
+    return (f"BLF does not say of {sent.sum()} error frames who sent them",) if sent.any() else ()
+
+
+def write_asc(frames: FrameBatch, path: Path) -> tuple[str, ...]:
+    """Write an ASC log; parameters and result as `write_blf`."""
+    start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
+    start = datetime.fromtimestamp(start_ns // _NS_PER_MS / 1000)
+    with path.open("w", encoding="ascii", newline="\n") as stream, can.ASCWriter(stream) as writer:
+        # Its own head names the time of writing as the start of the measurement.
+        stream.seek(0)
+        stream.truncate()
+        day = f"{start:%a %b %d %H:%M:%S}.{start.microsecond // 1000:03d} {start:%Y}"
+        stream.write(f"date {day}\nbase hex  timestamps absolute\ninternal events logged\n")
+        stream.write(f"Begin Triggerblock {day}\n   0.000000 Start of measurement\n")
+        writer.header_written = True
+        for message in _messages(frames, start_ns):
+            writer.on_message_received(message)
+    notes = ["ASC rounds times to 1 µs"] if (frames.t_ns % 1000 != 0).any() else []
+    errors = has(frames, FrameFlag.ERROR)
+    if errors.any():
+        notes.append(f"ASC keeps of {errors.sum()} error frames only that and when they were")
+    return tuple(notes)
+
+
+def _messages(frames: FrameBatch, start_ns: int) -> Iterator[can.Message]:
+    """Yield frames as python-can has them, stamped from the start of the log."""
+    # Half a nanosecond more: the writer of BLF cuts off what the formats cannot hold.
+    since_s = ((frames.t_ns - start_ns) + 0.5) * 1e-9
+    columns = (since_s, frames.can_id, frames.flags, frames.bus, frames.length)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    payload, width = frames.data.tobytes(), frames.data.shape[1]
+    for i, (time_s, can_id, flags, bus, length) in enumerate(rows):
+        remote = bool(flags & FrameFlag.REMOTE)
+        yield can.Message(
+            timestamp=time_s,
+            arbitration_id=can_id,
+            is_extended_id=bool(flags & FrameFlag.EXTENDED),
+            is_remote_frame=remote,
+            is_error_frame=bool(flags & FrameFlag.ERROR),
+            is_fd=bool(flags & FrameFlag.FD),
+            bitrate_switch=bool(flags & FrameFlag.BITRATE_SWITCH),
+            error_state_indicator=bool(flags & FrameFlag.ERROR_STATE),
+            is_rx=not flags & FrameFlag.TRANSMITTED,
+            channel=bus,
+            dlc=length,
+            data=None if remote else payload[i * width : i * width + length],
+        )

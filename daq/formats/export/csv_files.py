@@ -1,0 +1,76 @@
+"""CSV: one file a run and sample clock; the head names the channels and their units."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...runs import SampleGroup
+
+
+@dataclass(frozen=True, slots=True)
+class CsvStyle:
+    """How numbers and columns are told apart.
+
+    Parameters
+    ----------
+    separator : str
+        One character between columns.
+    decimal : str
+        One character before the fraction.
+
+    Raises
+    ------
+    InputError
+        If a file in this style could not be read.
+    """
+
+    separator: str = ","
+    decimal: str = "."
+
+    def __post_init__(self) -> None:
+        if self.decimal not in (".", ","):
+            raise InputError("--decimal", f"is {self.decimal!r}", "use . or ,")
+        if len(self.separator) != 1 or self.separator in '"\r\n.-+eE0123456789 ':
+            raise InputError("--separator", f"is {self.separator!r}", "use , or ; or a tabulator")
+        if self.separator == self.decimal:
+            what = f"{self.separator!r} would separate columns and decimals"
+            raise InputError("--separator", what, "use --separator ';' with a decimal comma")
+
+
+def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvStyle) -> None:
+    """Write the samples of one clock; a missing value is an empty cell.
+
+    The columns are ``time_s``, the channels as ``name [unit]``, and ``quality``
+    (`dbc.samples.Quality`).  Numbers have as many digits as it takes to read them back exactly.
+
+    Parameters
+    ----------
+    group : SampleGroup
+        What to write.
+    units : dict of channel name to str
+        Their units.
+    path : Path
+        Where to.
+    style : CsvStyle
+        Comma or semicolon, point or comma.
+    """
+    columns = [_cells(group.time_s, style)]
+    columns += [_cells(values, style) for values in group.values.values()]
+    columns += [map(str, group.quality.tolist())]
+    names = [f"{name} [{units[name]}]" if units[name] else name for name in group.values]
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, delimiter=style.separator)
+        writer.writerow(["time_s", *names, "quality"])
+        writer.writerows(zip(*columns, strict=True))
+
+
+def _cells(values: NDArray[np.float64], style: CsvStyle) -> Iterable[str]:
+    texts = ("" if value != value else repr(value) for value in values.tolist())
+    return texts if style.decimal == "." else (text.replace(".", ",") for text in texts)

@@ -1,0 +1,159 @@
+"""Which writer a format has, and where its files go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+from ...errors import InputError
+from ...runs import Session
+from .bus_log import write_asc, write_blf
+from .csv_files import CsvStyle, write_csv
+from .matlab import write_mat
+from .mdf import write_mf4
+from .parquet import write_parquet
+from .place import written_whole
+from .raw_frames import session_frames
+from .sep005 import write_sep005
+from .universal import ModeShapes, write_uff
+
+
+class ExportFormat(StrEnum):
+    """What a session can be exported as."""
+
+    MF4 = "mf4"
+    MAT = "mat"
+    UFF = "uff"
+    CSV = "csv"
+    PARQUET = "parquet"
+    BLF = "blf"
+    ASC = "asc"
+    SEP005 = "sep005"
+
+    @property
+    def suffix(self) -> str:
+        """Of its files."""
+        return ".json" if self is ExportFormat.SEP005 else f".{self}"
+
+
+_SUFFIXES = {form.suffix: form for form in ExportFormat} | {".unv": ExportFormat.UFF}
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What an export has made.
+
+    Parameters
+    ----------
+    paths : tuple of Path
+        The files.
+    notes : tuple of str
+        What the format cannot hold, one line each.
+    """
+
+    paths: tuple[Path, ...]
+    notes: tuple[str, ...]
+
+
+def format_of(path: Path) -> ExportFormat:
+    """Return the format that a file's name asks for.
+
+    Raises
+    ------
+    InputError
+        If it asks for none.
+    """
+    form = _SUFFIXES.get(path.suffix.lower())
+    if form is None:
+        what = f"{path.suffix or 'no suffix'} is no format to export to"
+        raise InputError(str(path), what, f"use {' '.join(_SUFFIXES)}, or name it with --format")
+    return form
+
+
+def chosen_runs(session: Session, labels: Sequence[str]) -> Session:
+    """Return a session with only the runs of these labels; with all if there are none.
+
+    Raises
+    ------
+    InputError
+        If there is no such run.
+    """
+    present = [run.label for run in session.runs]
+    for label in labels:
+        if label not in present:
+            raise InputError("--run", f"there is no run {label}", f"use {' '.join(present)}")
+    runs = tuple(run for run in session.runs if not labels or run.label in labels)
+    return replace(session, runs=runs)
+
+
+def export_session(
+    session: Session,
+    path: Path,
+    form: ExportFormat,
+    *,
+    style: CsvStyle = CsvStyle(),  # noqa: B008 - frozen
+    modes: Sequence[ModeShapes] = (),
+    force: bool = False,
+) -> Exported:
+    """Write a session as other tools have it; files are complete or absent.
+
+    Parameters
+    ----------
+    session : Session
+        What to write.
+    path : Path
+        Where to.  CSV is one file a run and sample clock: ``car.csv`` becomes
+        ``car_RUN_GROUP.csv``.
+    form : ExportFormat
+        In which format.
+    style : CsvStyle
+        For CSV.
+    modes : sequence of ModeShapes
+        For UFF.
+    force : bool
+        Whether files that are there may be replaced.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to write in this format, a file is there already or cannot be
+        written, or a library is missing.
+    """
+    if form is ExportFormat.CSV:
+        return _export_csv(session, path, style, force)
+    with written_whole([path], force) as (beside,):
+        match form:
+            case ExportFormat.MF4:
+                notes = write_mf4(session, beside)
+            case ExportFormat.MAT:
+                notes = write_mat(session, beside)
+            case ExportFormat.UFF:
+                notes = write_uff(session, modes, beside)
+            case ExportFormat.PARQUET:
+                notes = write_parquet(session, beside)
+            case ExportFormat.BLF:
+                notes = write_blf(session_frames(session), beside)
+            case ExportFormat.ASC:
+                notes = write_asc(session_frames(session), beside)
+            case ExportFormat.SEP005:
+                notes = write_sep005(session, beside)
+    return Exported((path,), notes)
+
+
+def _export_csv(session: Session, path: Path, style: CsvStyle, force: bool) -> Exported:
+    units = {channel.name: channel.unit for channel in session.channels}
+    groups = {
+        path.with_name(f"{path.stem}_{run.label}_{group.name}.csv"): group
+        for run in session.runs
+        for group in run.groups
+    }
+    if not groups:
+        raise InputError("session", "its runs hold no samples", "choose other runs")
+    with written_whole(list(groups), force) as beside:
+        for place, group in zip(beside, groups.values(), strict=True):
+            write_csv(group, units, place, style)
+    frames = sum(len(run.frames) for run in session.runs)
+    notes = (f"{frames} raw frames are left out: use mf4, blf or asc",) if frames else ()
+    return Exported(tuple(groups), notes)

@@ -1,0 +1,134 @@
+"""MF4: decoded channels with units, and the raw frames as bus logging, in bulk."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch, FrameFlag
+
+from ...runs import Run, SampleGroup, Session
+from ..optional import optional
+from .raw_frames import has, session_frames
+
+_NS_PER_S = 1_000_000_000
+_FD_LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64])
+"""Payload bytes of each data length code (ISO 11898-1)."""
+
+_REMOTE = [
+    ("BusChannel", "u1"),
+    ("ID", "<u4"),
+    ("IDE", "u1"),
+    ("DLC", "u1"),
+    ("DataLength", "u1"),
+    ("Dir", "u1"),
+]
+_DATA = [
+    *_REMOTE[:5],
+    ("DataBytes", "(64,)u1"),
+    ("Dir", "u1"),
+    ("EDL", "u1"),
+    ("BRS", "u1"),
+    ("ESI", "u1"),
+]
+
+
+def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
+    """Write an MDF 4.10 file: one channel group a run and sample clock, then the bus log.
+
+    All times count from the whole second in which the session begins, which the header names.  A
+    channel group is named ``run/group``; it has the flags of `dbc.samples.Quality` as `quality`.
+    Buses count from 1, as MDF has it.
+
+    Returns
+    -------
+    tuple of str
+        What the format cannot hold, of what there is in the session: nothing.
+    """
+    asammdf = optional("asammdf", "mf4")
+    raw = session_frames(session) if any(len(run.frames) for run in session.runs) else None
+    firsts = [run.t0_ns for run in session.runs] + ([int(raw.t_ns[0])] if raw is not None else [])
+    start_ns = min(firsts, default=0) // _NS_PER_S * _NS_PER_S
+    with asammdf.MDF(version="4.10") as mdf:
+        mdf.header.start_time = datetime.fromtimestamp(start_ns // _NS_PER_S, UTC)
+        mdf.header.comment = f"bumpbench session of {session.vehicle.name}"
+        units = {channel.name: channel.unit for channel in session.channels}
+        for run in session.runs:
+            for group in run.groups:
+                signals = _signals(asammdf, run, group, units, start_ns)
+                mdf.append(signals, acq_name=f"{run.label}/{group.name}", common_timebase=True)
+        if raw is not None:
+            _append_bus_log(asammdf, mdf, raw, start_ns)
+        mdf.save(path, overwrite=True, compression=1)
+    return ()
+
+
+def _signals(
+    asammdf: Any, run: Run, group: SampleGroup, units: dict[str, str], start_ns: int
+) -> list[Any]:
+    time_s = group.time_s + (run.t0_ns - start_ns) * 1e-9
+    columns: dict[str, NDArray[Any]] = {**group.values, "quality": group.quality}
+    return [
+        asammdf.Signal(
+            samples=np.array(values),
+            timestamps=time_s,
+            name=name,
+            unit=units.get(name, ""),
+            comment=f"{run.label} ({run.status})",
+        )
+        for name, values in columns.items()
+    ]
+
+
+def _append_bus_log(asammdf: Any, mdf: Any, frames: FrameBatch, start_ns: int) -> None:
+    """Append the frames as ASAM's bus logging has them: data, remote and error frames apart."""
+    source = asammdf.Source(
+        name="CAN",
+        path="CAN",
+        comment="",
+        source_type=asammdf.Source.SOURCE_BUS,
+        bus_type=asammdf.Source.BUS_TYPE_CAN,
+    )
+    remote, error = has(frames, FrameFlag.REMOTE), has(frames, FrameFlag.ERROR)
+    kinds = (
+        ("CAN_DataFrame", _DATA, ~remote & ~error),
+        ("CAN_RemoteFrame", _REMOTE, remote & ~error),
+        ("CAN_ErrorFrame", _DATA, error),
+    )
+    for name, columns, mask in kinds:
+        if mask.any():
+            own = frames.select(mask)
+            signal = asammdf.Signal(
+                samples=_records(own, name, columns),
+                timestamps=(own.t_ns - start_ns) * 1e-9,
+                name=name,
+                source=source,
+            )
+            mdf.append(signal, acq_name="CAN", acq_source=source)
+
+
+def _records(frames: FrameBatch, kind: str, columns: list[tuple[str, str]]) -> NDArray[np.void]:
+    records = np.zeros(len(frames), [(f"{kind}.{name}", dtype) for name, dtype in columns])
+    fd = has(frames, FrameFlag.FD)
+    code = np.searchsorted(_FD_LENGTHS, np.minimum(frames.length, 64))
+    cells = {
+        "BusChannel": frames.bus + 1,
+        "ID": frames.can_id,
+        "IDE": has(frames, FrameFlag.EXTENDED),
+        "DLC": np.where(fd, code, frames.length),
+        "DataLength": frames.length if "DataBytes" in dict(columns) else np.uint8(0),
+        "Dir": has(frames, FrameFlag.TRANSMITTED),
+        "EDL": fd,
+        "BRS": has(frames, FrameFlag.BITRATE_SWITCH),
+        "ESI": has(frames, FrameFlag.ERROR_STATE),
+    }
+    for name, _ in columns:
+        if name != "DataBytes":
+            records[f"{kind}.{name}"] = cells[name]
+    if "DataBytes" in dict(columns):
+        records[f"{kind}.DataBytes"][:, : frames.data.shape[1]] = frames.data
+    return records

@@ -1,0 +1,35 @@
+"""Parquet: the table of `Session.to_dataframe`, one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...runs import Session
+from ..optional import optional
+from ..tables import to_dataframe
+
+
+def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
+    """Write one table: run, group, status, time_s, t_ns, quality, and a column a channel.
+
+    pandas finds the units in ``DataFrame.attrs["units"]``, other readers in the metadata ``unit``
+    of each field.  A channel is null in the rows of other groups.
+
+    Returns
+    -------
+    tuple of str
+        What the format cannot hold, of what there is in the session.
+    """
+    pa = optional("pyarrow", "data")
+    parquet = optional("pyarrow.parquet", "data")
+    frame = to_dataframe(session)
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    units = frame.attrs["units"]
+    fields = [
+        field.with_metadata({"unit": units[field.name]}) if field.name in units else field
+        for field in table.schema
+    ]
+    schema = pa.schema(fields, metadata=table.schema.metadata)
+    parquet.write_table(table.cast(schema), path, compression="zstd")
+    frames = sum(len(run.frames) for run in session.runs)
+    return (f"{frames} raw frames are left out: use mf4, blf or asc",) if frames else ()

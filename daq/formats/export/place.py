@@ -1,0 +1,51 @@
+"""Files that are complete or absent."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from ...errors import InputError
+
+
+@contextmanager
+def written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
+    """Let files be written beside their places; they are moved there when all are done.
+
+    Parameters
+    ----------
+    targets : sequence of Path
+        Where they shall be.
+    force : bool
+        Whether files that are there may be replaced.
+
+    Yields
+    ------
+    list of Path
+        Where to write; same folder, same suffix.
+
+    Raises
+    ------
+    InputError
+        If one is there already, or cannot be written.
+    """
+    for target in targets:
+        if target.is_dir():
+            raise InputError(str(target), "is a directory", "name a file")
+        if target.exists() and not force:
+            advice = "name another file with --out, or say --force"
+            raise InputError(str(target), "is there already", advice)
+    beside = [path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}") for path in targets]
+    try:
+        yield beside
+        for source, target in zip(beside, targets, strict=True):
+            source.replace(target)
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        advice = "check folder, rights and free space"
+        raise InputError(str(targets[0]), what, advice) from error
+    finally:
+        for path in beside:
+            path.unlink(missing_ok=True)

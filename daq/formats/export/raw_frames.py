@@ -1,0 +1,46 @@
+"""The raw frames of a session's runs as one log."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch, FrameFlag
+
+from ...errors import InputError
+from ...runs import Session
+
+
+def session_frames(session: Session) -> FrameBatch:
+    """Return all raw frames of a session in order of time; those in two runs, once.
+
+    Raises
+    ------
+    InputError
+        If it has none.
+    """
+    batches = [run.frames for run in session.runs if len(run.frames)]
+    if not batches:
+        what = "its runs hold no raw frames"
+        raise InputError("session", what, "export the decoded channels: mf4, mat, csv, parquet")
+    frames = FrameBatch.concatenate(batches)
+    frames = frames.select(np.argsort(frames.t_ns, kind="stable"))
+    spans = sorted((int(batch.t_ns.min()), int(batch.t_ns.max())) for batch in batches)
+    if any(first[1] >= second[0] for first, second in pairwise(spans)):
+        frames = frames.select(_first_of_each(frames))
+    return frames
+
+
+def _first_of_each(frames: FrameBatch) -> NDArray[np.intp]:
+    columns = (frames.t_ns, frames.can_id, frames.flags, frames.bus, frames.length)
+    rows = [column.reshape(-1, 1).view(np.uint8) for column in columns]
+    whole = np.ascontiguousarray(np.hstack([*rows, frames.data]))
+    keys = whole.view(np.dtype((np.void, whole.shape[1]))).ravel()
+    return np.sort(np.unique(keys, return_index=True)[1])
+
+
+def has(frames: FrameBatch, flag: FrameFlag) -> NDArray[np.bool_]:
+    """Return which frames have a flag, (n,)."""
+    return np.asarray(frames.flags & flag != 0, np.bool_)

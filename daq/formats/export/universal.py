@@ -1,0 +1,217 @@
+"""Universal files of modal analysis (UFF): units, nodes, lines, time records, mode shapes.
+
+Written after the formats that SDRC published; the layout of each record is given beside it.  Data
+are binary (58b, little-endian float64): the text form keeps 6 digits of a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...channels import TIME_DERIVATIVE, Channel
+from ...errors import printable
+from ...runs import Run, SampleGroup, Session
+from ...vehicle import VehicleGeometry
+from .car_nodes import CarNodes, Place, car_lines, car_nodes, place_of, vertical_motion
+
+_BEGIN = "    -1"
+_TIME, _UNKNOWN = 17, 0
+_DATA_TYPE = {0: 8, 1: 11, 2: 12}
+"""Displacement, velocity, acceleration, by order of the time derivative."""
+_TIME_TOLERANCE_S = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class ModeShapes:
+    """Modes of one state of loading.
+
+    Parameters
+    ----------
+    state : str
+        Its name.
+    geometry : VehicleGeometry
+        Of the identified vehicle.
+    poles : (m,) complex128
+        rad/s, imaginary parts positive.
+    shapes : (7, m) complex128
+        In the order of `daq.vehicle.DOF`, one column a mode.
+    """
+
+    state: str
+    geometry: VehicleGeometry
+    poles: NDArray[np.complex128]
+    shapes: NDArray[np.complex128]
+
+
+def write_uff(session: Session, modes: Sequence[ModeShapes], path: Path) -> tuple[str, ...]:
+    """Write datasets 164, 15, 82, one 58 a channel and run, and one 55 a mode.
+
+    Parameters
+    ----------
+    session : Session
+        What to write.
+    modes : sequence of ModeShapes
+        May be empty.
+    path : Path
+        Where to.
+
+    Returns
+    -------
+    tuple of str
+        What the format cannot hold, of what there is in the session.
+    """
+    notes = []
+    vehicle = session.vehicle
+    if modes and vehicle.geometry is None:
+        vehicle = replace(vehicle, geometry=modes[0].geometry)
+    nodes = car_nodes(vehicle, session.channels)
+    if nodes is None:
+        notes.append("nodes and lines are left out: nobody knows where the wheels are (--modes)")
+    missing = 0
+    with path.open("wb") as stream:
+        stream.write(_units())
+        if nodes is not None:
+            stream.write(_nodes(nodes))
+            for number, (name, line) in enumerate(car_lines(), start=1):
+                stream.write(_line(number, name, line))
+        for run in session.runs:
+            for group in run.groups:
+                for record, count in _records(run, group, session.channels):
+                    stream.write(record)
+                    missing += count
+        for state in modes:
+            if nodes is not None:
+                stream.writelines(_modes(state, nodes, session.vehicle.name))
+    if missing:
+        notes.append(f"{missing} missing samples are left out: their records are not equidistant")
+    return tuple(notes)
+
+
+def _block(lines: Sequence[str], tail: bytes = b"") -> bytes:
+    """Return a dataset between its delimiters."""
+    head = "\n".join(line.rstrip() if "\n" in line else line for line in [_BEGIN, *lines])
+    return f"{head}\n".encode("ascii", "replace") + tail + f"{_BEGIN}\n".encode("ascii")
+
+
+def _text(text: str) -> str:
+    return f"{printable(text, 80) or 'NONE':<80}"
+
+
+def _units() -> bytes:
+    """Dataset 164: SI. (I10,20A1,I10), (3D25.17), (D25.17)."""
+    one = "1.0000000000000000D+00"
+    return _block(
+        [
+            f"{164:6d}{'':74}",
+            f"{1:10d}{'SI: metre, newton':>20}{2:10d}",
+            f"{one:>25}{one:>25}{one:>25}",
+            f"{'2.7314999999999998D+02':>25}",
+        ]
+    )
+
+
+def _nodes(nodes: CarNodes) -> bytes:
+    """Dataset 15: nodes. (4I10,1P3E13.5)."""
+    rows = [
+        f"{label:10d}{0:10d}{0:10d}{0:10d}" + "".join(f"{x:13.5E}" for x in place)
+        for label, place in zip(nodes.labels.tolist(), nodes.positions_m.tolist(), strict=True)
+    ]
+    return _block([f"{15:6d}", *rows])
+
+
+def _line(number: int, name: str, nodes: Sequence[int]) -> bytes:
+    """Dataset 82: a line to draw. (3I10), (80A1), (8I10)."""
+    rows = ["".join(f"{n:10d}" for n in nodes[i : i + 8]) for i in range(0, len(nodes), 8)]
+    return _block([f"{82:6d}{'':74}", f"{number:10d}{len(nodes):10d}{0:10d}", _text(name), *rows])
+
+
+def _records(
+    run: Run, group: SampleGroup, channels: Sequence[Channel]
+) -> Iterator[tuple[bytes, int]]:
+    """Yield dataset 58 of each channel of a group, and how many of its samples are missing."""
+    numbered = {channel.name: (i, channel) for i, channel in enumerate(channels)}
+    for name, values in group.values.items():
+        number, channel = numbered[name]
+        there = np.isfinite(values)
+        if np.sum(there) >= 2:
+            place = place_of(number, channel)
+            record = _record(run, group.name, channel, place, group.time_s[there], values[there])
+            yield record, int(np.sum(~there))
+
+
+def _record(
+    run: Run,
+    group: str,
+    channel: Channel,
+    place: Place,
+    time_s: NDArray[np.float64],
+    values: NDArray[np.float64],
+) -> bytes:
+    """Dataset 58b: a function at a degree of freedom, binary.
+
+    (I6,1A1,2I6,2I12,4I..), 5 x (80A1), 2(I5,I10),2(1X,10A1,I10,I4), (3I10,3E13.5),
+    4 x (I10,3I5,2(1X,20A1)), then the data.
+    """
+    start, step = time_s[0], (time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    # The head keeps six digits; where those do not give the times, every sample has its own.
+    start, step = float(f"{start:13.5e}"), float(f"{step:13.5e}")
+    even = int(np.abs(start + step * np.arange(len(time_s)) - time_s).max() < _TIME_TOLERANCE_S)
+    data = values if even else np.column_stack([time_s, values])
+    tail = np.ascontiguousarray(data, "<f8").tobytes()
+    when = datetime.fromtimestamp(run.t0_ns // 1_000_000_000, UTC)
+    derivative = TIME_DERIVATIVE.get(channel.quantity)
+    kind = _UNKNOWN if derivative is None else _DATA_TYPE[derivative]
+    entity = "".join(c if c.isascii() and c.isprintable() else "?" for c in channel.name)[:10]
+    head = [
+        f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(tail):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
+        _text(channel.name),
+        _text(f"{run.label} {group} ({run.status})"),
+        _text(f"{when:%d-%b-%y %H:%M:%S}".upper()),
+        _text(f"mass state {run.mass_state}, {run.excitation}, repeat {run.repeat}"),
+        _text(channel.signal),
+        f"{1:5d}{0:10d}{0:5d}{0:10d} {entity or 'NONE':<10}{place.node:10d}{place.direction:4d}"
+        f" {'NONE':<10}{place.against:10d}{place.direction if place.against else 0:4d}",
+        f"{4:10d}{len(values):10d}{even:10d}{even * start:13.5e}{even * step:13.5e}{0.0:13.5e}",
+        _axis(_TIME, "time", "s"),
+        _axis(kind, str(channel.quantity), channel.unit),
+        _axis(_UNKNOWN, "NONE", "NONE"),
+        _axis(_UNKNOWN, "NONE", "NONE"),
+    ]
+    return _block(head, tail)
+
+
+def _axis(kind: int, label: str, unit: str) -> str:
+    return f"{kind:10d}{0:5d}{0:5d}{0:5d} {label[:20]:<20} {unit[:20] or 'NONE':<20}"
+
+
+def _modes(state: ModeShapes, nodes: CarNodes, vehicle: str) -> Iterator[bytes]:
+    """Yield dataset 55 of each mode: complex shapes at the nodes, first order.
+
+    5 x (80A1), (6I10), (4I10), (6E13.5), then per node (I10), (6E13.5).
+    """
+    motion = vertical_motion(nodes, state.shapes, state.geometry)
+    for i, pole in enumerate(state.poles.tolist()):
+        rows = []
+        for label, z in zip(nodes.labels.tolist(), motion[:, i].tolist(), strict=True):
+            cells = (0.0, 0.0, 0.0, 0.0, z.real, z.imag)
+            rows += [f"{label:10d}", "".join(f"{cell:13.5e}" for cell in cells)]
+        yield _block(
+            [
+                f"{55:6d}{'':74}",
+                _text(f"mode {i + 1} of state {state.state}"),
+                _text(f"{abs(pole) / (2 * np.pi):.5g} Hz, damping {-pole.real / abs(pole):.4g}"),
+                _text(vehicle),
+                _text(state.state),
+                _text("bumpbench"),
+                f"{1:10d}{3:10d}{2:10d}{8:10d}{5:10d}{3:10d}",
+                f"{2:10d}{6:10d}{0:10d}{i + 1:10d}",
+                f"{pole.real:13.5e}{pole.imag:13.5e}{0:13.5e}{0:13.5e}{0:13.5e}{0:13.5e}",
+                *rows,
+            ]
+        )

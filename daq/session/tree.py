@@ -1,0 +1,86 @@
+"""A session file as plain data: groups, attributes and arrays, with nothing of HDF5 left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.typing import NDArray
+
+Attribute = str | int | float | tuple[str, ...] | tuple[int, ...] | tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """One dataset.
+
+    Parameters
+    ----------
+    values : (n,) or (n, m) array
+        Integers, floats or fixed bytes.
+    attributes : mapping of str to Attribute
+        Those of a simple type.
+    """
+
+    values: NDArray[Any]
+    attributes: Mapping[str, Attribute] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """One group, with all that is in it.
+
+    Parameters
+    ----------
+    attributes : mapping of str to Attribute
+        Those of a simple type.
+    groups, datasets : mapping of str to Group, mapping of str to Dataset
+        In order of their names.
+    """
+
+    attributes: Mapping[str, Attribute] = field(default_factory=dict)
+    groups: Mapping[str, Group] = field(default_factory=dict)
+    datasets: Mapping[str, Dataset] = field(default_factory=dict)
+
+    def group(self, name: str) -> Group:
+        """Return a group in this one.
+
+        Raises
+        ------
+        ValueError
+            If it is absent.
+        """
+        if name not in self.groups:
+            raise ValueError(f"group {name} is absent")
+        return self.groups[name]
+
+    def values(self, name: str) -> NDArray[Any]:
+        """Return the values of a dataset in this group.
+
+        Raises
+        ------
+        ValueError
+            If it is absent.
+        """
+        if name not in self.datasets:
+            raise ValueError(f"dataset {name} is absent")
+        return self.datasets[name].values
+
+    def attribute(self, name: str) -> Attribute:
+        """Return an attribute of this group.
+
+        Raises
+        ------
+        ValueError
+            If it is absent.
+        """
+        if name not in self.attributes:
+            raise ValueError(f"attribute {name} is absent")
+        return self.attributes[name]
+
+    def all_datasets(self) -> Iterator[Dataset]:
+        """Yield every dataset below, in the order of the tree."""
+        yield from self.datasets.values()
+        for group in self.groups.values():
+            yield from group.all_datasets()
