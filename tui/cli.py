@@ -12,6 +12,7 @@ import typer
 
 from .commands.decode import decode
 from .commands.demo import demo
+from .commands.export import export
 from .commands.identify import identify
 from .commands.inspect import inspect
 from .commands.plan import plan
@@ -19,6 +20,7 @@ from .commands.record import record
 from .commands.recover import recover
 from .commands.simulate import simulate
 from .commands.study import study
+from .commands.validate import validate
 from .diagnostics import ExitCode, report, report_usage
 
 app = typer.Typer(
@@ -27,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (demo, simulate, record, recover, decode, inspect, identify, plan):
+for command in (demo, simulate, record, recover, decode, inspect, identify, plan, export, validate):
     app.command()(command)
 app.add_typer(study, name="study")
 

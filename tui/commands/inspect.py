@@ -10,16 +10,16 @@ import typer
 
 def inspect(
     session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
-    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the contents as JSON.")] = False,
 ) -> None:
-    """Show the runs of a session, with their verdicts and losses."""
-    import daq
+    """Show what a session holds: runs, verdicts, losses, channels, vehicle, provenance."""
+    from daq.session import read_foreign_session
 
+    from ..contents import contents_document, print_contents
     from ..output import print_json
-    from ..recording import print_summary, summary
 
-    loaded = daq.read_session(session)
+    loaded = read_foreign_session(session)
     if json:
-        print_json(summary(session, loaded))
+        print_json(contents_document(session, loaded))
     else:
-        print_summary(session, loaded)
+        print_contents(session, loaded)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .csv_files import CsvStyle
-from .export import Exported, ExportFormat, export_session, format_of
+from .export import Exported, ExportFormat, chosen_runs, export_session, format_of
 from .sep005 import sep005_channels
 from .universal import ModeShapes
 
@@ -12,6 +12,7 @@ __all__ = [
     "ExportFormat",
     "Exported",
     "ModeShapes",
+    "chosen_runs",
     "export_session",
     "format_of",
     "sep005_channels",

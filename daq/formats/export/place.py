@@ -32,6 +32,8 @@ def written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
         If one is there already, or cannot be written.
     """
     for target in targets:
+        if not target.parent.is_dir():
+            raise InputError(str(target), "there is no such folder", "make it, or name another")
         if target.is_dir():
             raise InputError(str(target), "is a directory", "name a file")
         if target.exists() and not force:

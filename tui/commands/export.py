@@ -1,0 +1,97 @@
+"""`bumpbench export`: a session in the formats of other tools."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..diagnostics import ExitCode, say
+
+if TYPE_CHECKING:
+    from daq import Session
+    from daq.formats.export import ModeShapes
+
+
+class Format(StrEnum):
+    """The formats, named here so that --help need not load their writers."""
+
+    MF4 = "mf4"
+    MAT = "mat"
+    UFF = "uff"
+    CSV = "csv"
+    PARQUET = "parquet"
+    BLF = "blf"
+    ASC = "asc"
+    SEP005 = "sep005"
+
+
+def export(
+    session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
+    form: Annotated[
+        Format | None, typer.Option("--format", help="As what; else by the suffix of --out.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; beside the session if absent.")
+    ] = None,
+    run: Annotated[
+        list[str] | None, typer.Option(help="Only this run; may be given again.")
+    ] = None,
+    separator: Annotated[str, typer.Option(help="Between the columns of CSV.")] = ",",
+    decimal: Annotated[str, typer.Option(help="Decimal point or comma of CSV.")] = ".",
+    modes: Annotated[
+        bool, typer.Option("--modes", help="Identify, and add the mode shapes (UFF).")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+) -> int:
+    """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or SEP005."""
+    from daq.errors import InputError
+    from daq.formats.export import CsvStyle, ExportFormat, chosen_runs, export_session, format_of
+    from daq.session import read_foreign_session
+
+    from ..output import print_line
+
+    if form is None and out is None:
+        advice = f"say --format {' | '.join(Format)}, or --out FILE"
+        raise InputError("export", "neither --format nor --out is given", advice)
+    wanted = ExportFormat(form) if form else format_of(out or session)
+    place = session.with_suffix(wanted.suffix) if out is None else out
+    if place.is_dir():
+        place = place / session.with_suffix(wanted.suffix).name
+    if modes and wanted is not ExportFormat.UFF:
+        raise InputError("--modes", f"{wanted} holds no mode shapes", "use --format uff")
+    style = CsvStyle(separator, decimal)
+    whole = read_foreign_session(session)
+    chosen = chosen_runs(whole, run or [])
+    shapes = _mode_shapes(whole) if modes else ()
+    if shapes is None:
+        return ExitCode.ANSWER_IS_NO
+    done = export_session(chosen, place, wanted, style=style, modes=shapes, force=force)
+    for path in done.paths:
+        print_line(str(path))
+    for note in done.notes:
+        say(note)
+    return ExitCode.OK
+
+
+def _mode_shapes(session: Session) -> tuple[ModeShapes, ...] | None:
+    """Return the modes of every state of loading; None, and why, if they are refused."""
+    import identify as method
+    from daq.formats.export import ModeShapes
+    from daq.vehicle import VehicleGeometry
+
+    from ..output import progress
+
+    with progress("identify") as stage:
+        result = method.identify(session, stage)
+    if result.quality.verdict == "refused":
+        say(f"the identification is refused, nothing is written: {result.quality.reasons[0]}")
+        return None
+    lengths = (result.parameters[name].value for name in ("a", "b", "t_f", "t_r"))
+    geometry = VehicleGeometry(*lengths)
+    return tuple(
+        ModeShapes(state, geometry, model.poles, model.shapes)
+        for state, model in result.modal.items()
+    )

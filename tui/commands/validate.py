@@ -1,0 +1,53 @@
+"""`bumpbench validate`: whether session files are what they should be."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..diagnostics import ExitCode, report
+
+
+def validate(
+    files: Annotated[list[Path] | None, typer.Argument(help="Session files (HDF5).")] = None,
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Print what a session file holds, on one page.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> int:
+    """Check session files: schema, hashes, completeness, plausibility."""
+    import daq.session
+    from daq.errors import InputError
+
+    from ..output import print_json, print_line
+
+    if schema:
+        typer.echo((daq.session.__doc__ or "").rstrip())
+        return ExitCode.OK
+    if not files:
+        raise InputError("validate", "no file is given", "name session files, or say --schema")
+    code = ExitCode.OK
+    documents: list[dict[str, Any]] = []
+    for path in files:
+        try:
+            findings = daq.session.validate_session(path)
+        except InputError as error:
+            code = report(error)
+            documents.append({"file": str(path), "valid": False, "error": error.what})
+            continue
+        valid = not any(f.severity is daq.session.Severity.ERROR for f in findings)
+        if not valid and code is ExitCode.OK:
+            code = ExitCode.ANSWER_IS_NO
+        documents.append(
+            {"file": str(path), "valid": valid, "findings": [asdict(f) for f in findings]}
+        )
+        if not json:
+            print_line(f"{path}: {'valid' if valid else 'invalid'}")
+            for finding in findings:
+                print_line(f"  {finding.severity}: {finding.where}: {finding.what}")
+    if json:
+        print_json({"files": documents})
+    return code
