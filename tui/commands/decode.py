@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..diagnostics import ExitCode
+
 if TYPE_CHECKING:
     from dbc import Codec, Decoded
 
 
 def decode(
-    log: Annotated[Path, typer.Argument(help="Any log that python-can reads.")],
+    log: Annotated[Path, typer.Argument(help="BLF, ASC, TRC, candump log, CSV, MF4, MCAP.")],
     dbc: Annotated[Path | None, typer.Option(help="DBC file; the shipped one if absent.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON instead.")] = False,
-) -> None:
+) -> int:
     """Decode a log to CSV: time_s, message, signal, value, unit."""
     import sys
     from collections import Counter
@@ -32,7 +34,8 @@ def decode(
     totals: Counter[str] = Counter()
     samples: Counter[str] = Counter()
     header = "" if json else "time_s,message,signal,value,unit\n"
-    for batch in read_log(log):
+    source = read_log(log)
+    for batch in source:
         decoded = codec.decode(batch)
         totals.update(frames=len(batch), **asdict(decoded.counts))
         samples.update({name: len(s.value) for name, s in decoded.samples.items()})
@@ -48,6 +51,9 @@ def decode(
     lost = [f"{number} {name}" for name, number in totals.items() if name != "frames" and number]
     if lost:
         say(f"of {totals['frames']} frames not all were decoded: {', '.join(lost)}")
+    if source.loss.any:
+        say(f"{log} is not whole: {source.loss.text}")
+    return ExitCode.DATA_LOST if source.loss.any else ExitCode.OK
 
 
 def _rows(codec: Codec, decoded: Decoded) -> list[str]:

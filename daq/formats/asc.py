@@ -1,0 +1,212 @@
+"""Vector's ASC: one event a line, times counted from a date in the header.
+
+0.004000 1  18DA00F1x   Rx   d 8 01 02 03 04 05 06 07 08
+0.005000 CANFD   1 Rx   123   Name   1 0 9 12 01 02 ... 0C  130 1000 303000 ...
+0.006000 1  ErrorFrame
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch, FrameFlag
+
+from .asc_date import asc_date_ns
+from .assemble import good_frames
+from .text import (
+    Index,
+    Lines,
+    Mask,
+    Parsed,
+    character,
+    cut_lines,
+    decimals,
+    integers,
+    is_word,
+    spaced_bytes,
+)
+
+LACKS = "the payload of error frames"
+_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
+_START = re.compile(r"(?:date|begin\s+triggerblock)\s", re.IGNORECASE)
+_FD_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64])
+
+
+class AscParser:
+    """Parses an ASC log block by block; remembers what its header and last line said."""
+
+    def __init__(self) -> None:
+        self._base = 16
+        self._relative = False
+        self._start_ns = 0
+        self._last_ns = 0
+
+    def __call__(self, block: bytes) -> Parsed:
+        """Return the frames of whole lines; events of other kinds are passed over."""
+        lines = cut_lines(block)
+        stamp_ns, timed = decimals(lines.text, *lines.token(0, np.arange(len(lines.first))), 9)
+        timed &= lines.count > 1
+        starts, header = self._header(lines, np.flatnonzero(~timed))
+        if self._relative:
+            stamp_ns = self._last_ns + np.cumsum(np.where(timed, stamp_ns, 0))
+            self._last_ns = int(stamp_ns[-1]) if len(stamp_ns) else self._last_ns
+        t_ns = stamp_ns + starts
+
+        bad: list[Index] = []
+        batches: list[FrameBatch] = []
+        places: list[Index] = []
+        events = np.flatnonzero(timed)
+        for rows, frames, torn in (
+            _classic(lines, events, t_ns, self._base),
+            _fd(lines, events, t_ns, self._base),
+            _error(lines, events, t_ns),
+        ):
+            bad.append(lines.number[torn])
+            batches.append(frames)
+            places.append(rows)
+        present = [batch for batch in batches if len(batch)]
+        frames = FrameBatch.concatenate(present)
+        if len(present) > 1:
+            frames = frames.select(np.argsort(np.concatenate(places), kind="stable"))
+        return Parsed(frames, np.sort(np.concatenate(bad)), header)
+
+    def _header(self, lines: Lines, rows: Index) -> tuple[NDArray[np.int64], bool]:
+        """Take in the lines that are no event; return the start of time for each line."""
+        start_ns = np.full(len(lines.first), self._start_ns)
+        header = False
+        for row in rows.tolist():
+            raw = lines.line(row)
+            if raw[:2] == b"//" or raw[:1].lower() not in b"db":
+                continue
+            line = raw.decode("utf-8" if b"\xc3" in raw else "cp1252", "replace")
+            if base := _BASE.match(line):
+                self._base = 10 if base[1].lower() == "dec" else 16
+                self._relative = (base[2] or "").lower() == "relative"
+                header = True
+            elif _START.match(line):
+                header = True
+                if (date_ns := asc_date_ns(line)) is not None:
+                    self._start_ns, self._last_ns = date_ns, 0
+                    start_ns[row:] = date_ns
+        return start_ns, header
+
+
+_Found = tuple[Index, FrameBatch, Index]
+"""Rows that are frames of one form, those frames, and rows that should be and are not whole."""
+
+
+def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found:
+    """Return the classic frames, data and remote."""
+    rows = rows[lines.count[rows] >= 5]
+    bus, is_bus = integers(lines.text, *lines.token(1, rows), 10, longest=3)
+    kind, kind_end = lines.token(4, rows)
+    letter = np.where(kind_end - kind == 1, character(lines, kind), 0)
+    direction = lines.token(3, rows)
+    sent = is_word(lines, *direction, b"tx")
+    mine = is_bus & ((letter == ord("d")) | (letter == ord("r")))
+    mine &= sent | is_word(lines, *direction, b"rx")
+    if not mine.all():
+        rows, bus, letter, sent = rows[mine], bus[mine], letter[mine], sent[mine]
+
+    remote = letter == ord("r")
+    can_id, extended, good = _identifiers(lines, rows, 2, base)
+    dlc, has_dlc = integers(lines.text, *_token_or_none(lines, rows, 5), base, longest=2)
+    good &= remote | has_dlc  # before version 8.5 a remote frame did not tell
+    dlc = np.where(has_dlc, dlc, 0)
+    good &= dlc < 16  # a DLC of 9 to 15 means 8 bytes
+    length = np.minimum(dlc, 8)
+    size = np.where(remote, 0, length)
+    good &= lines.count[rows] >= 6 * ~remote + size
+    size = np.where(good, size, 0)
+    data, whole = spaced_bytes(lines, lines.first[rows] + 6, size, base)
+    flags = extended * np.uint16(FrameFlag.EXTENDED) | remote * np.uint16(FrameFlag.REMOTE)
+    flags |= sent * np.uint16(FrameFlag.TRANSMITTED)
+    good &= whole
+    frames = good_frames(good, t_ns[rows], can_id, flags, _bus(bus), length, data)
+    return rows[good], frames, rows[~good]
+
+
+def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found:
+    """Return the frames of the long form: FD, but classic and error frames may have it too."""
+    rows = rows[lines.count[rows] >= 5]
+    rows = rows[is_word(lines, *lines.token(1, rows), b"canfd")]
+    direction = lines.token(3, rows)
+    sent = is_word(lines, *direction, b"tx")
+    rows = rows[sent | is_word(lines, *direction, b"rx")]
+    sent = is_word(lines, *lines.token(3, rows), b"tx")
+    bus, good = integers(lines.text, *lines.token(2, rows), 10, longest=3)
+    error = is_word(lines, *lines.token(4, rows), b"errorframe")
+    can_id, extended, has_id = _identifiers(lines, rows, 4, base)
+    # A symbolic name may stand between the identifier and the bits BRS and ESI.
+    _, unnamed = integers(lines.text, *_token_or_none(lines, rows, 5), 10, longest=1)
+    at = np.where(unnamed, 5, 6)
+    brs, has_brs = integers(lines.text, *_token_or_none(lines, rows, at), 2, longest=1)
+    esi, has_esi = integers(lines.text, *_token_or_none(lines, rows, at + 1), 2, longest=1)
+    dlc, has_dlc = integers(lines.text, *_token_or_none(lines, rows, at + 2), 16, longest=2)
+    length, has_length = integers(lines.text, *_token_or_none(lines, rows, at + 3), 10, longest=2)
+    good &= error | (has_id & has_brs & has_esi & has_dlc & has_length & (length <= 64))
+    size = np.where(good & ~error, length, 0)
+    good &= error | (lines.count[rows] >= at + 4 + size)
+    size = np.where(good, size, 0)
+    data, whole = spaced_bytes(lines, lines.first[rows] + at + 4, size, base)
+    # Behind the payload: duration, bits on the wire, flags.  Bit 12 is FDF: without it, the frame
+    # is a classic one in the long form, and bit 4 makes it a remote one.
+    bits, has_bits = integers(lines.text, *_token_or_none(lines, rows, at + 6 + size), 16)
+    fd = ~error & (~has_bits | (bits & 0x1000 != 0))
+    remote = ~error & ~fd & (bits & 0x10 != 0)
+    asked = _FD_LENGTHS[np.minimum(dlc, 8)]
+    good &= error | fd | (length <= 8)
+    flags = np.zeros(len(rows), np.uint16)
+    for bit, mark in (
+        (FrameFlag.EXTENDED, extended & ~error),
+        (FrameFlag.REMOTE, remote),
+        (FrameFlag.ERROR, error),
+        (FrameFlag.FD, fd),
+        (FrameFlag.BITRATE_SWITCH, fd & (brs == 1)),
+        (FrameFlag.ERROR_STATE, fd & (esi == 1)),
+        (FrameFlag.TRANSMITTED, sent),
+    ):
+        flags |= mark * np.uint16(bit)
+    length, can_id = np.where(remote, asked, size), np.where(error, 0, can_id)
+    good &= whole
+    frames = good_frames(good, t_ns[rows], can_id, flags, _bus(bus), length, data)
+    return rows[good], frames, rows[~good]
+
+
+def _error(lines: Lines, rows: Index, t_ns: NDArray[np.int64]) -> _Found:
+    """Return the error frames of the short form, which have no payload."""
+    rows = rows[lines.count[rows] >= 3]
+    bus, is_bus = integers(lines.text, *lines.token(1, rows), 10, longest=3)
+    mine = is_bus & is_word(lines, *lines.token(2, rows), b"errorframe")
+    rows, bus = rows[mine], bus[mine]
+    n = len(rows)
+    flags, nothing = np.full(n, FrameFlag.ERROR, np.uint16), np.zeros(n, np.int64)
+    data, good = np.zeros((n, 8), np.uint8), np.ones(n, bool)
+    frames = good_frames(good, t_ns[rows], nothing, flags, _bus(bus), nothing, data)
+    return rows, frames, rows[:0]
+
+
+def _identifiers(
+    lines: Lines, rows: Index, place: int, base: int
+) -> tuple[NDArray[np.int64], Mask, Mask]:
+    """Return identifiers, which are extended (an x behind them), and which are any."""
+    start, end = lines.token(place, rows)
+    extended = character(lines, end - 1) == ord("x")
+    can_id, good = integers(lines.text, start, end - extended, base, longest=9)
+    good &= can_id < np.where(extended, 1 << 29, 1 << 11)
+    return np.where(good, can_id, 0), extended, good
+
+
+def _token_or_none(lines: Lines, rows: Index, place: int | Index) -> tuple[Index, Index]:
+    """Return start and end of a token, an empty one in lines that do not have so many."""
+    index = np.minimum(lines.first[rows] + place, max(len(lines.start) - 1, 0))
+    start, end = lines.start[index], lines.end[index]
+    return start, np.where(lines.count[rows] > place, end, start)
+
+
+def _bus(channel: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return channels counted from 0; Vector counts from 1."""
+    return np.clip(channel - 1, 0, 255)

@@ -1,0 +1,125 @@
+"""Vector's BLF: objects in zlib containers, several containers parsed at a time."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import BinaryIO
+
+from dbc.errors import InputError
+from dbc.frames import FrameBatch
+
+from .blf_objects import MAX_OBJECT_BYTES, find_objects, frames_of
+from .ledger import Ledger
+
+LACKS = "the direction of error frames"
+BLOCK_BYTES = 1 << 19
+_FILE = struct.Struct("<4sL8BQQLL8H8H")
+_OBJECT = struct.Struct("<4sHHLL")
+_CONTAINER = struct.Struct("<H6xL4x")
+_IS_CONTAINER = 10
+_PLAIN, _ZLIB = 0, 2
+_ADVICE = "check what it is; its suffix may be wrong"
+
+
+def read_blf(file: BinaryIO, where: str, size: int, ledger: Ledger) -> Iterator[FrameBatch]:
+    """Read a BLF block by block.
+
+    Parameters
+    ----------
+    file : binary file
+        At its beginning.
+    where : str
+        Its name, for messages.
+    size : int
+        Its length in bytes, 0 if that is not known.
+    ledger : Ledger
+        Takes the losses.
+
+    Raises
+    ------
+    InputError
+        If it is no BLF.
+    """
+    start = file.read(_FILE.size)
+    if start[:4] != b"LOGG":
+        raise InputError(where, "is no BLF: it does not begin with LOGG", _ADVICE)
+    if len(start) < _FILE.size:
+        raise InputError(where, "is cut off within its header", "get the whole file")
+    fields = _FILE.unpack(start)
+    header_bytes, claimed = fields[1], fields[10]
+    if not _FILE.size <= header_bytes <= 1 << 16:
+        raise InputError(where, f"is no BLF: its header has {header_bytes} bytes", _ADVICE)
+    file.read(header_bytes - _FILE.size)
+    start_ns = _systemtime_ns(fields[14:22])
+    if 0 < size < claimed:
+        ledger.cut(claimed - size, f"has {size} of the {claimed} bytes that its header states")
+    data = b""
+    for piece in _pieces(file, ledger):
+        data += piece
+        if len(data) < BLOCK_BYTES:
+            continue
+        at, used = find_objects(data, ledger)
+        if len(at):
+            yield frames_of(data, at, start_ns, ledger)
+        data = data[used:]
+    at, used = find_objects(data, ledger)
+    if len(at):
+        yield frames_of(data, at, start_ns, ledger)
+    if len(data) - used >= 8:
+        ledger.cut(len(data) - used, "its last object is not whole")
+
+
+def _pieces(file: BinaryIO, ledger: Ledger) -> Iterator[bytes]:
+    """Yield the contents of the containers, and objects that are in none."""
+    while head := file.read(_OBJECT.size):
+        if len(head) < _OBJECT.size:
+            ledger.cut(len(head), "its last container is not whole")
+            return
+        mark, _, _, size, kind = _OBJECT.unpack(head)
+        if mark != b"LOBJ" or not _OBJECT.size < size <= 4 * MAX_OBJECT_BYTES:
+            rest = len(head)
+            while piece := file.read(BLOCK_BYTES):
+                rest += len(piece)
+            ledger.cut(rest, "damaged: what follows is no container")
+            return
+        body = file.read(size - _OBJECT.size)
+        padding = file.read(size % 4)
+        if kind == _IS_CONTAINER:
+            yield _unpacked(body, size - _OBJECT.size, ledger)
+        else:
+            yield head + body + padding
+        if len(body) < size - _OBJECT.size:
+            return
+
+
+def _unpacked(body: bytes, size: int, ledger: Ledger) -> bytes:
+    if len(body) < size:
+        ledger.cut(size - len(body), "its last container is not whole")
+    if len(body) < _CONTAINER.size:
+        return b""
+    method, claimed = _CONTAINER.unpack_from(body)
+    packed = body[_CONTAINER.size :]
+    if method == _PLAIN:
+        return packed
+    if method != _ZLIB or claimed > 4 * MAX_OBJECT_BYTES:
+        ledger.cut(len(packed), f"a container is packed in an unknown way ({method}, {claimed})")
+        return b""
+    try:
+        # What a container says of its length also bounds what a bomb can fill.
+        return zlib.decompressobj().decompress(packed, claimed or MAX_OBJECT_BYTES)
+    except zlib.error as error:
+        ledger.cut(len(packed), f"a container cannot be unpacked: {error}")
+        return b""
+
+
+def _systemtime_ns(fields: tuple[int, ...]) -> int:
+    """Return a SYSTEMTIME as ns since 1970 UTC; 0 if it is none: times are relative then."""
+    year, month, _, day, hour, minute, second, milliseconds = fields
+    try:
+        date = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+    except ValueError:
+        return 0
+    return max(round(date.timestamp()) * 1_000_000_000 + milliseconds * 1_000_000, 0)

@@ -1,0 +1,250 @@
+"""The objects in a BLF container: found by their chain, turned into frames column by column."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch, FrameFlag
+
+from .assemble import good_frames
+from .ledger import Ledger
+from .text import Index, Mask
+
+MAX_OBJECT_BYTES = 1 << 24
+HEADER = np.dtype(
+    {
+        "names": ["header", "version", "size", "kind", "flags", "stamp"],
+        "formats": ["<u2", "<u2", "<u4", "<u4", "<u4", "<u8"],
+        "offsets": [4, 6, 8, 12, 16, 24],
+        "itemsize": 32,
+    }
+)
+_GAP = 8
+"""Padding after an object is shorter than this."""
+_TEN_US = 1
+_ONE_DAY_NS = 86_400 * 10**9
+_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], np.uint8)
+
+
+def _layout(size: int, **fields: tuple[str, int]) -> np.dtype[np.void]:
+    return np.dtype(
+        {
+            "names": list(fields),
+            "formats": [form for form, _ in fields.values()],
+            "offsets": [offset for _, offset in fields.values()],
+            "itemsize": size,
+        }
+    )
+
+
+_CLASSIC = _layout(16, bus=("<u2", 0), flags=("u1", 2), dlc=("u1", 3), can_id=("<u4", 4))
+_ERROR_EXT = _layout(32, bus=("<u2", 0), dlc=("u1", 10), can_id=("<u4", 16))
+_ERROR = _layout(4, bus=("<u2", 0))
+_FD = _layout(
+    84,
+    bus=("<u2", 0),
+    flags=("u1", 2),
+    dlc=("u1", 3),
+    can_id=("<u4", 4),
+    fd=("u1", 13),
+    valid=("u1", 14),
+)
+_FD_64 = _layout(
+    40,
+    bus=("u1", 0),
+    dlc=("u1", 1),
+    valid=("u1", 2),
+    can_id=("<u4", 4),
+    flags=("<u4", 12),
+    direction=("u1", 34),
+    extra=("u1", 35),
+)
+_FD_ERROR_64 = _layout(4, bus=("u1", 0))
+
+
+def find_objects(data: bytes, ledger: Ledger) -> tuple[Index, int]:
+    """Return where the whole objects in `data` begin, and how many bytes are dealt with.
+
+    Each object says where it ends, and there the next one begins: a payload that happens to hold
+    the mark of an object is none.  What no chain leads to is counted as lost.
+    """
+    text = np.frombuffer(data, np.uint8)
+    at = np.flatnonzero(text[: max(len(data) - 31, 0)] == ord("L"))
+    for place, letter in enumerate(b"LOBJ"):
+        at = at[text[at + place] == letter]
+    head = _records(text, at, HEADER)
+    size = head["size"].astype(np.int64)
+    end = at + size
+    possible = (size >= 32) & (size <= MAX_OBJECT_BYTES)
+    follows = np.searchsorted(at, end)
+    gap = at[np.minimum(follows[:-1], len(at) - 1)] - end[:-1]
+    simple = len(at) > 0 and at[0] < _GAP and possible.all()
+    if simple and np.array_equal(follows[:-1], np.arange(1, len(at))) and np.all(gap < _GAP):
+        chain, lost = np.arange(len(at)), 0
+    else:
+        chain, lost = _walk(at, end, possible, follows, len(data))
+    whole = chain[end[chain] <= len(data)]
+    if len(whole) < len(chain):
+        used = int(at[chain[-1]])
+    elif len(whole):
+        used = int(end[whole[-1]])
+    else:
+        used = 0
+    if len(whole) == len(chain) and len(data) - used >= MAX_OBJECT_BYTES:
+        lost += len(data) - used - 32
+        used = len(data) - 32
+    if lost:
+        ledger.cut(lost, f"{lost} bytes between objects are none")
+    return at[whole], used
+
+
+def _walk(at: Index, end: Index, possible: Mask, follows: Index, size: int) -> tuple[Index, int]:
+    """Follow the chain object by object; return its members and the bytes passed over."""
+    chain, lost, expected, i = [], 0, 0, 0
+    while i < len(at):
+        if not possible[i]:
+            i += 1
+            continue
+        if at[i] - expected >= _GAP:
+            lost += int(at[i]) - expected
+        chain.append(i)
+        if end[i] > size:
+            break
+        expected, i = int(end[i]), int(follows[i])
+    return np.array(chain, np.intp), lost
+
+
+def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBatch:
+    """Return the frames among the objects at `at`, in their order; other objects are no frames."""
+    text = np.frombuffer(data, np.uint8)
+    head = _records(text, at, HEADER)
+    body = at + np.where(head["version"] == 2, 40, 32)
+    room = at + head["size"] - body
+    unit = np.where(head["flags"] == _TEN_US, 10_000, 1)
+    sane = head["stamp"] <= (36_500 * _ONE_DAY_NS) // unit
+    t_ns = start_ns + np.where(sane, head["stamp"], 0).astype(np.int64) * unit
+    places: list[Index] = []
+    batches: list[FrameBatch] = []
+    for kinds, layout, fill in (
+        ((1, 86), _CLASSIC, _classic),
+        ((73,), _ERROR_EXT, _error_ext),
+        ((2,), _ERROR, _error),
+        ((100,), _FD, _fd),
+        ((101,), _FD_64, _fd_64),
+        ((104,), _FD_ERROR_64, _error),
+    ):
+        rows = np.flatnonzero(np.isin(head["kind"], kinds))
+        if not len(rows):
+            continue
+        good = (room[rows] >= layout.itemsize) & sane[rows] & (head["version"][rows] <= 2)
+        torn = len(rows) - int(good.sum())
+        rows = rows[good]
+        record = _records(text, body[rows], layout)
+        can_id, flags, length, size, offset = fill(
+            record, head["size"][rows].astype(np.intp), body[rows] - at[rows]
+        )
+        extended = (flags & FrameFlag.EXTENDED) != 0
+        fits = can_id < np.where(extended | ((flags & FrameFlag.ERROR) != 0), 1 << 29, 1 << 11)
+        bus = np.maximum(record["bus"].astype(np.int64), 1) - 1
+        there = np.minimum(size, room[rows] - offset)
+        payload = _payload(text, body[rows] + offset, there, length)
+        bus = np.minimum(bus, 255)
+        batches.append(good_frames(fits, t_ns[rows], can_id, flags, bus, length, payload))
+        places.append(rows[fits])
+        if torn := torn + int((~fits).sum()):
+            ledger.garbled(torn, f"{torn} objects of type {kinds[0]} are no frames")
+    frames = FrameBatch.concatenate(batches)
+    if len(batches) > 1:
+        frames = frames.select(np.argsort(np.concatenate(places), kind="stable"))
+    return frames
+
+
+_Fields = tuple[NDArray[np.int64], NDArray[np.uint16], Index, Index, int]
+"""Identifier, flags, stated length, bytes that follow and where these begin."""
+
+
+def _identifier(record: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
+    raw = record["can_id"].astype(np.int64)
+    return raw & 0x1FFF_FFFF, (raw >> 31).astype(np.uint16) * np.uint16(FrameFlag.EXTENDED)
+
+
+def _marks(*marks: tuple[FrameFlag, Mask]) -> NDArray[np.uint16]:
+    total = np.zeros(len(marks[0][1]), np.uint16)
+    for bit, mark in marks:
+        total |= mark * np.uint16(bit)
+    return total
+
+
+def _classic(record: NDArray[np.void], *_: Index) -> _Fields:
+    can_id, flags = _identifier(record)
+    remote = record["flags"] & 0x80 != 0
+    flags |= _marks(
+        (FrameFlag.REMOTE, remote), (FrameFlag.TRANSMITTED, record["flags"] & 0x01 != 0)
+    )
+    length = np.minimum(record["dlc"], 8).astype(np.intp)
+    return can_id, flags, length, np.where(remote, 0, length), 8
+
+
+def _error_ext(record: NDArray[np.void], *_: Index) -> _Fields:
+    can_id, flags = _identifier(record)
+    length = np.minimum(record["dlc"], 8).astype(np.intp)
+    return can_id, flags | np.uint16(FrameFlag.ERROR), length, length, 24
+
+
+def _error(record: NDArray[np.void], *_: Index) -> _Fields:
+    nothing = np.zeros(len(record), np.int64)
+    flags = np.full(len(record), FrameFlag.ERROR, np.uint16)
+    return nothing, flags, nothing, nothing, 0
+
+
+def _fd(record: NDArray[np.void], *_: Index) -> _Fields:
+    can_id, flags = _identifier(record)
+    fd = record["fd"] & 1 != 0
+    remote = ~fd & (record["flags"] & 0x80 != 0)
+    flags |= _marks(
+        (FrameFlag.REMOTE, remote),
+        (FrameFlag.TRANSMITTED, record["flags"] & 0x01 != 0),
+        (FrameFlag.FD, fd),
+        (FrameFlag.BITRATE_SWITCH, fd & (record["fd"] & 2 != 0)),
+        (FrameFlag.ERROR_STATE, fd & (record["fd"] & 4 != 0)),
+    )
+    length = _length(record["dlc"], fd)
+    return can_id, flags, length, np.where(remote, 0, np.minimum(length, record["valid"])), 20
+
+
+def _fd_64(record: NDArray[np.void], whole: Index, header: Index) -> _Fields:
+    can_id, flags = _identifier(record)
+    bits = record["flags"]
+    fd = bits & 0x1000 != 0
+    remote = ~fd & (bits & 0x10 != 0)
+    flags |= _marks(
+        (FrameFlag.REMOTE, remote),
+        (FrameFlag.TRANSMITTED, record["direction"] != 0),
+        (FrameFlag.FD, fd),
+        (FrameFlag.BITRATE_SWITCH, fd & (bits & 0x2000 != 0)),
+        (FrameFlag.ERROR_STATE, fd & (bits & 0x4000 != 0)),
+    )
+    length = _length(record["dlc"], fd)
+    # More bytes may be called valid than there are: the others were zero.  What may follow the
+    # payload begins at `extra`, counted from the start of the object.
+    extra = record["extra"].astype(np.intp)
+    there = np.where(extra > 0, np.minimum(extra, whole), whole) - header - _FD_64.itemsize
+    size = np.minimum(np.minimum(length, record["valid"]), np.maximum(there, 0))
+    return can_id, flags, length, np.where(remote, 0, size), 40
+
+
+def _length(dlc: NDArray[np.uint8], fd: Mask) -> Index:
+    return np.where(fd, _LENGTHS[np.minimum(dlc, 15)], np.minimum(dlc, 8)).astype(np.intp)
+
+
+def _payload(text: NDArray[np.uint8], at: Index, size: Index, length: Index) -> NDArray[np.uint8]:
+    width = 8 if length.max(initial=0) <= 8 else 64
+    index = np.minimum(at[:, None] + np.arange(width), len(text) - 1)
+    return np.where(np.arange(width) < size[:, None], text[index], 0).astype(np.uint8)
+
+
+def _records(text: NDArray[np.uint8], at: Index, layout: np.dtype[np.void]) -> NDArray[np.void]:
+    """Return the structures that begin at `at`, (n,)."""
+    raw = text[at[:, None] + np.arange(layout.itemsize)]
+    return np.ascontiguousarray(raw).view(layout).reshape(len(at))

@@ -1,0 +1,85 @@
+"""candump's log (`candump -l`, `candump -L`): ``(1700000000.000000) can0 123#DEADBEEF R``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dbc.frames import FrameFlag
+
+from .assemble import good_frames
+from .text import Index, Lines, Parsed, character, cut_lines, decimals, integers, packed_bytes
+
+LACKS = ""
+_ERROR_BIT = 0x2000_0000
+_BRS, _ESI = 1, 2
+
+
+def parse_candump(block: bytes) -> Parsed:
+    """Return the frames of whole lines of a candump log; every line should be one."""
+    lines = cut_lines(block)
+    rows = np.flatnonzero(lines.count >= 3)
+    stamp, stamp_end = lines.token(0, rows)
+    t_ns, good = decimals(lines.text, stamp + 1, stamp_end - 1, 9)
+    good &= (lines.text[stamp] == ord("(")) & (lines.text[stamp_end - 1] == ord(")"))
+
+    start, end = lines.token(2, rows)
+    hash_at = _hash_at(lines, start, end)
+    can_id, has_id = integers(lines.text, start, hash_at, 16, longest=8)
+    error = can_id & _ERROR_BIT != 0
+    extended = (hash_at - start > 3) & ~error
+    good &= has_id & (can_id < np.where(error, 2 * _ERROR_BIT, _ERROR_BIT))
+    good &= extended | error | (can_id < 1 << 11)
+
+    after = character(lines, hash_at + 1)
+    fd, remote = after == ord("#"), after == ord("r")
+    bits, has_bits = integers(lines.text, hash_at + 2, hash_at + 3, 16)
+    good &= ~fd | has_bits
+    # A classic frame of 8 bytes may carry the raw DLC of the wire behind it: 123#..._E
+    end = end - 2 * ((lines.text[end - 2] == ord("_")) & ~fd)
+    data_at = np.where(fd, hash_at + 3, np.where(remote, hash_at + 2, hash_at + 1))
+    asked, has_asked = integers(lines.text, data_at, end, 10, longest=1)
+    length = np.where(remote, np.where(has_asked, asked, 0), (end - data_at) // 2)
+    good &= np.where(remote, has_asked | (data_at == end), (end - data_at) % 2 == 0)
+    good &= (length >= 0) & (length <= np.where(fd, 64, 8))
+    size = np.where(good & ~remote, length, 0)
+    data, is_hex = packed_bytes(lines.text, data_at, size)
+    good &= is_hex
+
+    flags = np.zeros(len(rows), np.uint16)
+    for bit, mark in (
+        (FrameFlag.EXTENDED, extended),
+        (FrameFlag.REMOTE, remote),
+        (FrameFlag.ERROR, error),
+        (FrameFlag.FD, fd),
+        (FrameFlag.BITRATE_SWITCH, fd & (bits & _BRS != 0)),
+        (FrameFlag.ERROR_STATE, fd & (bits & _ESI != 0)),
+        (FrameFlag.TRANSMITTED, _transmitted(lines, rows)),
+    ):
+        flags |= mark * np.uint16(bit)
+    can_id = can_id & (_ERROR_BIT - 1)
+    frames = good_frames(good, t_ns, can_id, flags, _bus(lines, rows), length, data)
+    bad = np.concatenate([lines.number[lines.count < 3], lines.number[rows[~good]]])
+    return Parsed(frames, np.sort(bad))
+
+
+def _hash_at(lines: Lines, start: Index, end: Index) -> Index:
+    """Return where the identifier ends; `end` where no # follows it."""
+    at = end.copy()
+    for place in range(8, 0, -1):
+        at = np.where(lines.text[start + place] == ord("#"), start + place, at)
+    return at
+
+
+def _transmitted(lines: Lines, rows: Index) -> Index:
+    last = lines.start[lines.first[rows] + np.minimum(lines.count[rows], 4) - 1]
+    return np.asarray((lines.count[rows] > 3) & (character(lines, last) == ord("t")))
+
+
+def _bus(lines: Lines, rows: Index) -> Index:
+    """Return the number at the end of the interface's name: 1 of vcan1, 0 of one without."""
+    start, end = lines.token(1, rows)
+    bus = np.zeros(len(rows), np.int64)
+    for digits in (1, 2, 3):
+        value, is_number = integers(lines.text, np.maximum(end - digits, start), end, 10)
+        bus = np.where(is_number & (value < 256), value, bus)
+    return bus

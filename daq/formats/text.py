@@ -1,0 +1,239 @@
+"""Text logs in blocks: lines, tokens and numbers of a whole block at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import InputError, printable
+from dbc.frames import FrameBatch
+
+from .ledger import Ledger
+
+BLOCK_BYTES = 1 << 18
+"""Read at a time: some 5,000 frames, parsed in a few milliseconds."""
+MAX_LINE_BYTES = 1 << 16
+MAX_NUMBER = 18
+"""Longest number: more decimal digits do not fit 64 bits."""
+_PAD = b"\n" * 160
+"""Behind a block, so that looking beyond the last token is looking at nothing."""
+
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+_DIGIT = np.full(256, 99, np.uint8)
+for _value, _characters in enumerate(["0", "1", "2", "3", "4", "5", "6", "7", "8", "9"]):
+    _DIGIT[ord(_characters)] = _value
+for _value, _characters in enumerate(["aA", "bB", "cC", "dD", "eE", "fF"], start=10):
+    _DIGIT[[ord(_character) for _character in _characters]] = _value
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """The lines of a block that hold anything, cut into tokens.
+
+    Parameters
+    ----------
+    text : (k,) uint8
+        The characters.
+    start, end : (m,) int
+        Where each token starts and ends.
+    first : (n,) int
+        Index of the first token of each line.
+    count : (n,) int
+        Number of its tokens, at least 1.
+    number : (n,) int
+        Number of the line in the block, from 0; empty lines count.
+    """
+
+    text: NDArray[np.uint8]
+    start: Index
+    end: Index
+    first: Index
+    count: Index
+    number: Index
+
+    def token(self, place: int, rows: Index) -> tuple[Index, Index]:
+        """Return start and end of the token at a place in lines that have so many."""
+        index = self.first[rows] + place
+        return self.start[index], self.end[index]
+
+    def line(self, row: int) -> bytes:
+        """Return the text of a line, from its first token to its last."""
+        first, last = self.first[row], self.first[row] + self.count[row] - 1
+        return self.text[self.start[first] : self.end[last]].tobytes()
+
+
+@dataclass(frozen=True, slots=True)
+class Parsed:
+    """What a block of lines holds.
+
+    Parameters
+    ----------
+    frames : FrameBatch
+        In the order of the lines.
+    bad : (g,) int
+        Numbers of the lines in the block that should be frames and cannot be read.
+    header : bool
+        Whether the block has what only this format has, frames aside.
+    """
+
+    frames: FrameBatch
+    bad: Index
+    header: bool = False
+
+
+def cut_lines(block: bytes, separators: bytes = b" \t") -> Lines:
+    """Cut a block of whole lines into tokens."""
+    text = np.frombuffer(block + _PAD, np.uint8)
+    parting = np.zeros(256, bool)
+    parting[list(separators + b"\r\n")] = True
+    inside = ~parting[text]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside]).view(np.int8)))
+    start, end = edges[::2], edges[1::2]
+    breaks = np.flatnonzero(text[: len(block)] == ord("\n"))
+    first = np.searchsorted(start, np.concatenate([[0], breaks + 1]))
+    count = np.diff(first, append=len(start))
+    held = np.flatnonzero(count)
+    return Lines(text, start, end, first[held], count[held], held)
+
+
+def integers(
+    text: NDArray[np.uint8], start: Index, end: Index, base: int, longest: int = MAX_NUMBER
+) -> tuple[NDArray[np.int64], Mask]:
+    """Return the numbers written from `start` to `end`, and which of them are numbers at all."""
+    width = end - start
+    value = np.zeros(len(start), np.int64)
+    good = (width > 0) & (width <= longest)
+    for place in range(int(min(width.max(initial=0), longest))):
+        digit = _DIGIT[text[start + place]]
+        inside = place < width
+        good &= ~inside | (digit < base)
+        value = np.where(inside, value * base + digit, value)
+    return value, good
+
+
+def decimals(
+    text: NDArray[np.uint8], start: Index, end: Index, places: int
+) -> tuple[NDArray[np.int64], Mask]:
+    """Return decimal fractions in units of ``10**-places``, and which are well written.
+
+    Digits beyond `places` are cut off.
+    """
+    width = end - start
+    value = np.zeros(len(start), np.int64)
+    good = (width > 0) & (width <= MAX_NUMBER + 8)
+    scale = np.full(len(start), -1)  # digits behind the point so far; -1 before it
+    digits = np.zeros(len(start), np.int64)
+    for place in range(int(min(width.max(initial=0), MAX_NUMBER + 8))):
+        character = text[start + place]
+        digit = _DIGIT[character]
+        inside = place < width
+        point = inside & (character == ord(".")) & (scale < 0)
+        number = inside & (digit < 10)
+        good &= ~inside | point | number
+        taken = number & (scale < places)
+        value = np.where(taken, value * 10 + digit, value)
+        digits += taken
+        scale = np.where(point, 0, scale + (taken & (scale >= 0)))
+    missing = places - np.maximum(scale, 0)
+    good &= (digits > 0) & (digits + missing <= MAX_NUMBER + 1)
+    return value * 10 ** np.where(good, missing, 0), good
+
+
+def packed_bytes(
+    text: NDArray[np.uint8], start: Index, length: Index
+) -> tuple[NDArray[np.uint8], Mask]:
+    """Return payloads written as hex digits without spaces, (n, 8) or (n, 64)."""
+    width = 8 if length.max(initial=0) <= 8 else 64
+    digit = _DIGIT[text[start[:, None] + np.arange(2 * width)]]
+    data = digit[:, ::2] * np.uint8(16) + digit[:, 1::2]
+    inside = np.arange(width) < length[:, None]
+    good = np.all((np.maximum(digit[:, ::2], digit[:, 1::2]) < 16) | ~inside, axis=1)
+    return np.where(inside, data, 0).astype(np.uint8), good
+
+
+def spaced_bytes(
+    lines: Lines, first: Index, length: Index, base: int
+) -> tuple[NDArray[np.uint8], Mask]:
+    """Return payloads written as one token a byte, from token `first` on, (n, 8) or (n, 64)."""
+    width = 8 if length.max(initial=0) <= 8 else 64
+    inside = np.arange(width) < length[:, None]
+    token = np.minimum(first[:, None] + np.arange(width), len(lines.start) - 1)
+    start, end = lines.start[token].ravel(), lines.end[token].ravel()
+    value, good = integers(lines.text, start, end, base, longest=3)
+    fits = (good & (value < 256)).reshape(inside.shape) | ~inside
+    data = np.where(inside, value.reshape(inside.shape), 0).astype(np.uint8)
+    return data, np.asarray(fits.all(axis=1))
+
+
+def character(lines: Lines, at: Index) -> NDArray[np.uint8]:
+    """Return the characters at places in the text, letters in lower case."""
+    text = lines.text[at]
+    return np.where((text >= ord("A")) & (text <= ord("Z")), text | 32, text)
+
+
+def is_word(lines: Lines, start: Index, end: Index, word: bytes) -> Mask:
+    """Return which tokens are `word` (lower case), written in any case."""
+    same: Mask = end - start == len(word)
+    for place, letter in enumerate(word):
+        same &= character(lines, start + place) == letter
+    return same
+
+
+def read_lines(
+    file: BinaryIO, where: str, parse: Callable[[bytes], Parsed], ledger: Ledger
+) -> Iterator[FrameBatch]:
+    """Read a text log block by block.
+
+    Parameters
+    ----------
+    file : binary file
+        At its beginning.
+    where : str
+        Its name, for messages.
+    parse : callable
+        Takes whole lines, block by block.
+    ledger : Ledger
+        Takes the losses.
+
+    Raises
+    ------
+    InputError
+        If it is no text, or nothing in its first block is of that format.
+    """
+    tail, before, known, more = b"", 0, False, True
+    while more:
+        piece = file.read(BLOCK_BYTES)
+        more = bool(piece)
+        whole, newline, tail = (tail + piece).rpartition(b"\n")
+        if len(tail) > MAX_LINE_BYTES or (not known and b"\0" in piece):
+            raise InputError(where, "is no text log", "check what it is; its suffix may be wrong")
+        lines = [(whole + newline, True)] if newline else []
+        if tail.strip() and not more:
+            lines.append((tail, False))
+        for block, ended in lines:
+            parsed = parse(block)
+            known |= parsed.header or len(parsed.frames) > 0
+            if not known:
+                advice = "check what it is; its suffix may be wrong"
+                raise InputError(where, "begins with no line of its format", advice)
+            if ended:
+                _tell(parsed, block, before, ledger)
+                yield parsed.frames
+            elif tail.lstrip()[:1] in b"(0123456789":
+                # Nobody can tell a whole last line from one cut in a number or in its payload.
+                ledger.cut(len(tail), f"line {before + 1} has no end")
+            before += block.count(b"\n")
+
+
+def _tell(parsed: Parsed, block: bytes, before: int, ledger: Ledger) -> None:
+    if len(parsed.bad):
+        number = int(parsed.bad[0])
+        line = block.split(b"\n", number + 1)[number].decode("ascii", "backslashreplace")
+        note = f"line {before + number + 1} is no frame: {printable(line.strip(), 60)!r}"
+        ledger.garbled(len(parsed.bad), note)

@@ -1,0 +1,134 @@
+"""Frames of every kind, as python-can's messages: the truth of the readers' tests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import can
+import numpy as np
+
+from dbc import FrameBatch, FrameFlag
+
+START_S = 1_760_000_000
+FD_LENGTHS = (0, 1, 5, 8, 12, 16, 20, 24, 32, 48, 64)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame; microseconds count from START_S."""
+
+    t_us: int
+    can_id: int
+    length: int
+    data: bytes
+    bus: int = 0
+    extended: bool = False
+    remote: bool = False
+    error: bool = False
+    fd: bool = False
+    brs: bool = False
+    esi: bool = False
+    sent: bool = False
+
+
+def mixed(n: int, seed: int = 1) -> list[Frame]:
+    """Return n frames: standard, extended, remote, error, FD with BRS and with ESI."""
+    rng = np.random.default_rng(seed)
+    frames = []
+    for i in range(n):
+        kind = ("std", "ext", "std", "rtr", "fd", "brs", "esi", "err")[i % 8]
+        extended = kind == "ext" or bool(rng.integers(2) and kind not in ("std", "err"))
+        fd = kind in ("fd", "brs", "esi")
+        length = int(rng.choice(FD_LENGTHS)) if fd else int(rng.integers(9))
+        frames.append(
+            Frame(
+                t_us=i * 997,
+                can_id=int(rng.integers(1 << 29 if extended else 1 << 11)),
+                length=length,
+                data=b"" if kind == "rtr" else rng.bytes(length),
+                bus=int(rng.integers(3)),
+                extended=extended,
+                remote=kind == "rtr",
+                error=kind == "err",
+                fd=fd,
+                brs=kind in ("brs", "esi"),
+                esi=kind == "esi",
+                sent=bool(rng.integers(2)) and kind != "err",
+            )
+        )
+    # A payload that looks like the mark of an object in a BLF.
+    frames[0] = replace(frames[0], length=8, data=b"xxLOBJ\x20\x00")
+    return frames
+
+
+def message(frame: Frame) -> can.Message:
+    return can.Message(
+        timestamp=START_S + frame.t_us * 1e-6,
+        arbitration_id=frame.can_id,
+        dlc=frame.length,
+        data=frame.data or None,
+        channel=frame.bus,
+        is_extended_id=frame.extended,
+        is_remote_frame=frame.remote,
+        is_error_frame=frame.error,
+        is_fd=frame.fd,
+        bitrate_switch=frame.brs,
+        error_state_indicator=frame.esi,
+        is_rx=not frame.sent,
+    )
+
+
+def frames_in(batch: FrameBatch) -> list[Frame]:
+    """Return a batch as frames; stamps to the microsecond."""
+
+    def has(flags: int, flag: FrameFlag) -> bool:
+        return bool(flags & flag)
+
+    rows = zip(
+        batch.t_ns.tolist(),
+        batch.can_id.tolist(),
+        batch.flags.tolist(),
+        batch.bus.tolist(),
+        batch.length.tolist(),
+        batch.data,
+        strict=True,
+    )
+    return [
+        Frame(
+            round((t_ns - START_S * 1_000_000_000) / 1000),
+            can_id,
+            length,
+            b"" if has(flags, FrameFlag.REMOTE) else row[:length].tobytes(),
+            bus,
+            has(flags, FrameFlag.EXTENDED),
+            has(flags, FrameFlag.REMOTE),
+            has(flags, FrameFlag.ERROR),
+            has(flags, FrameFlag.FD),
+            has(flags, FrameFlag.BITRATE_SWITCH),
+            has(flags, FrameFlag.ERROR_STATE),
+            has(flags, FrameFlag.TRANSMITTED),
+        )
+        for t_ns, can_id, flags, bus, length, row in rows
+    ]
+
+
+def batch_of(frames: list[Frame]) -> FrameBatch:
+    """Return frames as a batch, the inverse of `frames_in`."""
+    flags = [
+        FrameFlag.EXTENDED * f.extended
+        | FrameFlag.REMOTE * f.remote
+        | FrameFlag.ERROR * f.error
+        | FrameFlag.FD * f.fd
+        | FrameFlag.BITRATE_SWITCH * f.brs
+        | FrameFlag.ERROR_STATE * f.esi
+        | FrameFlag.TRANSMITTED * f.sent
+        for f in frames
+    ]
+    return FrameBatch(
+        np.array([START_S * 1_000_000_000 + f.t_us * 1000 for f in frames]),
+        np.array([f.can_id for f in frames], np.uint32),
+        np.array(flags, np.uint16),
+        np.array([f.bus for f in frames], np.uint8),
+        np.array([f.length for f in frames], np.uint8),
+        np.frombuffer(b"".join(f.data.ljust(64, b"\0") for f in frames), np.uint8).reshape(-1, 64),
+    )
