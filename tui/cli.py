@@ -10,6 +10,7 @@ import sys
 
 import typer
 
+from .commands.batch import batch
 from .commands.decode import decode
 from .commands.demo import demo
 from .commands.export import export
@@ -29,7 +30,19 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (demo, simulate, record, recover, decode, inspect, identify, plan, export, validate):
+for command in (
+    demo,
+    simulate,
+    record,
+    recover,
+    decode,
+    inspect,
+    identify,
+    plan,
+    batch,
+    export,
+    validate,
+):
     app.command()(command)
 app.add_typer(study, name="study")
 

@@ -1,17 +1,12 @@
-"""A pure function over many seeds in worker processes."""
+"""A pure function over many seeds, by the executors of `tui.executors`."""
 
 from __future__ import annotations
 
-import os
-import signal
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import active_children, get_context, parent_process
-from multiprocessing.connection import wait
-from threading import Thread
 from typing import TypeVar
 
+from ...executors import Processes, as_finished
 from ...output import Stage
 
 Result = TypeVar("Result")
@@ -21,9 +16,6 @@ def over_seeds(
     function: Callable[[int], Result], seeds: range, workers: int, stage: Stage
 ) -> list[Result]:
     """Return ``function(seed)`` of every seed, in their order.
-
-    Ctrl-C reaches only this process, which then ends its workers: they say nothing and leave
-    nothing behind.
 
     Parameters
     ----------
@@ -43,37 +35,14 @@ def over_seeds(
     """
     from dbc.errors import InputError  # with NumPy behind it: not for --help
 
-    context = get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _end_with_parent) as executor:
+    results: dict[int, Result] = {}
+    with Processes(workers) as crew:
         try:
-            # Workers start at the first calls, and inherit which signals are blocked.
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            try:
-                futures = [executor.submit(function, seed) for seed in seeds]
-            finally:
-                signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-            for done, future in enumerate(as_completed(futures), start=1):
-                future.result()  # what fails, fails at once
-                stage(done / len(futures), f"{done} of {len(futures)}")
-            return [future.result() for future in futures]
+            for seed, future in as_finished(crew, function, seeds):
+                results[seed] = future.result()  # what fails, fails at once
+                stage(len(results) / len(seeds), f"{len(results)} of {len(seeds)}")
         except BrokenProcessPool:
             raise InputError(
                 "study", "a worker process died", "try fewer --workers or a lower --rate-hz"
             ) from None
-        except BaseException:
-            # Otherwise the executor would first finish what it has begun.
-            for worker in active_children():
-                worker.terminate()
-            raise
-
-
-def _end_with_parent() -> None:
-    """Let a worker end when its parent was killed; it would wait for work for ever."""
-    parent = parent_process()
-    assert parent is not None  # a worker has one
-
-    def watch() -> None:
-        wait([parent.sentinel])
-        os._exit(1)
-
-    Thread(target=watch, daemon=True).start()
+    return [results[seed] for seed in seeds]

@@ -1,0 +1,100 @@
+"""The command: files in, rows as they finish, a table at the end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ...diagnostics import ExitCode
+
+if TYPE_CHECKING:
+    from .tally import Tally
+
+_SHOWN = 20
+"""Refused and failed sessions to name; the table has all."""
+
+
+def batch(
+    files: Annotated[
+        list[str],
+        typer.Argument(
+            help="Session files, folders with such, or quoted patterns ('2026-*/*.h5')."
+        ),
+    ],
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=64, help="Processes; one a core if not said.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Use the Dask cluster at tcp://HOST:PORT, whose workers have bumpbench installed "
+            "and see the files under the same paths; start them with --nthreads 1.",
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Table to write: *.csv or *.parquet.")] = Path(
+        "bumpbench-batch.csv"
+    ),
+    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> int:
+    """Identify many sessions: one row each, with parameters, modes, verdict and reasons.
+
+    A session that fails is a row with its reason.  Rows are kept in OUT.jsonl as they finish: run
+    the same command again, after Ctrl-C or a crash or with more files, and it goes on where it
+    stopped.  Done again are sessions that failed, and all after an update of bumpbench.
+
+    Exit code 1 if any of the sessions was refused or failed.
+    """
+    import os
+    from dataclasses import asdict
+    from time import perf_counter
+
+    from dbc.errors import InputError
+
+    from ...diagnostics import say
+    from ...executors import crew_of
+    from ...output import print_json, progress
+    from .journal import RowJournal
+    from .table import check_table_file, write_table
+    from .tally import work_off
+    from .work import session_files
+
+    if scheduler is not None and workers is not None:
+        raise InputError(
+            "--workers", "a cluster has its own workers", "leave it out with --scheduler"
+        )
+    check_table_file(out)
+    sessions = session_files(files)
+    began_s = perf_counter()
+    with RowJournal(out.with_name(f"{out.name}.jsonl")) as journal:
+        try:
+            with (
+                crew_of(workers or os.cpu_count() or 1, scheduler) as crew,
+                progress("batch") as stage,
+            ):
+                tally = work_off(crew, sessions, journal, out, stage)
+        except KeyboardInterrupt:
+            say("stopped; the rows so far are kept, the same command goes on from here")
+            raise
+        finally:
+            write_table(out, journal.path)
+    seconds = round(perf_counter() - began_s, 2)
+    if json:
+        print_json({**asdict(tally), "out": str(out), "seconds": seconds})
+    else:
+        _print(tally, out, seconds)
+    return ExitCode.ANSWER_IS_NO if tally.bad else ExitCode.OK
+
+
+def _print(tally: Tally, out: Path, seconds: float) -> None:
+    from ...output import print_line
+
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(tally.verdicts.items()))
+    print_line(f"{tally.sessions} sessions: {counts or 'none'}")
+    print_line(f"{tally.done_now} of them done now in {seconds:.1f} s; table: {out}")
+    for case in tally.bad[:_SHOWN]:
+        print_line(f"  - {case['verdict']}: {case['file']}: {case['reasons']}")
+    if len(tally.bad) > _SHOWN:
+        print_line(f"  - and {len(tally.bad) - _SHOWN} more in the table")

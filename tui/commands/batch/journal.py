@@ -1,0 +1,127 @@
+"""Rows as they finish: one JSON line each, safe the moment it is written."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from dbc.errors import InputError
+from identify.batch import Cell
+
+from .work import FAILED, software
+
+
+class RowJournal:
+    """The rows of a batch beside its table, appended to and never rewritten.
+
+    What a kill left of a line that was being written is cut off.  One batch at a time may write.
+
+    Parameters
+    ----------
+    path : Path
+        The file; made if need be.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written, another batch is writing to it, or it is something else.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._stream = path.open("a+b")
+        except OSError as error:
+            raise InputError(
+                str(path), error.strerror or "cannot be written", "choose another --out"
+            ) from None
+        try:
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._stream.close()
+            raise InputError(
+                str(path), "another batch is writing to it", "wait for it, or choose another --out"
+            ) from None
+        try:
+            self.verdicts = self._read()
+        except InputError:
+            self._stream.close()
+            raise
+
+    def append(self, row: dict[str, Cell]) -> None:
+        """Add a row; it survives whatever happens after.
+
+        Raises
+        ------
+        InputError
+            If the disk is full.
+        """
+        try:
+            self._stream.write(json.dumps(row, allow_nan=False).encode() + b"\n")
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+        except OSError as error:
+            raise InputError(
+                str(self.path),
+                error.strerror or "cannot be written",
+                "make room, and run the same command to continue",
+            ) from None
+        _note(self.verdicts, row)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the file, which frees it for others."""
+        self._stream.close()
+
+    def _read(self) -> dict[str, str]:
+        """Return hash to verdict of what is done with this version, and cut off a torn line."""
+        verdicts: dict[str, str] = {}
+        whole = 0
+        self._stream.seek(0)
+        for line in self._stream:
+            if line.endswith(b"\n"):
+                whole += len(line)
+        self._stream.truncate(whole)
+        for _, row in rows_in(self.path):
+            _note(verdicts, row)
+        return verdicts
+
+
+def _note(verdicts: dict[str, str], row: dict[str, Cell]) -> None:
+    """Note a result that need not be made again; a failure might have been the machine's."""
+    if row["verdict"] != FAILED and row["software"] == software():
+        verdicts[str(row["sha256"])] = str(row["verdict"])
+
+
+def rows_in(path: Path) -> Iterator[tuple[int, dict[str, Cell]]]:
+    """Yield the place and the content of each row of a journal.
+
+    Raises
+    ------
+    InputError
+        Naming the line that is no row.
+    """
+    with path.open("rb") as stream:
+        place = 0
+        for number, line in enumerate(stream, start=1):
+            try:
+                row = json.loads(line)
+                row["file"], row["sha256"], row["verdict"], row["software"]
+            except (ValueError, KeyError, TypeError):
+                raise InputError(
+                    f"{path}:{number}", "is no row of a batch", "choose another --out"
+                ) from None
+            yield place, row
+            place += len(line)

@@ -1,0 +1,105 @@
+"""All sessions of a batch through the workers, and what came of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+
+from dbc.errors import InputError
+
+from ...executors import Crew, as_finished
+from ...output import Stage
+from .journal import RowJournal
+from .table import write_table
+from .work import FAILED, Job, job_of, row_of, row_of_lost
+
+_PUBLISH_S = 60.0
+"""How old the table may be while the batch runs."""
+_BAD = ("refused", FAILED)
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """What came of the sessions of one batch.
+
+    Parameters
+    ----------
+    sessions : int
+        How many there are; a copy of another one does not count.
+    done_now : int
+        How many of them were not done before.
+    verdicts : dict of verdict to int
+        How many have each.
+    bad : list of dict
+        File, verdict and reasons of the refused and failed ones.
+    """
+
+    sessions: int
+    done_now: int
+    verdicts: dict[str, int]
+    bad: list[dict[str, str]]
+
+
+def work_off(
+    crew: Crew, files: Sequence[Path], journal: RowJournal, out: Path, stage: Stage
+) -> Tally:
+    """Identify what the journal does not know yet.
+
+    Parameters
+    ----------
+    crew : Crew
+        Who does it.
+    files : sequence of Path
+        Session files.
+    journal : RowJournal
+        Takes the rows.
+    out : Path
+        The table, brought up to date every minute.
+    stage : Stage
+        Is told how far it is.
+
+    Raises
+    ------
+    InputError
+        If rows cannot be kept, or the cluster has gone.
+    """
+    verdicts: Counter[str] = Counter()
+    bad: list[dict[str, str]] = []
+    seen: set[str] = set()
+    done_now = 0
+
+    def count(file: str, verdict: str, reasons: str) -> None:
+        verdicts[verdict] += 1
+        if verdict in _BAD:
+            bad.append({"file": file, "verdict": verdict, "reasons": reasons})
+        done = verdicts.total()
+        stage(done / len(files), f"{done} of {len(files)}, {len(bad)} refused or failed")
+
+    def jobs() -> Iterator[Job]:
+        for job in map(job_of, files):  # hashed while the workers work
+            if job.sha256 in seen:
+                continue
+            if job.sha256:
+                seen.add(job.sha256)
+            if job.sha256 in journal.verdicts:
+                count(job.file, journal.verdicts[job.sha256], "as before; see the table")
+            else:
+                yield job
+
+    published_s = monotonic()
+    for job, future in as_finished(crew, row_of, jobs()):
+        if future.cancelled():
+            raise InputError(
+                "--scheduler", "the cluster has gone", "the same command goes on from here"
+            )
+        row = row_of_lost(job, future) if future.exception() else future.result()
+        journal.append(row)
+        done_now += 1
+        count(job.file, str(row["verdict"]), str(row["reasons"]))
+        if monotonic() - published_s > _PUBLISH_S:
+            write_table(out, journal.path)
+            published_s = monotonic()
+    return Tally(verdicts.total(), done_now, dict(verdicts), bad)

@@ -1,0 +1,123 @@
+"""What a worker does with one session file; and which files there are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import cache
+from hashlib import file_digest
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+from traceback import extract_tb
+
+from dbc.errors import BumpbenchError, InputError, printable
+from identify.batch import Cell
+
+FAILED = "failed"
+"""Verdict of a session that has no identification."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One session file.
+
+    Parameters
+    ----------
+    file : str
+        Absolute path: a cluster's workers have other working directories.
+    sha256 : str
+        Of its content; empty if it cannot be read.
+    """
+
+    file: str
+    sha256: str
+
+
+def session_files(names: Sequence[str]) -> list[Path]:
+    """Return the session files that are meant, each once.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Files, folders (every .h5 in them and below), patterns such as ``2026-*/*.h5``.
+
+    Raises
+    ------
+    InputError
+        If one of them means no file.
+    """
+    found: dict[Path, None] = {}
+    for name in names:
+        path = Path(name)
+        if path.is_dir():
+            files = sorted(path.rglob("*.h5"))
+        elif path.exists() or not set(name) & set("*?["):
+            files = [path]
+        else:
+            files = sorted(Path(path.anchor or ".").glob(str(path.relative_to(path.anchor))))
+        if not files or not all(file.exists() for file in files):
+            what = "holds no session file (*.h5)" if path.is_dir() else "no such file"
+            raise InputError(name, what, "name session files, folders or patterns")
+        found |= dict.fromkeys(file.absolute() for file in files if file.is_file())
+    return list(found)
+
+
+def job_of(file: Path) -> Job:
+    """Return a file with the hash of its content."""
+    try:
+        with file.open("rb") as stream:
+            return Job(str(file), file_digest(stream, "sha256").hexdigest())
+    except OSError:
+        return Job(str(file), "")  # the row says why
+
+
+@cache
+def software() -> str:
+    """Return the version that makes the results what they are."""
+    return f"bumpbench {version('bumpbench')}"
+
+
+def row_of(job: Job) -> dict[str, Cell]:
+    """Read, identify, and return the row; whatever goes wrong is its reason."""
+    from daq import read_session
+    from identify.batch import session_row
+
+    began_s = perf_counter()
+    try:
+        row = session_row(read_session(job.file))
+    except BumpbenchError as error:
+        row = _failed(str(error))
+    except Exception as error:  # one strange session of thousands must not cost the others
+        last = extract_tb(error.__traceback__)[-1]
+        where = f"{Path(last.filename).name}:{last.lineno}"
+        row = _failed(f"{type(error).__name__} in {where}: {error}")
+    return _with_provenance(job, row, perf_counter() - began_s)
+
+
+def row_of_lost(job: Job, future: Future[dict[str, Cell]]) -> dict[str, Cell]:
+    """Return the row of a session whose worker could not answer."""
+    error = future.exception()
+    if isinstance(error, BrokenProcessPool):
+        row = _failed("its worker process died, most likely for want of memory")
+    else:
+        row = _failed(f"its worker failed: {type(error).__name__}: {error}")
+    return _with_provenance(job, row, 0.0)
+
+
+def _failed(reason: str) -> dict[str, Cell]:
+    return {"verdict": FAILED, "reasons": printable(reason, 800)}
+
+
+def _with_provenance(job: Job, row: dict[str, Cell], seconds: float) -> dict[str, Cell]:
+    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy"))
+    return {
+        "file": job.file,
+        "sha256": job.sha256,
+        **row,
+        "seconds": round(seconds, 3),
+        "software": software(),
+        "libraries": libraries,
+    }
