@@ -25,12 +25,24 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
         If the file is bad, or the bus is python-can's `virtual`, which ends at this process.
     """
     from daq.config import load_bench, on_bus
-    from daq.errors import InputError
 
     bench = on_bus(load_bench(path), interface, channel)
+    return reachable(bench, str(path or "bench.toml (shipped)"))
+
+
+def reachable(bench: Bench, where: str) -> Bench:
+    """Return the bench if its bus reaches other processes.
+
+    Raises
+    ------
+    InputError
+        If it is python-can's `virtual`; `where` is named.
+    """
+    from daq.errors import InputError
+
     if bench.bus.interface == "virtual":
         raise InputError(
-            str(path or "bench.toml (shipped)"),
+            where,
             "interface virtual does not reach other processes",
             "name your bus: --interface socketcan --channel can0; without any hardware:"
             " --interface udp_multicast --channel 239.74.163.2",

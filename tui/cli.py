@@ -11,6 +11,7 @@ import sys
 import typer
 
 from .commands.batch import batch
+from .commands.check import check
 from .commands.decode import decode
 from .commands.demo import demo
 from .commands.export import export
@@ -34,6 +35,7 @@ for command in (
     demo,
     simulate,
     record,
+    check,
     recover,
     decode,
     inspect,

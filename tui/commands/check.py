@@ -1,0 +1,218 @@
+"""`bumpbench check`: whether map, bus and sensors fit together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..diagnostics import ExitCode, say
+
+if TYPE_CHECKING:
+    from daq.check import CheckReport
+    from daq.config import Bench
+    from dbc.frames import FrameBatch
+
+
+def check(
+    config: Annotated[
+        Path | None, typer.Option(help="bench.toml; the shipped one if absent.")
+    ] = None,
+    log: Annotated[Path | None, typer.Option(help="A bus log instead of a live bus.")] = None,
+    seconds: Annotated[float, typer.Option(help="How much to look at.", min=0.1, max=600)] = 5.0,
+    json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    propose: Annotated[
+        Path | None, typer.Option(help="Write a bench.toml guessed from the DBC and the traffic.")
+    ] = None,
+    dbc: Annotated[Path | None, typer.Option(help="DBC for --propose.")] = None,
+    layout: Annotated[
+        str | None, typer.Option(help="Ready map to check in place of --config.")
+    ] = None,
+    layouts: Annotated[bool, typer.Option("--layouts", help="List the ready maps.")] = False,
+    interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
+    channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
+) -> int:
+    """Check the bench: every message and every channel, with the car at rest.
+
+    Reads the live bus for some seconds, or the beginning of a log.
+    """
+    if layouts:
+        return _list_layouts(json)
+    from datetime import date
+
+    from daq.check import check_bench
+    from daq.config import bench_codec
+    from daq.errors import InputError
+
+    if layout is not None and config is not None:
+        raise InputError("--layout", "and --config exclude each other", "name one of them")
+    if dbc is not None and propose is None:
+        raise InputError("--dbc", "is for --propose", "name the DBC in bench.toml as dbc")
+    if propose is not None:
+        bench = _proposed(propose, config, layout, dbc, log, seconds, interface, channel)
+        if bench is None:
+            return ExitCode.OK
+        described, frames = bench
+    else:
+        described = _bench(config, layout, log, interface, channel)
+        frames = None
+    codec = bench_codec(described)  # before anything is opened
+    if frames is None:
+        frames = _frames(described, log, seconds)
+    report = check_bench(described, codec, frames, date.today())
+    if json:
+        _print_document(report)
+    else:
+        _print_report(report)
+    from daq.check_lines import Verdict
+
+    return ExitCode.ANSWER_IS_NO if report.verdict is Verdict.FAIL else ExitCode.OK
+
+
+def _bench(
+    config: Path | None,
+    layout: str | None,
+    log: Path | None,
+    interface: str | None,
+    channel: str | None,
+) -> Bench:
+    from daq.config import load_bench, on_bus, parse_bench
+
+    from ..bench import reachable, shared_bench
+
+    if layout is not None:
+        bench = parse_bench(f'dbc = "layout:{layout}"\n', f"layout {layout}", Path())
+        return bench if log else reachable(on_bus(bench, interface, channel), f"layout {layout}")
+    return load_bench(config) if log else shared_bench(config, interface, channel)
+
+
+def _proposed(
+    target: Path,
+    config: Path | None,
+    layout: str | None,
+    dbc: Path | None,
+    log: Path | None,
+    seconds: float,
+    interface: str | None,
+    channel: str | None,
+) -> tuple[Bench, FrameBatch] | None:
+    """Write the proposal; return it as a bench with the traffic, if there was any."""
+    import os
+
+    from daq.config import load_bench, on_bus, parse_bench
+    from daq.errors import InputError
+    from daq.propose import propose_bench
+    from dbc import parse_codec, read_dbc
+
+    from ..bench import reachable
+
+    if target.exists():
+        raise InputError(str(target), "exists already", "name a new file for the proposal")
+    if dbc is not None:
+        text, name = read_dbc(dbc), os.path.relpath(dbc, target.parent)
+        where = str(dbc)
+    else:
+        bench = (
+            parse_bench(f'dbc = "layout:{layout}"\n', "", Path()) if layout else load_bench(config)
+        )
+        text, where = bench.dbc_text, bench.dbc_name
+        shipped = where.endswith("(shipped)")
+        name = "" if shipped else where
+        if config is not None and name and not name.startswith("layout:"):
+            name = os.path.relpath(config.parent / name, target.parent)
+    codec = parse_codec(text, where)
+    frames = None
+    if log is not None or interface is not None:
+        bus = on_bus(load_bench(config), interface, channel)
+        frames = _frames(bus if log else reachable(bus, "--interface"), log, seconds)
+    proposal = propose_bench(name, text, codec, frames)
+    try:
+        with target.open("x", encoding="utf-8") as file:
+            file.write(proposal)
+    except OSError as error:
+        raise InputError(str(target), error.strerror or str(error), "name another file") from error
+    say(f"wrote {target}: read it, and fill in what is marked")
+    if frames is None or "[[channel]]" not in proposal:
+        return None
+    return parse_bench(proposal, str(target), target.parent, text), frames
+
+
+def _frames(bench: Bench, log: Path | None, seconds: float) -> FrameBatch:
+    """Return the first `seconds` of a log, or the next ones of the bus."""
+    import time
+
+    from dbc.frames import FrameBatch
+
+    from ..output import progress
+
+    batches: list[FrameBatch] = []
+    if log is not None:
+        from daq.formats.log import read_log
+
+        for batch in read_log(log):
+            batches.append(batch)
+            if int(batch.t_ns[-1]) - int(batches[0].t_ns[0]) > seconds * 1e9:
+                break
+        frames = FrameBatch.concatenate(batches)
+        end_ns = int(frames.t_ns[0]) + round(seconds * 1e9) if len(frames) else 0
+        return frames.select(frames.t_ns <= end_ns)
+    from daq.bus import open_source
+
+    source = open_source(bench.bus, 0)
+    try:
+        with progress("check") as stage:
+            start_s = time.monotonic()
+            while (passed_s := time.monotonic() - start_s) < seconds:
+                stage(passed_s / seconds)
+                batches.append(source.read(min(0.1, seconds - passed_s)))
+    finally:
+        source.close()
+    return FrameBatch.concatenate(batches)
+
+
+def _print_report(report: CheckReport) -> None:
+    from ..output import print_line
+
+    for line in report.lines:
+        advice = f" -> {line.advice}" if line.advice else ""
+        print_line(f"{line.verdict.name:<5}{line.subject:<28} {line.reason}{advice}")
+    counts = [f"{sum(x.verdict is v for x in report.lines)} {v.name}" for v in type(report.verdict)]
+    print_line(f"{report.verdict.name}: {', '.join(counts)}; {report.frames} frames")
+
+
+def _print_document(report: CheckReport) -> None:
+    from ..output import print_json
+
+    lines = [
+        {
+            "verdict": line.verdict.name,
+            "subject": line.subject,
+            "reason": line.reason,
+            "advice": line.advice,
+            "figures": dict(line.figures),
+        }
+        for line in report.lines
+    ]
+    print_json(
+        {
+            "verdict": report.verdict.name,
+            "seconds": report.seconds,
+            "frames": report.frames,
+            "lines": lines,
+        }
+    )
+
+
+def _list_layouts(json: bool) -> int:
+    from daq.ready_maps import ready_map, ready_map_names
+
+    from ..output import print_json, print_line
+
+    maps = {name: ready_map(name).title for name in ready_map_names()}
+    if json:
+        print_json({"layouts": maps})
+    else:
+        for name, title in maps.items():
+            print_line(f"{name:<20} {title}")
+    return ExitCode.OK
