@@ -14,7 +14,7 @@ SOURCES = [path for layer in LAYERS for path in sorted((ROOT / layer).rglob("*.p
 
 # Library -> the only places that may import it.
 RESERVED = {
-    "can": ("daq/bus.py", "daq/slcan", "daq/formats/", "daq/sim/"),
+    "can": ("daq/bus.py", "daq/slcan", "daq/replay.py", "daq/formats/"),
     "serial": ("daq/slcan",),
     "cantools": ("dbc/",),
     "h5py": ("daq/session", "daq/formats/"),

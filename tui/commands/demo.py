@@ -26,9 +26,9 @@ def demo(
     import identify as method
     from daq.bus import open_bus, open_source
     from daq.config import load_bench, on_bus
+    from daq.replay import play
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
-    from daq.sim.player import play
     from dbc import parse_codec
 
     from ..output import print_json, print_line, progress
@@ -44,7 +44,7 @@ def demo(
     def drive() -> None:
         with open_bus(bench.bus) as bus:
             frames = campaign_frames(bench, codec, car, seed, time.time_ns())
-            for _ in play(frames, bus, paced=False):
+            for _ in play(frames, bus, None):
                 if stop.is_set():
                     return
 

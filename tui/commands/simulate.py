@@ -25,9 +25,9 @@ def simulate(
     from itertools import accumulate
 
     from daq.bus import open_bus
+    from daq.replay import play
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
-    from daq.sim.player import play
     from dbc import parse_codec
 
     from ..bench import shared_bench
@@ -45,7 +45,7 @@ def simulate(
             stage(0.0, f"computing run {len(batches)} of {len(steps)}")
         ends = list(accumulate(map(len, batches)))
         sent = 0
-        for count in play(batches, bus, paced=not fast):
+        for count in play(batches, bus, None if fast else 1.0):
             sent = count
             run = min(bisect_right(ends, sent), len(steps) - 1)
             stage(sent / ends[-1], f"playing {steps[run].label}")

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import can
 import numpy as np
 import pytest
 
+from daq import replay
 from daq.errors import BusError
-from daq.sim import player
-from daq.sim.player import BLOCK_FRAMES, play
+from daq.replay import BLOCK_FRAMES, LONGEST_GAP_S, play
 from dbc import FrameBatch, FrameFlag
+
+from .formats.mixed import batch_of, mixed
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -53,7 +54,7 @@ class Wire(can.BusABC):
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> FalseTime:
     false = FalseTime()
-    monkeypatch.setattr(player, "time", false)
+    monkeypatch.setattr(replay, "time", false)
     return false
 
 
@@ -75,7 +76,7 @@ def frames(n: int, step_ns: int = 250_000, start_ns: int = START_NS) -> FrameBat
 def test_every_frame_arrives_as_it_is_and_in_order(clock: FalseTime) -> None:
     wire = Wire(clock)
     batch = frames(600)
-    progress = list(play([batch.select(slice(0, 400)), batch.select(slice(400, 600))], wire, False))
+    progress = list(play([batch.select(slice(0, 400)), batch.select(slice(400, 600))], wire, None))
     assert progress == [BLOCK_FRAMES, 400, 600]
     assert not clock.slept_s
     for i, (_, message) in enumerate(wire.sent):
@@ -91,7 +92,7 @@ def test_every_frame_arrives_as_it_is_and_in_order(clock: FalseTime) -> None:
 def test_paced_frames_leave_at_their_own_times_without_drift(clock: FalseTime) -> None:
     wire = Wire(clock)
     batch = frames(4000)
-    list(play([batch], wire, True))
+    list(play([batch], wire, 1.0))
     left_s = np.array([at for at, _ in wire.sent])
     due_s = (batch.t_ns - START_NS) * 1e-9
     late_s = left_s - 100.0 - due_s
@@ -102,39 +103,56 @@ def test_paced_frames_leave_at_their_own_times_without_drift(clock: FalseTime) -
 
 def test_frames_that_are_overdue_are_sent_at_once(clock: FalseTime) -> None:
     wire = Wire(clock)
-    list(play([frames(100, step_ns=5_000)], wire, True))  # faster than the wire takes them
+    list(play([frames(100, step_ns=5_000)], wire, 1.0))  # faster than the wire takes them
     assert len(wire.sent) == 100
     assert not clock.slept_s
 
 
-def test_a_paced_campaign_is_simulated_before_it_is_sent(clock: FalseTime) -> None:
+def test_twice_the_speed_takes_half_the_time(clock: FalseTime) -> None:
     wire = Wire(clock)
-    sent_when_simulated = []
+    batch = frames(400, step_ns=1_000_000)
+    list(play([batch], wire, 2.0))
+    left_s = np.array([at for at, _ in wire.sent])
+    due_s = (batch.t_ns - START_NS) * 1e-9 / 2
+    assert np.abs(left_s - 100.0 - due_s).max() < 80e-6
 
-    def simulated() -> Iterator[FrameBatch]:
-        for number in range(3):
-            sent_when_simulated.append(len(wire.sent))
-            yield frames(10, start_ns=START_NS + number * 10_000_000)
 
-    list(play(simulated(), wire, True))
-    assert sent_when_simulated == [0, 0, 0]
-    wire.sent.clear()
-    sent_when_simulated.clear()
-    list(play(simulated(), wire, False))
-    assert sent_when_simulated == [0, 10, 20]
+def test_nobody_waits_for_a_pause_between_runs_or_for_the_past(clock: FalseTime) -> None:
+    wire = Wire(clock)
+    later = frames(10, start_ns=START_NS + round(2 * LONGEST_GAP_S * 1e9))
+    earlier = frames(10, start_ns=START_NS - 3_600_000_000_000)
+    list(play([frames(10), later, earlier], wire, 1.0))
+    assert len(wire.sent) == 30
+    assert clock.now_s - 100.0 < 0.02
+
+
+def test_every_kind_of_frame_is_sent_as_it_is_but_no_error_frame(clock: FalseTime) -> None:
+    wire = Wire(clock)
+    sent = mixed(160)
+    assert list(play([batch_of(sent)], wire, None)) == [140]
+    kept = [frame for frame in sent if not frame.error]
+    for (_, message), frame in zip(wire.sent, kept, strict=True):
+        assert message.arbitration_id == frame.can_id
+        assert message.is_extended_id == frame.extended
+        assert message.is_remote_frame == frame.remote
+        assert message.is_fd == frame.fd
+        assert message.bitrate_switch == frame.brs
+        assert message.error_state_indicator == frame.esi
+        assert message.dlc == frame.length
+        assert bytes(message.data) == frame.data
 
 
 @pytest.mark.parametrize("error", [can.CanOperationError("full"), OSError(105, "no buffer space")])
 def test_a_full_buffer_is_waited_for(clock: FalseTime, error: Exception) -> None:
     wire = Wire(clock, refusals=4, error=error)
-    assert list(play([frames(3)], wire, False)) == [3]
+    assert list(play([frames(3)], wire, None)) == [3]
     assert len(wire.sent) == 3
     assert clock.slept_s == pytest.approx([0.0005, 0.001, 0.002, 0.004])
 
 
 def test_a_bus_that_takes_nothing_is_given_up(clock: FalseTime) -> None:
     with pytest.raises(BusError, match=r"wire 7: takes no frame: transmit buffer full"):
-        list(play([frames(3)], Wire(clock, refusals=10_000), False))
+        list(play([frames(3)], Wire(clock, refusals=10_000), None))
     assert 2.0 <= sum(clock.slept_s) < 5.0
 
 
@@ -144,7 +162,7 @@ def test_stamps_of_the_sender_pass_through_a_virtual_bus() -> None:
         can.Bus(interface="virtual", channel="player", preserve_timestamps=True) as sender,
         can.Bus(interface="virtual", channel="player", preserve_timestamps=True) as receiver,
     ):
-        assert list(play([batch], sender, False)) == [20]
+        assert list(play([batch], sender, None)) == [20]
         got = [receiver.recv(timeout=0) for _ in range(20)]
     stamps = np.array([message.timestamp for message in got if message is not None])
     np.testing.assert_allclose(stamps - 1.7e9, (batch.t_ns - START_NS) * 1e-9, atol=1e-6)
