@@ -7,82 +7,16 @@ import numpy as np
 import pytest
 import xarray
 
-from daq.channels import Channel, Quantity
 from daq.errors import InputError
-from daq.runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup, Session
+from daq.runs import Event, Session
 from daq.session import read_session, write_session
-from daq.vehicle import (
-    AddedMass,
-    BodyWeight,
-    Corner,
-    Fact,
-    HubWeight,
-    MassState,
-    Structure,
-    Vehicle,
-    VehicleGeometry,
-)
-from dbc.frames import FrameBatch
 
-
-def _frames(n: int, rng: np.random.Generator) -> FrameBatch:
-    return FrameBatch(
-        np.arange(n) * 1_000_000 + 1_700_000_000_000_000_000,
-        rng.integers(0, 2048, n).astype(np.uint32),
-        rng.integers(0, 128, n).astype(np.uint16),
-        rng.integers(0, 2, n).astype(np.uint8),
-        rng.integers(0, 9, n).astype(np.uint8),
-        rng.integers(0, 256, (n, 8)).astype(np.uint8),
-    )
-
-
-def _run(repeat: int, rng: np.random.Generator) -> Run:
-    n = 500
-    hub = SampleGroup(
-        "HUB_Front",
-        np.arange(n) / 1000.0,
-        np.arange(n) * 1_000_000 + 1_700_000_000_000_000_000,
-        {"hub_fl": rng.standard_normal(n), "hub_fr": np.where(np.arange(n) == 7, np.nan, 1.0)},
-        rng.integers(0, 64, n).astype(np.uint8),
-    )
-    imu = SampleGroup(
-        "A_IMU", np.arange(3) / 10.0, np.arange(3), {"az": np.ones(3)}, np.zeros(3, np.uint8)
-    )
-    return Run(
-        "baseline",
-        Excitation.ROLL,
-        repeat,
-        1_700_000_000_000_000_000,
-        0.2,
-        (hub, imu),
-        RunStatus.REJECTED,
-        ("too weak: 0.3 m/s2", "µ-Zeichen"),
-        Losses(bus_dropped=1, counter_gaps=2, crc_bad=3, remote_frames=9),
-        (Event(5, "bump", 1.5, "baseline_roll_1"), Event(9, "run_end")),
-        _frames(200, rng),
-    )
+from .small_session import small_session
 
 
 @pytest.fixture
 def session() -> Session:
-    rng = np.random.default_rng(1)
-    weights = (BodyWeight(30.0, -1.0, 0.5, 0.1, 0.02), HubWeight(4.0, Corner.REAR_LEFT, 0.01))
-    return Session(
-        Vehicle(
-            "Wagen Ü",
-            VehicleGeometry(1.25, 1.51, 0.74, 0.75),
-            Structure(symmetric=False, anti_roll_bars=True),
-            (Fact("total_mass_kg", 1551.8, 1.0), Fact("k_sfl", 17e3, 50.0)),
-        ),
-        (
-            Channel("hub_fl", Quantity.HUB_ACCELERATION, "m/s2", "HUB_Front.a", Corner.FRONT_LEFT),
-            Channel("hub_fr", Quantity.HUB_ACCELERATION, "m/s2", "HUB_Front.b", Corner.FRONT_RIGHT),
-            Channel("az", Quantity.BODY_ACCELERATION, "m/s2", x_m=-1.0, y_m=0.1, delay_s=0.002),
-        ),
-        (MassState("baseline"), MassState("added", AddedMass(weights, np.eye(7)))),
-        (_run(1, rng), _run(2, rng), replace(_run(3, rng), frames=FrameBatch.empty(), events=())),
-        {"uuid": "x", "dbc": "BO_ \udce9 \x00", "bench_toml": "", "created": "2026-11-21"},
-    )
+    return small_session()
 
 
 def assert_same(left: Any, right: Any) -> None:

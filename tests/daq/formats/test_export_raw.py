@@ -1,0 +1,150 @@
+"""Raw frames as other tools read them: what a format can hold is kept, the rest is said."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import asammdf
+import can
+import cantools.database
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from daq.errors import InputError
+from daq.formats.export import ExportFormat, export_session
+from daq.runs import Session
+from dbc import FrameBatch, shipped_dbc
+from dbc.frames import FrameFlag
+
+from ..small_campaign import bumps, small_codec
+from ..small_session import mixed_frames, small_run, small_session
+
+FRAMES = mixed_frames(2000)
+ERROR = (FRAMES.flags & FrameFlag.ERROR) != 0
+
+
+def _messages(frames: FrameBatch, path: Path, form: ExportFormat) -> list[can.Message]:
+    export_session(small_session(frames), path, form)
+    options = {"relative_timestamp": False} if form is ExportFormat.ASC else {}
+    with can.LogReader(path, **options) as reader:
+        return list(reader)
+
+
+def _is_kept(
+    frames: FrameBatch,
+    messages: list[can.Message],
+    except_for: Callable[[int], set[str]] = lambda _: set(),
+) -> None:
+    """Hold every field of every frame, unless the format cannot hold it."""
+    assert len(messages) == len(frames)
+    flag = FrameFlag
+    for i, got in enumerate(messages):
+        bits, length = int(frames.flags[i]), int(frames.length[i])
+        remote = bool(bits & flag.REMOTE)
+        expected = {
+            "arbitration_id": int(frames.can_id[i]),
+            "is_extended_id": bool(bits & flag.EXTENDED),
+            "is_remote_frame": remote,
+            "is_error_frame": bool(bits & flag.ERROR),
+            "is_fd": bool(bits & flag.FD),
+            "bitrate_switch": bool(bits & flag.BITRATE_SWITCH),
+            "error_state_indicator": bool(bits & flag.ERROR_STATE),
+            "is_rx": not bits & flag.TRANSMITTED,
+            "dlc": length,
+            "data": b"" if remote else frames.data[i, :length].tobytes(),
+            "channel": int(frames.bus[i]),
+        }
+        for name in except_for(i):
+            del expected[name]
+        for name, value in expected.items():
+            assert getattr(got, name) == value, f"frame {i}: {name}"
+
+
+def _times_s(messages: list[can.Message]) -> np.ndarray:
+    return np.array([message.timestamp for message in messages])
+
+
+def test_blf(tmp_path: Path) -> None:
+    messages = _messages(FRAMES, tmp_path / "car.blf", ExportFormat.BLF)
+    _is_kept(FRAMES, messages, lambda i: {"is_rx"} if ERROR[i] else set())
+    # Seconds since 1970 in a float64 step by 238 ns; the file has every nanosecond.
+    assert_allclose(_times_s(messages), FRAMES.t_ns * 1e-9, rtol=0, atol=5e-7)
+    with can.BLFReader(tmp_path / "car.blf") as reader:
+        assert reader.start_timestamp == 1_700_000_000.123
+
+
+def test_what_blf_cannot_hold_is_said(tmp_path: Path) -> None:
+    notes = export_session(small_session(FRAMES), tmp_path / "a.blf", ExportFormat.BLF).notes
+    sent = int(np.sum(ERROR & ((FRAMES.flags & FrameFlag.TRANSMITTED) != 0)))
+    assert notes == (f"BLF does not say of {sent} error frames who sent them",)
+    plain = FRAMES.select(~ERROR)
+    assert not export_session(small_session(plain), tmp_path / "b.blf", ExportFormat.BLF).notes
+
+
+def test_every_nanosecond_is_in_the_blf(tmp_path: Path) -> None:
+    start_ns = 1_700_000_000_000_000_000
+    t_ns = start_ns + np.array([0, 1, 2, 999_999_999, 1_000_000_001, 3_600_000_000_007])
+    frames = replace(FRAMES.select(slice(0, 6)), t_ns=t_ns)
+    export_session(small_session(frames), tmp_path / "car.blf", ExportFormat.BLF)
+    with can.BLFReader(tmp_path / "car.blf") as reader:
+        reader.start_timestamp = 0.0  # then its float64 has them all
+        since = [message.timestamp for message in reader]
+    assert_array_equal(np.rint(np.array(since) * 1e9), t_ns - start_ns)
+
+
+def test_asc(tmp_path: Path) -> None:
+    messages = _messages(FRAMES, tmp_path / "car.asc", ExportFormat.ASC)
+    lost = {"arbitration_id", "is_extended_id", "dlc", "data", "is_rx"}
+    empty = ((FRAMES.flags & FrameFlag.FD) != 0) & (FRAMES.length == 0)
+    # python-can takes an FD frame without data for a remote frame, which FD has not.
+    excuse = {"is_remote_frame"}
+    _is_kept(FRAMES, messages, lambda i: lost if ERROR[i] else excuse if empty[i] else set())
+    assert_allclose(_times_s(messages), FRAMES.t_ns * 1e-9, rtol=0, atol=1e-6)
+    notes = export_session(small_session(FRAMES), tmp_path / "a.asc", ExportFormat.ASC).notes
+    assert notes[0] == "ASC rounds times to 1 µs"
+    assert notes[1].startswith(f"ASC keeps of {ERROR.sum()} error frames only")
+
+
+def test_mf4(tmp_path: Path) -> None:
+    messages = _messages(FRAMES, tmp_path / "car.mf4", ExportFormat.MF4)
+    _is_kept(replace(FRAMES, bus=FRAMES.bus + 1), messages)  # MDF counts buses from 1
+    assert_allclose(_times_s(messages), FRAMES.t_ns * 1e-9, rtol=0, atol=2.4e-7)
+
+
+def test_the_bus_log_of_the_mf4_decodes_as_cantools_does(tmp_path: Path) -> None:
+    frames = bumps(small_codec(), 2)
+    export_session(small_session(frames), tmp_path / "car.mf4", ExportFormat.MF4)
+    (tmp_path / "car.dbc").write_text(shipped_dbc(), "utf-8")
+    database = cantools.database.can.Database()
+    database.add_dbc_string(shipped_dbc())
+    message = database.get_message_by_name("HUB_Front")
+    rows = [message.decode_simple(data.tobytes(), decode_choices=False) for data in frames.data]
+    with asammdf.MDF(tmp_path / "car.mf4") as mdf:
+        decoded = mdf.extract_bus_logging({"CAN": [(str(tmp_path / "car.dbc"), 0)]})
+        for name in ("acc_fl", "acc_fr"):
+            got = decoded.get(name)
+            assert_allclose(got.samples, np.array([row[name] for row in rows], float), atol=1e-9)
+            start_s = mdf.header.start_time.timestamp()
+            assert_allclose(got.timestamps, frames.t_ns * 1e-9 - start_s, atol=1e-6)
+        assert np.ptp(decoded.get("acc_fl").samples) > 1.0
+        decoded.close()
+
+
+def test_frames_of_overlapping_runs_are_written_once(tmp_path: Path) -> None:
+    session = small_session()
+    first = small_run(1, FRAMES.select(slice(0, 150)))
+    second = small_run(2, FRAMES.select(slice(100, 250)))
+    overlapping = replace(session, runs=(first, second))
+    export_session(overlapping, tmp_path / "car.blf", ExportFormat.BLF)
+    with can.BLFReader(tmp_path / "car.blf") as reader:
+        messages = list(reader)
+    _is_kept(FRAMES.select(slice(0, 250)), messages, lambda i: {"is_rx"} if ERROR[i] else set())
+
+
+@pytest.mark.parametrize("form", [ExportFormat.BLF, ExportFormat.ASC])
+def test_a_session_of_plain_arrays_has_no_frames(tmp_path: Path, form: ExportFormat) -> None:
+    session: Session = small_session(FrameBatch.empty())
+    with pytest.raises(InputError, match="hold no raw frames"):
+        export_session(session, tmp_path / "car.x", form)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,120 @@
+"""A session with a bit of everything, and frames of every kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import Channel, Quantity
+from daq.runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup, Session
+from daq.vehicle import (
+    AddedMass,
+    BodyWeight,
+    Corner,
+    Fact,
+    HubWeight,
+    MassState,
+    Structure,
+    Vehicle,
+    VehicleGeometry,
+)
+from dbc.frames import FrameBatch, FrameFlag
+
+START_NS = 1_700_000_000_123_456_789
+_FD_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64])
+
+
+def mixed_frames(n: int, seed: int = 1) -> FrameBatch:
+    """Frames of two buses: standard, extended, FD with BRS and ESI, remote, error, transmitted."""
+    rng = np.random.default_rng(seed)
+
+    def some(share: float) -> NDArray[np.bool_]:
+        return np.asarray(rng.random(n) < share)
+
+    extended, kind = some(0.4), rng.integers(0, 4, n)
+    fd, remote, error = kind == 1, kind == 2, kind == 3
+    flags = np.zeros(n, np.uint16)
+    marks = {
+        FrameFlag.EXTENDED: extended,
+        FrameFlag.REMOTE: remote,
+        FrameFlag.ERROR: error,
+        FrameFlag.FD: fd,
+        FrameFlag.BITRATE_SWITCH: fd & some(0.5),
+        FrameFlag.ERROR_STATE: fd & some(0.3),
+        FrameFlag.TRANSMITTED: some(0.2),
+    }
+    for flag, mark in marks.items():
+        flags |= mark * np.uint16(flag)
+    length = np.where(fd, rng.choice(_FD_LENGTHS, n), rng.integers(0, 9, n)).astype(np.uint8)
+    data = rng.integers(0, 256, (n, 64)).astype(np.uint8)
+    data[np.arange(64) >= np.where(remote, 0, length)[:, np.newaxis]] = 0
+    return FrameBatch(
+        START_NS + np.cumsum(rng.integers(1, 400_000, n)),
+        rng.integers(0, np.where(extended | error, 1 << 29, 1 << 11)).astype(np.uint32),
+        flags,
+        rng.integers(0, 2, n).astype(np.uint8),
+        length,
+        data,
+    )
+
+
+def small_run(repeat: int, frames: FrameBatch) -> Run:
+    rng = np.random.default_rng(repeat)
+    n = 500
+    hub = SampleGroup(
+        "HUB_Front",
+        np.arange(n) / 1000.0 - 0.1 + 1e-5 * rng.random(n),
+        START_NS + np.arange(n) * 1_000_000,
+        {"hub_fl": rng.standard_normal(n), "hub_fr": np.where(np.arange(n) == 7, np.nan, 1.0)},
+        rng.integers(0, 64, n).astype(np.uint8),
+    )
+    imu = SampleGroup(
+        "A_IMU",
+        np.arange(3) / 8.0,
+        START_NS + np.arange(3) * 125_000_000,
+        {"az": np.array([9.75, -1e-9, 1 / 3]), "pitch": np.array([0.25, 0.0, -0.5])},
+        np.zeros(3, np.uint8),
+    )
+    return Run(
+        "baseline",
+        Excitation.ROLL,
+        repeat,
+        START_NS,
+        0.2,
+        (hub, imu),
+        RunStatus.REJECTED,
+        ("too weak: 0.3 m/s2", "µ-Zeichen"),
+        Losses(bus_dropped=1, counter_gaps=2, crc_bad=3, remote_frames=9),
+        (Event(5, "bump", 1.5, "baseline_roll_1"), Event(9, "run_end")),
+        frames,
+    )
+
+
+def small_session(frames: FrameBatch | None = None) -> Session:
+    """Two runs with frames, one without."""
+    frames = mixed_frames(200) if frames is None else frames
+    weights = (BodyWeight(30.0, -1.0, 0.5, 0.1, 0.02), HubWeight(4.0, Corner.REAR_LEFT, 0.01))
+    half = len(frames) // 2
+    return Session(
+        Vehicle(
+            "Wagen Ü",
+            VehicleGeometry(1.25, 1.51, 0.74, 0.75),
+            Structure(symmetric=False, anti_roll_bars=True),
+            (Fact("total_mass_kg", 1551.8, 1.0), Fact("k_sfl", 17e3, 50.0)),
+        ),
+        (
+            Channel("hub_fl", Quantity.HUB_ACCELERATION, "m/s2", "HUB_Front.a", Corner.FRONT_LEFT),
+            Channel("hub_fr", Quantity.HUB_ACCELERATION, "m/s2", "HUB_Front.b", Corner.FRONT_RIGHT),
+            Channel("az", Quantity.BODY_ACCELERATION, "m/s2", x_m=-1.0, y_m=0.1, delay_s=0.002),
+            Channel("pitch", Quantity.PITCH_RATE, "rad/s"),
+        ),
+        (MassState("baseline"), MassState("added", AddedMass(weights, np.eye(7)))),
+        (
+            small_run(1, frames.select(slice(0, half))),
+            small_run(2, frames.select(slice(half, None))),
+            replace(small_run(3, FrameBatch.empty()), events=()),
+        ),
+        {"uuid": "x", "dbc": "BO_ \udce9 \x00", "bench_toml": "", "created": "2026-11-21"},
+    )
