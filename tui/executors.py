@@ -288,7 +288,7 @@ class Cluster:
 
 async def _greet(address: str) -> None:
     """Exchange Dask's greeting, and no more: a client that fails in this is slow to give up."""
-    from distributed.comm import connect
+    from distributed.comm.core import connect
 
     greet: Any = connect
     comm = await greet(address, timeout=_CONNECT_S)

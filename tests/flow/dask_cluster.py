@@ -2,40 +2,43 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 _DASK = [sys.executable, "-m", "dask"]
-_QUIET = ["--no-dashboard"]
+_HERE = ["--host", "127.0.0.1", "--no-dashboard"]
+_SAID = "Scheduler at:"
 
 
 @contextmanager
-def cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Yield the scheduler's address and the worker processes, one thread each.
+def cluster(folder: Path, workers: int) -> Iterator[tuple[str, dict[str, subprocess.Popen[str]]]]:
+    """Yield the scheduler's address and the worker processes by name, one thread each.
 
     The workers have no nanny: one that is killed stays dead.
     """
-    file = folder / "scheduler.json"
-    with (folder / "dask.log").open("wb") as log:
-        where = ["--scheduler-file", str(file)]
-        here = ["--host", "127.0.0.1", "--port", "0"]
-        processes = [
-            subprocess.Popen([*_DASK, "scheduler", *where, *here, *_QUIET], stdout=log, stderr=log)
-        ]
+    with (folder / "dask.log").open("w") as log:
+        scheduler = subprocess.Popen(
+            [*_DASK, "scheduler", *_HERE, "--port", "0"], stderr=subprocess.PIPE, text=True
+        )
+        started = [scheduler]
         try:
-            while not file.exists():
-                assert processes[0].poll() is None, (folder / "dask.log").read_text()
-                time.sleep(0.02)
+            assert scheduler.stderr is not None
+            line = next(line for line in scheduler.stderr if _SAID in line)
+            address = line.split(_SAID)[1].strip()
             options = ["--nthreads", "1", "--no-nanny", "--local-directory", str(folder)]
-            worker = [*_DASK, "worker", *where, *options, "--host", "127.0.0.1", *_QUIET]
-            processes += [subprocess.Popen(worker, stdout=log, stderr=log) for _ in range(workers)]
-            yield json.loads(file.read_text())["address"], processes[1:]
+            command = [*_DASK, "worker", address, *options, *_HERE]
+            named = {
+                f"worker-{i}": subprocess.Popen(
+                    [*command, "--name", f"worker-{i}"], stdout=log, stderr=log, text=True
+                )
+                for i in range(workers)
+            }
+            started += named.values()
+            yield address, named
         finally:
-            for process in reversed(processes):
+            for process in reversed(started):
                 process.kill()
-                process.wait()
+                process.communicate()

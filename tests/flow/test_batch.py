@@ -1,0 +1,105 @@
+"""Batches as they are run: killed, and on a Dask cluster that loses a worker."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from distributed import Client
+
+from daq import read_session
+from identify.batch import session_row
+from tests.tui.batches import paper_session, progress_that, refused_session, write_all
+from tui import output
+from tui.cli import run
+
+from .dask_cluster import cluster
+
+_KILLS_ITSELF = """
+import os, signal, sys
+from daq import read_session
+from identify.batch import session_row
+from tests.tui.batches import progress_that
+from tui import output
+from tui.cli import run
+
+def die():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+if __name__ == "__main__":
+    output.progress = progress_that(die, rows=3)
+    run(["batch", *sys.argv[1:]])
+"""
+
+
+def _table(path: Path) -> dict[str, dict[str, str]]:
+    with path.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    by_hash = {row["sha256"]: row for row in rows}
+    assert len(by_hash) == len(rows)  # each once
+    return by_hash
+
+
+def test_kill_9_loses_only_what_was_running(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    write_all(tmp_path / "s", refused_session, 8)
+    out = tmp_path / "t.csv"
+    arguments = [str(tmp_path / "s"), "--workers", "2", "--out", str(out)]
+    killed = subprocess.run([sys.executable, "-c", _KILLS_ITSELF, *arguments], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert len((tmp_path / "t.csv.jsonl").read_text().splitlines()) == 3
+    assert run(["batch", *arguments, "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["done_now"] == 5
+    assert len(_table(out)) == 8
+
+
+def test_a_cluster_does_again_what_a_killed_worker_had(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    files = write_all(tmp_path / "s", paper_session, 4)
+    lost: list[str] = []
+    with cluster(tmp_path, workers=2) as (address, workers):
+
+        def kill_one() -> None:
+            connect: Any = Client
+            with connect(address, set_as_default=False) as client:
+                names = {w["name"]: url for url, w in client.scheduler_info()["workers"].items()}
+                busy = client.processing()
+            for name, worker in workers.items():
+                tasks = busy.get(names.get(name), ())
+                if tasks:
+                    worker.kill()
+                    lost.extend(tasks)
+                    return
+
+        monkeypatch.setattr(output, "progress", progress_that(kill_one, rows=1))
+        arguments = ["batch", str(tmp_path / "s"), "--scheduler", address]
+        assert run([*arguments, "--out", str(tmp_path / "t.csv"), "--json"]) == 0
+        assert sum(worker.poll() is not None for worker in workers.values()) == 1
+    assert lost
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["sessions"], summary["done_now"], summary["bad"]) == (4, 4, [])
+    rows = _table(tmp_path / "t.csv")
+    assert {row["file"] for row in rows.values()} == {str(file) for file in files}
+    assert {row["session"] for row in rows.values()} == {f"paper-{seed}" for seed in range(4)}
+
+    # What a cluster finds is what this process finds, digit for digit.
+    row = next(row for row in rows.values() if row["file"] == str(files[0]))
+    here = session_row(read_session(files[0]))
+    assert {name: row[name] for name in here} == {name: str(cell) for name, cell in here.items()}
+
+
+def test_a_scheduler_without_workers_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    write_all(tmp_path / "s", refused_session, 1)
+    with cluster(tmp_path, workers=0) as (address, _):
+        assert run(["batch", str(tmp_path / "s"), "--scheduler", address]) == 2
+    assert "no workers" in capsys.readouterr().err
