@@ -5,6 +5,7 @@ from .database import load_codec, parse_codec, read_dbc, shipped_dbc
 from .errors import BumpbenchError, InputError
 from .frames import FrameBatch, FrameFlag
 from .layout import CounterRule, MessageLayout, SignalLayout
+from .remark import Remark
 from .samples import UNUSABLE, DecodeCounts, Decoded, Quality, Samples
 from .units import SiUnit, to_si
 
@@ -20,6 +21,7 @@ __all__ = [
     "InputError",
     "MessageLayout",
     "Quality",
+    "Remark",
     "Samples",
     "SiUnit",
     "SignalLayout",

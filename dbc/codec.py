@@ -12,6 +12,7 @@ from .decode import MessageFrames, MessageReader, compile_message, decode_messag
 from .encode import encode_message
 from .frames import FrameBatch, FrameFlag
 from .layout import MessageLayout
+from .remark import Remark
 from .samples import DecodeCounts, Decoded, Samples
 
 _STANDARD_IDS = 1 << 11
@@ -25,9 +26,17 @@ class Codec:
     ----------
     messages : tuple of MessageLayout
         Names, and pairs of (can_id, is_extended), must be unique.
+    left_out : tuple of Remark
+        Messages of the database that cannot be used, and why.
+    notes : tuple of Remark
+        What is odd in the database and does no harm.
     """
 
     messages: tuple[MessageLayout, ...]
+    left_out: tuple[Remark, ...] = ()
+    notes: tuple[Remark, ...] = ()
+    _by_name: dict[str, MessageLayout] = field(init=False, repr=False, compare=False)
+    _by_id: dict[tuple[int, bool], MessageLayout] = field(init=False, repr=False, compare=False)
     _readers: tuple[MessageReader, ...] = field(init=False, repr=False, compare=False)
     _standard: NDArray[np.uint16] = field(init=False, repr=False, compare=False)
     _extended: NDArray[np.uint32] = field(init=False, repr=False, compare=False)
@@ -40,6 +49,8 @@ class Codec:
         for i, message in enumerate(self.messages):
             if not message.is_extended:
                 standard[message.can_id] = i
+        object.__setattr__(self, "_by_name", {m.name: m for m in self.messages})
+        object.__setattr__(self, "_by_id", {(m.can_id, m.is_extended): m for m in self.messages})
         object.__setattr__(self, "_readers", tuple(map(compile_message, self.messages)))
         object.__setattr__(self, "_standard", standard)
         object.__setattr__(self, "_extended", np.array([e[0] for e in extended], np.uint32))
@@ -53,17 +64,13 @@ class Codec:
         KeyError
             If the DBC has none.
         """
-        for message in self.messages:
-            if message.name == name:
-                return message
-        raise KeyError(f"the DBC has no message {name}")
+        if name not in self._by_name:
+            raise KeyError(f"the DBC has no message {name}")
+        return self._by_name[name]
 
     def find(self, can_id: int, is_extended: bool) -> MessageLayout | None:
         """Return the message that frames with this identifier carry, or None."""
-        for message in self.messages:
-            if (message.can_id, message.is_extended) == (can_id, is_extended):
-                return message
-        return None
+        return self._by_id.get((can_id, is_extended))
 
     def decode(self, batch: FrameBatch) -> Decoded:
         """Decode a block of frames.
@@ -87,16 +94,15 @@ class Codec:
         order = np.argsort(index, kind="stable")
         samples: dict[str, Samples] = {}
         wrong_length = crc_bad = 0
-        start = 0
-        for reader, n in zip(self._readers, count.tolist(), strict=False):
-            if n:
-                frames = _gather(batch, order[start : start + n], reader.width)
-                with np.errstate(invalid="ignore", over="ignore"):  # a payload may hold any float
-                    decoded, bad = decode_message(reader, frames)
-                samples.update(decoded)
-                crc_bad += bad
-                wrong_length += int(np.count_nonzero(frames.length != reader.layout.length))
-            start += n
+        stops = np.cumsum(count)
+        for i in np.flatnonzero(count[: len(self.messages)]).tolist():
+            reader = self._readers[i]
+            frames = _gather(batch, order[stops[i] - count[i] : stops[i]], reader.width)
+            with np.errstate(invalid="ignore", over="ignore"):  # a payload may hold any float
+                decoded, bad = decode_message(reader, frames)
+            samples.update(decoded)
+            crc_bad += bad
+            wrong_length += int(np.count_nonzero(frames.length != reader.layout.length))
         unknown = int(count[len(self.messages)])
         counts = DecodeCounts(unknown, wrong_length, crc_bad, error_frames, remote_frames)
         return Decoded(samples, counts)

@@ -1,24 +1,24 @@
-"""DBC files: reading, parsing (cantools) and refusing what cannot be decoded rightly."""
+"""DBC files: reading them, and leaving out or refusing what cannot be decoded rightly.
+
+The DBC is read here and not by cantools, which gives up a whole file for one line that it does not
+understand, whose work grows with the numbers in the text and not with its length, and whose import
+alone takes as long as a hostile file may.  It is the judge of this reader in the tests.
+"""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from importlib.resources import files
-from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 from .codec import Codec
+from .compose import compose
+from .document import ORPHANS, Block, Document, read_document, whole
 from .errors import InputError
-from .layout import CounterRule, MessageLayout, SignalLayout
-from .limits import MAX_BYTES, PICK_DBC, Source, check_text
-from .lint import check_messages
-
-ROLE_ATTRIBUTE = "SignalRole"
-VALUE_ROLE = "value"
-COUNTER_ROLE = "counter"
-CRC_ROLE = "crc8_j1850"
+from .layout import MessageLayout
+from .limits import MAX_BYTES, PICK_DBC
+from .lint import FaultError, ambiguous, check_message, overlaps
+from .remark import Remark
+from .source import Source
 
 
 def shipped_dbc() -> str:
@@ -42,7 +42,7 @@ def read_dbc(path: str | Path) -> str:
     Raises
     ------
     InputError
-        If it cannot be read, is too large or is not text.
+        If it cannot be read, is too large or is UTF-16.
     """
     path = Path(path)
     if path.exists() and not path.is_file():  # a directory; or a device, which may never end
@@ -54,28 +54,26 @@ def read_dbc(path: str | Path) -> str:
         raise InputError(str(path), error.strerror or str(error), PICK_DBC) from error
     if len(content) > MAX_BYTES:
         raise InputError(str(path), f"larger than {MAX_BYTES // 1_000_000} MB", PICK_DBC)
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputError(str(path), "UTF-16 text, not UTF-8 or Windows text", "save it as UTF-8")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        pass
-    try:
-        return content.decode("cp1252")
-    except UnicodeDecodeError as error:
-        raise InputError(str(path), "neither UTF-8 nor Windows text", PICK_DBC) from error
+        return content.decode("cp1252", errors="replace")
 
 
 def load_codec(path: str | Path) -> Codec:
-    """Read and compile a DBC file.
+    """Read and compile a CAN database.
 
     Parameters
     ----------
     path : str or Path
-        The file.
+        The file: DBC; or KCD or SYM, by its suffix.
 
     Returns
     -------
     Codec
-        Its messages, ready to decode.
+        Its messages, ready to decode; those that cannot be used in `left_out`.
 
     Raises
     ------
@@ -86,14 +84,16 @@ def load_codec(path: str | Path) -> Codec:
 
 
 def parse_codec(text: str, name: str) -> Codec:
-    """Compile the text of a DBC.
+    """Compile the text of a CAN database.
 
-    Overlapping signals are legal (sensors document them); each is read from its own bits.
+    A message that cannot be decoded rightly is left out, and said so in `Codec.left_out`; the
+    others are loaded.  Overlapping signals are legal (sensors document them): each is read from
+    its own bits, and `Codec.notes` says so.
 
     Parameters
     ----------
     text : str
-        The DBC.
+        The DBC; or KCD or SYM, by the suffix of its name.
     name : str
         Where it came from, for error messages.
 
@@ -105,99 +105,93 @@ def parse_codec(text: str, name: str) -> Codec:
     Raises
     ------
     InputError
-        If it is not a DBC, or says something that cannot be meant: ambiguous names or
-        identifiers, signals outside their message, factors of zero or infinity.
+        If it is no CAN database, or ends within a definition, or none of its messages can be
+        used; with `name:line`.
     """
-    source = check_text(text, name)
-    try:
-        messages = tuple(_message(message, source) for message in _parse(text, source))
-        check_messages(messages, source)
-    except OverflowError as error:
-        raise InputError(name, "a number is beyond float64", "mend factors and ranges") from error
-    return Codec(messages)
+    if len(text) > MAX_BYTES:
+        raise InputError(name, f"larger than {MAX_BYTES // 1_000_000} MB", PICK_DBC)
+    if not text.strip():
+        raise InputError(name, "the file is empty", PICK_DBC)
+    if "\0" in text:
+        raise InputError(name, "binary data, not a DBC", PICK_DBC)
+    if Path(name).suffix.lower() in (".kcd", ".sym"):
+        from .foreign import parse_foreign
+
+        return parse_foreign(text, name)
+    source = Source.of(text, name)
+    return _compile(read_document(text, source), source)
 
 
-def _parse(text: str, source: Source) -> Sequence[Any]:
-    from cantools.database.can.formats import dbc
-
-    # The parser takes a text that ends within a definition for a whole one, and leaves out what
-    # it did not understand.  A definition after the end turns that into a syntax error.
-    whole = f'{text}\nCM_ "";\n'
-    try:
-        return tuple(dbc.load_string(whole, strict=False).messages)
-    except Exception as error:
-        # cantools raises whatever comes up: ValueError, KeyError, its own, the tokenizer's.
-        what = str(error).split("\n", 1)[0] or type(error).__name__
-        place = re.search(r"\bline (\d+)", what)
-        if place and int(place[1]) > text.count("\n") + 1:
-            raise InputError(source.name, "ends within a definition", PICK_DBC) from error
-        where = f"{source.name}:{place[1]}" if place else source.name
-        raise InputError(where, f"not a valid DBC: {what}", "mend it or give another") from error
-
-
-def _message(message: Any, source: Source) -> MessageLayout:
-    signals = tuple(map(_signal, message.signals))
-    roles = _roles(message, source)
-    counter = next((signal for signal in signals if signal.name == roles.get(COUNTER_ROLE)), None)
-    cycle_ms = message.cycle_time
-    return MessageLayout(
-        name=message.name,
-        can_id=message.frame_id,
-        is_extended=message.is_extended_frame,
-        length=message.length,
-        cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
-        signals=signals,
-        counter=CounterRule(counter.name, 1 << counter.length) if counter else None,
-        crc=roles.get(CRC_ROLE),
-        senders=tuple(message.senders),
-    )
-
-
-def _signal(signal: Any) -> SignalLayout:
-    is_float = signal.conversion.is_float
-    factor, offset = signal.conversion.scale, signal.conversion.offset
-    if not is_float and factor == factor // 1 and offset == offset // 1:
-        factor, offset = int(factor), int(offset)
-    return SignalLayout(
-        name=signal.name,
-        unit=signal.unit or "",
-        start=signal.start,
-        length=signal.length,
-        is_big_endian=signal.byte_order == "big_endian",
-        is_signed=signal.is_signed,
-        is_float=is_float,
-        factor=factor,
-        offset=offset,
-        minimum=None if signal.minimum is None else float(signal.minimum),
-        maximum=None if signal.maximum is None else float(signal.maximum),
-        selector=signal.multiplexer_signal,
-        selected_by=_ranges(signal.multiplexer_ids or ()),
-    )
-
-
-def _roles(message: Any, source: Source) -> dict[str, str]:
-    """Return the names of the signals that have a role other than to carry a value, by role."""
-    found: dict[str, str] = {}
-    for signal in message.signals:
-        attribute = (signal.dbc.attributes or {}).get(ROLE_ATTRIBUTE)
-        if attribute is None:
+def _compile(document: Document, source: Source) -> Codec:
+    """Check the messages of a document one by one; tell the usable ones from the others."""
+    usable: list[tuple[Block, MessageLayout]] = []
+    left_out: list[Remark] = []
+    faults = _strays(document) | document.faults
+    for block in document.blocks:
+        name = block.head["name"] if block.head else "?"
+        if name == ORPHANS:
             continue
-        choices = dict(enumerate(attribute.definition.choices or ()))
-        role = choices.get(
-            attribute.value, attribute.value
-        )  # an ENUM has the index, a STRING the text
-        if role == VALUE_ROLE:
+        known = faults.get(whole(block.head["id"])) if block.head else None
+        fault = block.fault or known
+        if fault is not None:
+            left_out.append(Remark(source.at(fault[0]), f"message {name}", fault[1]))
             continue
-        if role not in (COUNTER_ROLE, CRC_ROLE) or role in found:
-            what = f"{message.name}.{signal.name}: the role {role} is unknown or there twice"
-            advice = f"give {ROLE_ATTRIBUTE} as {VALUE_ROLE}, {COUNTER_ROLE} or {CRC_ROLE}"
-            raise InputError(source.name, what, advice)
-        found[role] = signal.name
-    return found
+        try:
+            message = compose(document, block)
+            check_message(message)
+        except FaultError as found:
+            left_out.append(_remark(source, block, name, found.signal, found.reason))
+        else:
+            usable.append((block, message))
+    twice = ambiguous([message for _, message in usable])
+    left_out += [
+        _remark(source, usable[i][0], usable[i][1].name, None, why) for i, why in twice.items()
+    ]
+    kept = [pair for i, pair in enumerate(usable) if i not in twice]
+    notes = [Remark(source.at(start), "the text", what) for start, what in document.loose]
+    for block, message in kept:
+        shared = overlaps(message)
+        if shared:
+            more = f" (and {len(shared) - 1} more signals)" if len(shared) > 1 else ""
+            what = f"overlaps {shared[0][1]}{more}"
+            notes.append(_remark(source, block, message.name, shared[0][0], what))
+    if not kept:
+        raise _refusal(source, [*left_out, *notes])
+    return Codec(tuple(message for _, message in kept), tuple(left_out), tuple(notes))
 
 
-def _ranges(values: Sequence[int]) -> tuple[tuple[int, int], ...]:
-    """Write whole numbers as inclusive ranges."""
-    runs = groupby(enumerate(sorted(values)), lambda pair: pair[1] - pair[0])
-    groups = [[value for _, value in run] for _, run in runs]
-    return tuple((group[0], group[-1]) for group in groups)
+def _strays(document: Document) -> dict[int, tuple[int, str]]:
+    """Find messages that lack a signal of which the DBC says that it is a float or multiplexed.
+
+    Another signal may be meant.  (A value table of no signal is common, and does no such harm.)
+    """
+    held = {
+        whole(block.head["id"]): {s.body["name"] for s in block.signals if s.body}
+        for block in document.blocks
+        if block.head
+    }
+    return {
+        key[0]: (document.positions[key], f"has no signal {key[1]}, which is named there")
+        for key in [*document.float_types, *document.selections]
+        if key[0] in held and key[1] not in held[key[0]]
+    }
+
+
+def _remark(source: Source, block: Block, message: str, signal: str | None, reason: str) -> Remark:
+    """Say something about a message, or about one of its signals if the text calls it so."""
+    if signal is None:
+        return Remark(source.at(block.position), f"message {message}", reason)
+    lines = (s.start for s in reversed(block.signals) if s.body and s.body["name"] == signal)
+    return Remark(source.at(next(lines, block.position)), f"{message}.{signal}", reason)
+
+
+def _refusal(source: Source, remarks: list[Remark]) -> InputError:
+    """Return the error for a file of which nothing is left."""
+    if not remarks:
+        return InputError(source.name, "the DBC has no messages", PICK_DBC)
+    first = remarks[0]
+    more = f", and {len(remarks) - 1} more faults" if len(remarks) > 1 else ""
+    what = f"{first.name} {first.reason}{more}"
+    if first.name == "the text":
+        what = f"not a valid DBC: {first.reason}{more}"
+    return InputError(first.where, what, "mend that line or give another file")

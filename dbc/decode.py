@@ -93,15 +93,21 @@ def decode_message(reader: MessageReader, frames: MessageFrames) -> tuple[dict[s
         signal = field.layout
         rows = selected.get(signal.name)
         part = frames if rows is None else frames.select(rows)
-        value = field.scale(field.raw(part.payload))
+        raw = field.raw(part.payload)
+        value = field.scale(raw)
         marks = quality if rows is None else quality[rows]
+        if signal.sentinels:
+            named = np.isin(raw, np.array(signal.sentinels, raw.dtype.newbyteorder("=")))
+            value[named] = np.nan
+            marks = _mark(marks, named, Quality.SENTINEL)
         if valid is not None:
             outside = (value < valid[0]) | (value > valid[1])
             marks = _mark(marks, outside, Quality.OUT_OF_RANGE)
         if shortest <= signal.last_byte:
             cut = part.length <= signal.last_byte
             value[cut] = np.nan
-            marks = _mark(marks & ~(cut * np.uint8(Quality.OUT_OF_RANGE)), cut, Quality.MISSING)
+            said = Quality.OUT_OF_RANGE | Quality.SENTINEL  # by bits that were not there
+            marks = _mark(marks & ~(cut * np.uint8(said)), cut, Quality.MISSING)
         name = f"{layout.name}.{signal.name}"
         samples[name] = Samples(name, read_only(part.t_ns), read_only(value), read_only(marks))
     return samples, int(np.count_nonzero(bad))

@@ -47,6 +47,8 @@ class SignalLayout:
         Name of the multiplexer signal that decides whether this signal is in a frame.
     selected_by : tuple of (int, int)
         Inclusive ranges of the selector's raw value for which it is.
+    sentinels : tuple of int
+        Raw values that are no measurement, see `dbc.sentinels`.
     """
 
     name: str
@@ -62,6 +64,7 @@ class SignalLayout:
     maximum: float | None
     selector: str | None
     selected_by: tuple[tuple[int, int], ...]
+    sentinels: tuple[int, ...]
 
     @property
     def is_multiplexed(self) -> bool:
@@ -74,10 +77,17 @@ class SignalLayout:
         return self.start // 8
 
     @property
+    def first_bit(self) -> int:
+        """The bit, counted as the bytes are sent, at which the signal begins."""
+        if self.is_big_endian:
+            return 8 * (self.start // 8) + 7 - self.start % 8
+        return self.start
+
+    @property
     def last_byte(self) -> int:
         """The highest byte of the payload that holds a bit of the signal."""
         if self.is_big_endian:
-            return (8 * (self.start // 8) + 7 - self.start % 8 + self.length - 1) // 8
+            return (self.first_bit + self.length - 1) // 8
         return (self.start + self.length - 1) // 8
 
     @property
