@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..estimation import Estimation
-from .causes import Suspect, rank_causes
+from .causes import Suspect
 from .finding import Finding, Verdict
 from .sensors import Explanation, gain_of, sensor_explanations
 
@@ -34,15 +36,17 @@ _ADVICE = {
 }
 
 
-def cause_findings(estimation: Estimation) -> tuple[Finding, ...]:
+def cause_findings(estimation: Estimation, suspects: Sequence[Suspect]) -> tuple[Finding, ...]:
     """Name the likely cause of a misfit, or an effect that hides below it and matters.
 
     Parameters
     ----------
     estimation : Estimation
         At its optimum.
+    suspects : sequence of Suspect
+        Its causes as `rank_causes` has them.
     """
-    ranked = [suspect for suspect in rank_causes(estimation) if suspect.strength > 1.0]
+    ranked = [suspect for suspect in suspects if suspect.strength > 1.0]
     if not ranked:
         return ()
     if estimation.holds:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from daq.runs import Session
 
 from ..estimation import Estimation
+from .causes import rank_causes
 from .excitation import excitation_findings, mode_snr_db
 from .explain import cause_findings
 from .finding import Finding, Quality
@@ -52,9 +53,10 @@ def judge(session: Session, estimation: Estimation) -> Quality:
 
 def _causes(estimation: Estimation) -> tuple[Finding, ...]:
     """Name an odd run first: it would feign causes.  What depends on amplitude, only by itself."""
-    repeats = repeat_findings(estimation)
+    ranked = rank_causes(estimation)
+    repeats = repeat_findings(estimation, ranked[0].strength)
     if any(finding.gate == "odd_run" for finding in repeats):
         return repeats
-    causes = cause_findings(estimation)
+    causes = cause_findings(estimation, ranked)
     explained = bool(causes) and not {finding.gate for finding in causes} & _NON_LINEAR
     return causes if explained else (*causes, *repeats)

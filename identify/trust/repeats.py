@@ -47,19 +47,21 @@ class Pull:
     change: float
 
 
-def repeat_findings(estimation: Estimation) -> tuple[Finding, ...]:
+def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]:
     """Name runs that disagree with the others, and a dependence on amplitude.
 
     Parameters
     ----------
     estimation : Estimation
         At its optimum.
+    rival : float
+        Strength of the likeliest cause that all runs share: it may set them at odds too.
     """
     parts = shares(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
     runs = {decay.label: parts[decay.label] for decay in estimation.decays}
     pulls = {label: pull_of(estimation, (part,)) for label, part in runs.items()}
     odd = max(pulls, key=lambda label: pulls[label].strength)
-    findings = _odd_run(estimation, odd, pulls[odd])
+    findings = _odd_run(estimation, odd, pulls[odd], rival)
     if findings:
         return findings
     return (*_small_motion(estimation), *_two_heights(estimation, runs))
@@ -85,9 +87,9 @@ def pull_of(estimation: Estimation, parts: Iterable[Share]) -> Pull:
     return Pull(square / chance, estimation.box.parameters[worst], change)
 
 
-def _odd_run(estimation: Estimation, label: str, pull: Pull) -> tuple[Finding, ...]:
+def _odd_run(estimation: Estimation, label: str, pull: Pull, rival: float) -> tuple[Finding, ...]:
     """Say whether the fit holds without the run that disagrees most."""
-    odd = pull.strength > 1.0 and abs(pull.change) > _MATTERS
+    odd = pull.strength > max(1.0, rival) and abs(pull.change) > _MATTERS
     if len(estimation.decays) < 3 or (estimation.holds and not odd):
         return ()
     others = tuple(d.thinned(_RATE_HZ) for d in estimation.decays if d.label != label)

@@ -27,6 +27,8 @@ _SUSPECTED = 4
 """Channels that are left out in turn."""
 _CLEARS = 0.9
 """Share of the misfit that must go with a channel to call it wrong."""
+_ALONE = 0.97
+"""Share from which on it needs no comparison; below, it may be the slowest of several."""
 _CHOICE = 1.5
 _LATE_SIGMA_S = 0.03
 _COARSE_HZ = (15.0, 40.0)
@@ -85,8 +87,8 @@ def sensor_explanations(estimation: Estimation, suspected: Sequence[str]) -> lis
     """
     before = _solved(estimation, lambda c: c, estimation.fit.eta)
     found = [*_wrong_channels(estimation, before, suspected[:_SUSPECTED])]
-    if not found:
-        found = [*_late(estimation, before), *_slow(estimation, before)]
+    if not found or found[0].explained < _ALONE:
+        found += [*_late(estimation, before), *_slow(estimation, before)]
         # Lateness and a low-pass look alike; a low-pass, which has more to choose from, must
         # leave clearly less.
         found.sort(

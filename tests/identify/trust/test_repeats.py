@@ -1,0 +1,77 @@
+"""Whether all runs, and the large and the small motion, tell of the same vehicle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from identify.estimation import Estimation
+from identify.likelihood import fit, shares
+from identify.trust.causes import rank_causes
+from identify.trust.finding import Verdict
+from identify.trust.repeats import pull_of, repeat_findings
+
+from .campaigns import SEEDS, by_gate, estimated
+
+NO_RIVAL = 0.0
+
+
+def _pulls(result: Estimation) -> dict[str, float]:
+    parts = shares(result.box, result.decays, result.noise, result.fit.eta)
+    return {d.label: pull_of(result, (parts[d.label],)).strength for d in result.decays}
+
+
+@pytest.mark.parametrize("label", ["added_roll_2", "baseline_bounce_1"])
+def test_a_pull_is_what_parameters_of_its_own_would_gain_a_run(label: str) -> None:
+    result = estimated("linear", 1)
+    parts = shares(result.box, result.decays, result.noise, result.fit.eta)
+    pull = pull_of(result, (parts[label],))
+    costs = [
+        fit(result.box, chosen, result.noise, result.fit.eta, 1e-5, 200).cost
+        for chosen in (
+            result.decays,
+            tuple(d for d in result.decays if d.label != label),
+            tuple(d for d in result.decays if d.label == label),
+        )
+    ]
+    gain = costs[0] - costs[1] - costs[2]
+    assert gain > 5.0
+    chance = (np.sqrt(15.0) + 5.0) ** 2 * max(1.0, result.chi2_per_n)
+    assert pull.strength * chance == pytest.approx(gain, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_runs_of_one_vehicle_agree(seed: int) -> None:
+    result = estimated("linear", seed)
+    pulls = _pulls(result)
+    assert len(pulls) == 12
+    assert max(pulls.values()) < 0.6
+    # 15 degrees of freedom each: the mean of the squares is 15 of the 78.7 that chance gives.
+    assert np.mean(list(pulls.values())) == pytest.approx(0.19, abs=0.08)
+    assert repeat_findings(result, NO_RIVAL) == ()
+
+
+@pytest.mark.parametrize("name", ["hot_damper", "second_bump"])
+def test_the_odd_run_is_named(name: str) -> None:
+    result = estimated(name, 1)
+    (finding,) = repeat_findings(result, rank_causes(result)[0].strength)
+    assert finding.gate == "odd_run"
+    assert finding.severity is Verdict.DOUBTFUL
+    assert "run baseline_bounce_2 " in finding.text
+    pulls = _pulls(result)
+    assert max(pulls, key=lambda label: pulls[label]) == "baseline_bounce_2"
+
+
+def test_a_cause_that_all_runs_share_makes_none_odd() -> None:
+    # Late hub channels set the runs at odds, less than they disturb them all.
+    result = estimated("hubs_late_5ms", 3)
+    assert max(_pulls(result).values()) > 1.0
+    rival = rank_causes(result)[0]
+    assert rival.cause in ("hub sensors late", "body_acc_z late")
+    assert "odd_run" not in by_gate(repeat_findings(result, rival.strength))
+
+
+def test_small_motion_over_dampers_that_are_not_linear() -> None:
+    finding = by_gate(repeat_findings(estimated("damper_mild", 1), NO_RIVAL))["amplitude"]
+    assert finding.severity is Verdict.DOUBTFUL
+    assert "small motion" in finding.text
