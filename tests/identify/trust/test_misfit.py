@@ -1,0 +1,79 @@
+"""Convergence, chi2, and where the misfit is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import nan
+
+import numpy as np
+import pytest
+
+from identify.estimation import Estimation
+from identify.trust.finding import Verdict
+from identify.trust.misfit import chi2_by_run, misfit_findings
+
+from ..stress import BODY, HUBS, REST_S
+from .campaigns import by_gate, campaign, estimated
+
+
+@pytest.fixture(scope="module")
+def linear() -> Estimation:
+    return estimated("linear", 1)
+
+
+def test_noise_alone_is_no_misfit(linear: Estimation) -> None:
+    assert misfit_findings(linear) == ()
+    table = chi2_by_run(linear)
+    assert list(table) == [run.label for run in campaign("linear", 1).runs]
+    assert all(set(row) == {*BODY, *HUBS} for row in table.values())
+    # 560 samples a cell: a spread of 6 %, and as much again by the noise level at rest.
+    cells = np.array([list(row.values()) for row in table.values()])
+    assert np.all(np.abs(cells - 1.0) < 0.35)
+    assert cells.mean() == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_channel_that_is_twice_as_loud_in_one_run_is_pointed_at(linear: Estimation) -> None:
+    label = "added_pitch_1"
+    spoilt = tuple(
+        replace(r, values={**r.values, "roll_rate": 2.0 * r.values["roll_rate"]})
+        if r.label == label
+        else r
+        for r in linear.residuals
+    )
+    before, after = chi2_by_run(linear), chi2_by_run(replace(linear, residuals=spoilt))
+    assert after[label]["roll_rate"] == pytest.approx(4.0 * before[label]["roll_rate"])
+    (finding,) = misfit_findings(replace(linear, residuals=spoilt, chi2_per_n=1.2))
+    assert "worst roll_rate in added_pitch_1" in finding.text
+
+
+@pytest.mark.parametrize(
+    ("chi2", "severity"),
+    [(1.2, Verdict.DOUBTFUL), (1.6, Verdict.REFUSED), (nan, Verdict.REFUSED)],
+)
+def test_the_further_from_one_the_worse(linear: Estimation, chi2: float, severity: Verdict) -> None:
+    (finding,) = misfit_findings(replace(linear, chi2_per_n=chi2))
+    assert finding.gate == "chi2"
+    assert finding.severity is severity
+
+
+def test_a_fit_that_did_not_converge_is_refused(linear: Estimation) -> None:
+    lost = replace(linear, fit=replace(linear.fit, converged=False, iterations=30))
+    (finding,) = misfit_findings(lost)
+    assert finding.gate == "convergence"
+    assert finding.severity is Verdict.REFUSED
+    assert "30 iterations" in finding.text
+
+
+def test_noise_that_was_not_seen_at_rest_is_said(linear: Estimation) -> None:
+    (finding,) = misfit_findings(replace(linear, rest={}))
+    assert finding.gate == "noise"
+    assert finding.severity is Verdict.OK
+
+
+def test_a_bump_that_lasts_longer_than_stated_shows_in_the_start() -> None:
+    late = estimated("early_20ms", 1)
+    finding = by_gate(misfit_findings(late))["late_start"]
+    assert finding.severity is Verdict.DOUBTFUL
+    # In truth the bump ends 0.2 s after the rest; no forced sample is in the windows.
+    assert all(REST_S + 0.2 - 1e-3 < decay.start_s < REST_S + 0.206 for decay in late.decays)
+    assert misfit_findings(estimated("early", 1)) == ()

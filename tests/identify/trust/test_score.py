@@ -1,0 +1,101 @@
+"""Score tests: sizes and shifts against truth and refits, and no alarm without a cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from identify.estimation import Estimation, estimate, generic_vehicles
+from identify.greybox import GreyBox
+from identify.pipeline import grey_box, usable_records
+from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of
+from identify.study.sensors import SENSOR_SETS
+from identify.trust.causes import Suspect, rank_causes
+from identify.trust.judge import judge
+
+from ..stress import HUBS, STRESSES
+from .campaigns import SEEDS, campaign, doubtful, estimated
+
+BOX = GreyBox(SENSOR_SETS["paper"], PAPER_MASS_STATES, None)
+
+
+def _suspect(result: Estimation, cause: str) -> Suspect:
+    (found,) = [suspect for suspect in rank_causes(result) if suspect.cause == cause]
+    return found
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_nothing_is_held_against_a_car_that_is_as_modelled(seed: int) -> None:
+    result = estimated("linear", seed)
+    quality = judge(campaign("linear", seed), result)
+    assert not doubtful(quality.findings)
+    assert rank_causes(result)[0].strength < 0.6
+
+
+def test_no_false_alarm_and_sizes_that_are_noise() -> None:
+    deviates = []
+    for seed in range(10):
+        result = estimate(BOX, records_of(Campaign(), seed), generic_vehicles())
+        suspects = rank_causes(result)
+        assert suspects[0].strength < 1.0
+        for score in (suspect.score for suspect in suspects):
+            # All channels share one clock: its lateness is another initial state, not testable.
+            seen = score.stds > 0.0
+            deviates.append(score.sizes[seen] / score.stds[seen])
+    z = np.concatenate(deviates)
+    assert len(z) > 200
+    # All effects, those of sensors as those of forces, err by what they say.
+    assert 0.85 < np.sqrt(np.mean(z**2)) < 1.15
+    assert np.mean(np.abs(z) < 1.96) == pytest.approx(0.95, abs=0.03)
+
+
+def test_a_gain_is_sized() -> None:
+    (fault,) = STRESSES["gain"].faults
+    sizes = []
+    for seed in (1, 2, 3):
+        found = _suspect(estimated("gain", seed), f"gain of {fault.channel}")
+        size, std = float(found.score.sizes[0]), float(found.score.stds[0])
+        assert abs(size - (fault.gain - 1.0)) < 3.0 * std
+        assert std < 0.006
+        sizes.append(size)
+    assert np.mean(sizes) == pytest.approx(0.02, abs=0.007)
+
+
+def test_lateness_is_sized_and_its_shift_is_that_of_a_refit() -> None:
+    result = estimated("hubs_late_1ms", 1)
+    found = _suspect(result, "hub sensors late")
+    (effect,) = found.effects
+    late_ms = float(found.score.sizes[0]) * effect.factor
+    std_ms = float(found.score.stds[0]) * effect.factor
+    assert late_ms == pytest.approx(1.0, abs=4.0 * std_ms)
+    assert std_ms < 0.05
+    assert found.strength > 10.0
+
+    session = campaign("hubs_late_1ms", 1)
+    free = replace(
+        session,
+        channels=tuple(
+            replace(c, delay_sigma_s=1.0) if c.name in HUBS else c for c in session.channels
+        ),
+    )
+    records = usable_records(free)
+    refit = estimate(grey_box(free, records), records, generic_vehicles())
+    n = len(result.box.parameters)
+    moved = refit.fit.eta[:n] - result.fit.eta[:n]
+    std = np.sqrt(np.diag(refit.fit.covariance)[:n])
+    assert np.max(np.abs(moved) / std) > 3.0
+    np.testing.assert_allclose(found.score.shift[:n], moved, atol=0.5 * float(std.max()))
+    assert found.shift == pytest.approx(np.max(np.abs(moved)), rel=0.1)
+    assert found.shifted == result.box.parameters[int(np.argmax(np.abs(moved)))]
+
+
+def test_tyre_damping_is_sized() -> None:
+    found = _suspect(estimated("tyre_damping", 1), "tyre damping")
+    factors = np.array([effect.factor for effect in found.effects])
+    sizes, stds = found.score.sizes * factors, found.score.stds * factors
+    assert [effect.label for effect in found.effects] == ["c_tf", "c_tr"]
+    assert np.all(np.abs(sizes - 150.0) < 4.0 * stds)
+    assert np.all(stds < 40.0)
+    assert found.strength > 1.0

@@ -1,0 +1,115 @@
+"""What is missing before a fit can be tried, each with its reason and what to do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daq.channels import Quantity
+from daq.runs import ADDED, BASELINE, RunStatus, Session
+from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, HubWeight, MassState, Vehicle
+from identify import identify
+from identify.pipeline import usable_records
+from identify.trust.finding import Finding, Verdict
+from identify.trust.shortcomings import shortcomings
+
+from .campaigns import campaign, with_runs
+
+TOTAL = Vehicle("x", facts=(Fact("total_mass_kg", 1551.8, 1.0),))
+TRACKS = Vehicle("x", facts=(Fact("front_track_m", 1.48, 0.001),))
+SPRING = Vehicle("x", facts=(Fact("k_sf", 17e3, 100.0),))
+HUB_WEIGHTS = tuple(HubWeight(5.0, corner) for corner in Corner)
+SPREAD = (BodyWeight(60, 0.3, 0.5), BodyWeight(60, 0.3, -0.5), BodyWeight(60, -2.6, 0.4))
+
+
+def _missing(session: Session) -> tuple[Finding, ...]:
+    return shortcomings(usable_records(session), session)
+
+
+def _only(state: str) -> Session:
+    session = campaign("linear", 1)
+    return replace(session, runs=tuple(r for r in session.runs if r.mass_state == state))
+
+
+def _with_added(*weights: BodyWeight | HubWeight, matrix: object = None) -> Session:
+    added = AddedMass(weights)
+    if matrix is not None:
+        added = AddedMass(weights, np.asarray(matrix, dtype=float))
+    states = (MassState(BASELINE), MassState(ADDED, added))
+    return replace(campaign("linear", 1), mass_states=states)
+
+
+def _channels(*names: str) -> Session:
+    session = campaign("linear", 1)
+    return replace(
+        session,
+        channels=tuple(
+            c if c.name in names else replace(c, quantity=Quantity.UNUSED, corner=None)
+            for c in session.channels
+        ),
+    )
+
+
+def test_a_whole_campaign_lacks_nothing() -> None:
+    assert _missing(campaign("linear", 1)) == ()
+
+
+@pytest.mark.parametrize(
+    ("session", "gate", "words"),
+    [
+        (replace(campaign("linear", 1), runs=()), "no_runs", ("bounce, pitch and roll",)),
+        (
+            with_runs(campaign("linear", 1), lambda r: replace(r, status=RunStatus.REJECTED)),
+            "no_runs",
+            ("no accepted run",),
+        ),
+        (_channels("body_acc_z"), "channels", ("one channel only (body_acc_z)", "each hub")),
+        (_only(ADDED), "mass_states", ("no accepted baseline run", "weigh")),
+        (_only(BASELINE), "mass_states", ("no accepted run with added mass", "weigh")),
+        (_with_added(), "mass_states", ("no accepted run with added mass",)),
+        (_with_added(BodyWeight(130.0, -1.2, 0.0)), "added_mass", ("singular", "weigh")),
+        (_with_added(*SPREAD), "added_mass", ("singular",)),
+        (_with_added(*HUB_WEIGHTS), "added_mass", ("singular",)),
+        (_with_added(*SPREAD, *HUB_WEIGHTS[:3]), "added_mass", ("singular", "move with z_uD:")),
+        (
+            _with_added(matrix=np.diag([130, 250, 0, 4, 4, 5, 5])),
+            "added_mass",
+            ("singular", "move with phi:"),
+        ),
+    ],
+)
+def test_what_is_missing_is_refused_with_advice(
+    session: Session, gate: str, words: tuple[str, ...]
+) -> None:
+    (finding,) = _missing(session)
+    assert finding.gate == gate
+    assert finding.severity is Verdict.REFUSED
+    assert "\n" not in finding.text
+    for word in words:
+        assert word in finding.text
+    result = identify(session)
+    assert result.quality.verdict is Verdict.REFUSED
+    assert result.quality.reasons == (finding.text,)
+    assert not result.parameters
+
+
+@pytest.mark.parametrize("vehicle", [TOTAL, SPRING])
+@pytest.mark.parametrize(
+    "session",
+    [_only(ADDED), _only(BASELINE), _with_added(), _with_added(BodyWeight(130.0, -1.2, 0.0))],
+)
+def test_scales_or_a_known_spring_stand_in_for_added_mass(
+    session: Session, vehicle: Vehicle
+) -> None:
+    assert _missing(replace(session, vehicle=vehicle)) == ()
+
+
+def test_a_track_fixes_no_scale() -> None:
+    (finding,) = _missing(replace(_only(BASELINE), vehicle=TRACKS))
+    assert finding.gate == "mass_states"
+
+
+def test_weights_on_body_and_hubs_are_enough() -> None:
+    assert _missing(_with_added(*SPREAD, *HUB_WEIGHTS)) == ()
