@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from dbc import Codec
 from dbc.frames import FrameBatch
@@ -15,7 +16,6 @@ from . import health, trigger
 from .campaign import Step, next_step
 from .config import Bench
 from .errors import InputError
-from .journal import Journal
 from .mapping import map_channels
 from .runs import Event, Losses
 from .source import HopLosses
@@ -23,6 +23,16 @@ from .source import HopLosses
 RESTAMPED = "restamped"
 UNPLANNED = "unplanned_"
 """Put before the code of a bump (and of its end) that comes when the campaign is complete."""
+
+
+class FrameStore(Protocol):
+    """Where a recorder puts what it is given: a `Journal`, or what an import keeps of a log."""
+
+    def append(self, frames: FrameBatch, losses: HopLosses) -> None:
+        """Store a block of frames, and the losses counted up to it."""
+
+    def append_events(self, events: Sequence[Event]) -> None:
+        """Store events."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +74,7 @@ class Recorder:
         Channels, campaign and trigger.
     codec : Codec
         The bench's DBC.
-    journal : Journal
+    journal : FrameStore
         Where everything goes; the caller closes it.
 
     Raises
@@ -73,7 +83,7 @@ class Recorder:
         If a channel and the DBC do not fit, or no channel can trigger.
     """
 
-    def __init__(self, bench: Bench, codec: Codec, journal: Journal) -> None:
+    def __init__(self, bench: Bench, codec: Codec, journal: FrameStore) -> None:
         self._bench = bench
         self._codec = codec
         self._journal = journal

@@ -48,3 +48,27 @@ def reachable(bench: Bench, where: str) -> Bench:
             " --interface udp_multicast --channel 239.74.163.2",
         )
     return bench
+
+
+def bench_with_dbc(path: Path | None, dbc: Path | None) -> Bench:
+    """Return the bench with another DBC in place of its own.
+
+    Parameters
+    ----------
+    path : Path or None
+        bench.toml; the shipped one if None.
+    dbc : Path or None
+        The other DBC; the bench's own if None.
+
+    Raises
+    ------
+    InputError
+        If a file is bad.
+    """
+    from dataclasses import replace
+
+    from daq.config import load_bench
+    from dbc import read_dbc
+
+    bench = load_bench(path)
+    return replace(bench, dbc_text=read_dbc(dbc), dbc_name=str(dbc)) if dbc else bench

@@ -16,10 +16,13 @@ from .commands.decode import decode
 from .commands.demo import demo
 from .commands.export import export
 from .commands.identify import identify
+from .commands.import_ import import_
 from .commands.inspect import inspect
 from .commands.plan import plan
 from .commands.record import record
 from .commands.recover import recover
+from .commands.redecode import redecode
+from .commands.replay import replay
 from .commands.simulate import simulate
 from .commands.study import study
 from .commands.validate import validate
@@ -37,6 +40,8 @@ for command in (
     record,
     check,
     recover,
+    redecode,
+    replay,
     decode,
     inspect,
     identify,
@@ -46,6 +51,7 @@ for command in (
     validate,
 ):
     app.command()(command)
+app.command("import")(import_)
 app.add_typer(study, name="study")
 
 

@@ -1,0 +1,113 @@
+"""A campaign goes out as raw BLF and comes back in through another DBC: the same car, bit for bit."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+import daq
+from daq.build import session_from_journal
+from daq.config import parse_bench
+from daq.journal import Journal
+from daq.journal_format import JournalHead
+from daq.journal_reader import read_journal
+from daq.recorder import Recorder
+from daq.sim.ecu import campaign_frames
+from daq.source import HopLosses
+from dbc import FrameBatch, parse_codec, shipped_dbc
+from tui.cli import run
+
+from .coverage import CAR, START_NS
+
+FOREIGN = {
+    "IMU_Accel": "Traegheit_A",
+    "IMU_Rate": "Traegheit_W",
+    "HUB_Front": "Achse_1",
+    "HUB_Rear": "Achse_2",
+    "SUSP_Front": "Federweg_1",
+    "SUSP_Rear": "Federweg_2",
+    "acc_fl": "az_links",
+    "acc_fr": "az_rechts",
+    "rate_x": "wanken",
+    "rate_y": "nicken",
+}
+
+
+def _foreign(text: str) -> str:
+    for ours, theirs in FOREIGN.items():
+        text = re.sub(rf"\b{ours}\b", theirs, text)
+    return text
+
+
+def _bench_text() -> str:
+    default = (Path(__file__).parents[2] / "daq" / "bench.toml").read_text("utf-8")
+    return default.replace("repeats = 2", "repeats = 1")
+
+
+def _on_grid(frames: FrameBatch) -> FrameBatch:
+    """Move stamps by up to 0.2 us to times that a float64 of seconds holds, as python-can has."""
+    steps = np.rint((frames.t_ns - START_NS) * 1e-9 * 2**22)
+    steps[0] = 0
+    return replace(frames, t_ns=START_NS + np.floor(steps / 2**22 * 1e9).astype(np.int64))
+
+
+def _write_blf(path: Path, frames: FrameBatch) -> None:
+    with can.Logger(path) as log:
+        columns = (frames.t_ns.tolist(), frames.can_id.tolist(), frames.length.tolist())
+        for t_ns, can_id, length, row in zip(*columns, frames.data, strict=True):
+            # To the middle of the nanosecond that the writer cuts off, on the grid of float64.
+            stamp_s = START_NS // 10**9 + round((t_ns - START_NS) * 1e-9 * 2**22) / 2**22
+            data = row[:length].tobytes()
+            log(can.Message(stamp_s, can_id, is_extended_id=False, data=data))
+
+
+def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert run([*arguments, "--json"]) == 0, capsys.readouterr().err
+    document = json.loads(capsys.readouterr().out)
+    assert isinstance(document, dict)
+    return document
+
+
+def test_a_campaign_as_blf_through_a_foreign_dbc_gives_the_same_car(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    bench = parse_bench(_bench_text(), "bench.toml", Path(), shipped_dbc())
+    codec = parse_codec(bench.dbc_text, bench.dbc_name)
+    frames = _on_grid(
+        FrameBatch.concatenate(list(campaign_frames(bench, codec, CAR, 3, START_NS)))
+    )
+    head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0)
+    with Journal(tmp_path / "journal", head) as journal:
+        recorder = Recorder(bench, codec, journal)
+        for first in range(0, len(frames), 400):
+            recorder.step(frames.select(slice(first, first + 400)), HopLosses())
+        paths = journal.paths
+    recorded = session_from_journal(read_journal(paths))
+    daq.write_session(tmp_path / "recorded.h5", recorded)
+
+    _write_blf(tmp_path / "campaign.blf", frames)
+    (tmp_path / "foreign.dbc").write_text(_foreign(shipped_dbc()), "utf-8")
+    (tmp_path / "foreign.toml").write_text(_foreign(_bench_text()), "utf-8")
+    files = ["--config", str(tmp_path / "foreign.toml"), "--dbc", str(tmp_path / "foreign.dbc")]
+    target = str(tmp_path / "imported.h5")
+    log = str(tmp_path / "campaign.blf")
+    summary = _json(capsys, "import", log, *files, "--out", target)
+    assert summary["sources"][0]["frames"] == len(frames)
+    assert [one["label"] for one in summary["runs"]] == [one.label for one in recorded.runs]
+
+    imported = daq.read_session(target)
+    for ours, theirs in zip(recorded.runs, imported.runs, strict=True):
+        assert ours.t0_ns == theirs.t0_ns
+        np.testing.assert_array_equal(ours.frames.t_ns, theirs.frames.t_ns)
+        np.testing.assert_array_equal(ours.frames.data, theirs.frames.data)
+    ours_found = _json(capsys, "identify", str(tmp_path / "recorded.h5"))
+    theirs_found = _json(capsys, "identify", target)
+    assert len(ours_found["parameters"]) == 15
+    assert theirs_found["parameters"] == ours_found["parameters"]

@@ -1,0 +1,207 @@
+"""`bumpbench import`: logs of other tools, or of ours, become a session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..diagnostics import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from daq import Session
+    from daq.config import Bench
+    from daq.formats.log import Log
+    from daq.intake import LogPart
+    from dbc import Codec
+
+    from ..output import Stage
+
+RELATIVE_BEFORE_NS = 631_152_000_000_000_000
+"""Before 1990 nobody logged CAN: such stamps count from the start of the log."""
+
+
+def import_(
+    logs: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Logs in order: BLF, ASC, TRC, candump log, CSV, MF4, MCAP."),
+    ] = None,
+    run: Annotated[
+        list[str] | None,
+        typer.Option(help="A log of one run: baseline:bounce:FILE; again for each."),
+    ] = None,
+    runs: Annotated[
+        str | None,
+        typer.Option(help="What the bumps are, in order: baseline:bounce,added:roll,..."),
+    ] = None,
+    skip: Annotated[int, typer.Option(min=0, help="Bumps at the beginning to leave out.")] = 0,
+    bus: Annotated[
+        int | None, typer.Option(min=0, max=255, help="Only this bus of the log, from 0.")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="bench.toml; the shipped bench if absent.")
+    ] = None,
+    dbc: Annotated[Path | None, typer.Option(help="In place of the bench's DBC.")] = None,
+    out: Annotated[Path, typer.Option(help="Session file to write.")] = Path("session.h5"),
+    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+) -> int:
+    """Find the bumps in logs, cut them into runs and write a session.
+
+    One log may hold many runs, labelled in the order of the campaign; --runs says otherwise.
+    """
+    from importlib.metadata import version
+    from json import dumps
+
+    from daq import write_session
+    from daq.errors import InputError
+    from daq.formats.log import read_log, read_logs
+    from daq.intake import labelled, numbered, parse_runs, session_from_parts, with_steps
+    from dbc import parse_codec
+
+    from ..bench import bench_with_dbc
+    from ..diagnostics import say
+    from ..output import print_json, progress
+    from ..recording import print_summary, summary
+
+    singles = [_single(text) for text in run or []]
+    if bool(singles) == bool(logs):
+        what = "names both logs and --run" if logs else "names no log"
+        raise InputError("import", what, "name logs, or --run MASS_STATE:EXCITATION:FILE each")
+    if singles and (runs or skip):
+        raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")
+    bench = bench_with_dbc(config, dbc)
+    codec = parse_codec(bench.dbc_text, bench.dbc_name)
+    if singles:
+        steps = numbered([label for label, _ in singles])
+        sources = [read_log(path) for _, path in singles]
+    else:
+        steps = parse_runs(runs) if runs else bench.campaign.steps
+        sources = read_logs(logs or [])
+    bench = with_steps(bench, steps)
+    for source in sources:
+        if out.resolve() in [path.resolve() for path in source.paths]:
+            raise InputError(str(out), "is one of the logs", "name another file with --out")
+    with progress("import") as stage:
+        parts = _parts(bench, codec, sources, bus, stage, apart=bool(singles))
+        if singles:
+            for part, source in zip(parts, sources, strict=True):
+                _some_bump([part], [source])
+            pairs = zip(parts, steps, strict=True)
+            parts = [labelled([part], [step], 0)[0] for part, step in pairs]
+        else:
+            _some_bump(parts, sources)
+            parts = list(labelled(parts, steps, skip))
+        stage(1.0, "reading the logs' hashes")
+        about = {"software": f"bumpbench {version('bumpbench')}"}
+        facts = [_facts(source) for source in sources]
+        about |= {f"source_{n}": dumps(fact) for n, fact in enumerate(facts, start=1)}
+        stage(1.0, "writing the session")
+        session = session_from_parts(bench, codec, parts, about)
+        if not session.runs:
+            raise InputError("import", "no bump is left to be a run", "mend --skip or --runs")
+        write_session(out, session)
+    bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
+    if json:
+        extra = {"sources": facts, "bumps": bumps, "planned": len(steps)}
+        print_json({**summary(out, session), **extra})
+    else:
+        print_summary(out, session)
+    for text in _remarks(sources, session, bumps, len(steps)):
+        say(text)
+    lost = any(source.loss.any for source in sources)
+    lost |= any(one.losses.measured for one in session.runs)
+    return ExitCode.DATA_LOST if lost else ExitCode.OK
+
+
+def _single(text: str) -> tuple[tuple[str, str], Path]:
+    from daq.errors import InputError
+
+    parts = text.split(":", 2)
+    if len(parts) != 3 or not all(parts):
+        what = f"--run {text!r} is not understood"
+        raise InputError("import", what, "write MASS_STATE:EXCITATION:FILE")
+    return (parts[0], parts[1]), Path(parts[2])
+
+
+def _parts(
+    bench: Bench,
+    codec: Codec,
+    sources: Sequence[Log],
+    bus: int | None,
+    stage: Stage,
+    apart: bool,
+) -> list[LogPart]:
+    """Read all logs; one that goes on where the last one ended is one part with it."""
+    from daq.intake import Intake
+
+    intakes: list[Intake] = []
+    bumps = frames = 0
+    for number, source in enumerate(sources):
+        fresh = True
+        for batch in source:
+            wanted = batch if bus is None else batch.select(batch.bus == bus)
+            if not len(wanted):
+                continue
+            if fresh and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
+                intakes.append(Intake(bench, codec))
+            fresh = False
+            bumps += intakes[-1].take(wanted, source.hops)
+            frames += len(wanted)
+            share = (number + source.share) / len(sources)
+            stage(share, f"{frames} frames, {bumps} bumps")
+        if fresh and apart:
+            intakes.append(Intake(bench, codec))
+    return [intake.part() for intake in intakes]
+
+
+def _some_bump(parts: Sequence[LogPart], sources: Sequence[Log]) -> None:
+    """Refuse logs without a bump, with the reason as far as it is known."""
+    from daq.errors import InputError
+
+    if any(part.bumps for part in parts):
+        return
+    where = ", ".join(source.name for source in sources)
+    frames = sum(source.frames for source in sources)
+    unknown = sum(part.unknown_id for part in parts)
+    if not parts or unknown == frames:
+        what = f"none of its {frames} frames is in the DBC"
+        raise InputError(where, what, "name the DBC of that bus with --dbc, or another --bus")
+    what = f"no bump in {frames} frames, {unknown} of them not in the DBC"
+    advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
+    raise InputError(where, what, advice)
+
+
+def _facts(source: Log) -> dict[str, Any]:
+    """Return what the session is to know of a log."""
+    from hashlib import file_digest
+
+    files = []
+    for path in source.paths:
+        with path.open("rb") as file:
+            digest = file_digest(file, "sha256").hexdigest()
+        files.append({"name": path.name, "bytes": path.stat().st_size, "sha256": digest})
+    return {
+        "format": source.format.name,
+        "files": files,
+        "frames": source.frames,
+        "cannot_hold": source.format.lacks,
+        "lost": source.loss.text,
+    }
+
+
+def _remarks(sources: Sequence[Log], session: Session, bumps: int, planned: int) -> list[str]:
+    """Say what the reader should know of what was imported."""
+    remarks = [f"{s.name} is not whole: {s.loss.text}" for s in sources if s.loss.any]
+    lacking = {s.format.name: s.format.lacks for s in sources if s.format.lacks}
+    remarks += [f"{name} does not hold {lacks}" for name, lacks in lacking.items()]
+    found = len(session.runs)
+    if bumps > found:
+        remarks.append(f"{bumps - found} of {bumps} bumps were left out (see --runs and --skip)")
+    if found < planned:
+        remarks.append(f"{found} of {planned} planned runs were found")
+    if session.runs[0].t0_ns < RELATIVE_BEFORE_NS:
+        remarks.append("the log has no date: its times count from its own start")
+    return remarks

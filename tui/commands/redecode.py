@@ -1,0 +1,78 @@
+"""`bumpbench redecode`: a session from the raw frames of another, with a corrected DBC."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..diagnostics import ExitCode
+
+if TYPE_CHECKING:
+    from daq import Session
+    from daq.config import Bench
+
+
+def redecode(
+    session: Annotated[Path, typer.Argument(help="Session file (HDF5); it is not touched.")],
+    dbc: Annotated[Path | None, typer.Option(help="The corrected DBC.")] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="The corrected bench.toml; that of the session if absent.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Session file to write; NAME_redecoded.h5 if absent.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+) -> int:
+    """Decode the raw frames of a session anew, into a new session."""
+    from hashlib import file_digest
+
+    from daq import read_session, write_session
+    from daq.errors import InputError
+    from daq.redecode import redecoded
+
+    from ..output import print_json
+    from ..recording import print_summary, summary
+
+    if dbc is None and config is None:
+        what = "neither a DBC nor a bench.toml is named"
+        raise InputError("redecode", what, "name what was corrected: --dbc FILE or --config FILE")
+    target = out or session.with_name(f"{session.stem}_redecoded.h5")
+    old = read_session(session)
+    if target.exists():
+        raise InputError(str(target), "exists already", "name a new file with --out")
+    bench = _bench(old, str(session), dbc, config)
+    with session.open("rb") as file:
+        digest = file_digest(file, "sha256").hexdigest()
+    new = redecoded(old, bench, str(session), {"redecoded_from_sha256": digest})
+    write_session(target, new)
+    if json:
+        print_json(summary(target, new))
+    else:
+        print_summary(target, new)
+    lost = any(run.losses.measured for run in new.runs)
+    return ExitCode.DATA_LOST if lost else ExitCode.OK
+
+
+def _bench(old: Session, where: str, dbc: Path | None, config: Path | None) -> Bench:
+    """Return the bench of the session, with what was corrected."""
+    from dataclasses import replace
+
+    from daq.config import parse_bench
+    from daq.errors import InputError
+    from dbc import read_dbc, shipped_dbc
+
+    from ..bench import bench_with_dbc
+
+    if config:
+        bench = bench_with_dbc(config, dbc)
+        if dbc is None and bench.dbc_text == shipped_dbc() and "dbc" in old.provenance:
+            # It names no DBC: that of the session was right.
+            return replace(bench, dbc_text=old.provenance["dbc"], dbc_name=f"DBC in {where}")
+        return bench
+    if "bench_toml" not in old.provenance:
+        raise InputError(where, "holds no bench.toml", "name one with --config")
+    assert dbc is not None  # one of the two is named
+    text = old.provenance["bench_toml"]
+    return parse_bench(text, f"bench.toml in {where}", Path(), read_dbc(dbc))

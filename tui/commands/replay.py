@@ -1,0 +1,70 @@
+"""`bumpbench replay`: a log or a session back onto a bus."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..diagnostics import ExitCode
+
+
+def replay(
+    source: Annotated[
+        Path, typer.Argument(help="BLF, ASC, TRC, candump log, CSV, MF4, MCAP; or a session.")
+    ],
+    config: Annotated[
+        Path | None, typer.Option(help="bench.toml that names the bus; the shipped one if absent.")
+    ] = None,
+    interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
+    channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
+    bus: Annotated[
+        int | None, typer.Option(min=0, max=255, help="Only this bus of the log, from 0.")
+    ] = None,
+    speed: Annotated[float, typer.Option(min=0.001, max=1000, help="2: twice as fast.")] = 1.0,
+    fast: Annotated[bool, typer.Option(help="As fast as the bus takes the frames.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+) -> int:
+    """Send recorded frames on a bus, at their own times or faster; error frames are left out."""
+    from collections.abc import Iterable
+
+    from daq import read_session
+    from daq.bus import open_bus
+    from daq.formats.log import read_log
+    from daq.replay import play, recorded_frames
+    from dbc import FrameBatch
+
+    from ..bench import shared_bench
+    from ..diagnostics import say
+    from ..output import print_json, print_line, progress
+
+    described = shared_bench(config, interface, channel)
+    log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
+    batches: Iterable[FrameBatch] = log or recorded_frames(read_session(source))
+    read = 0
+
+    def wanted() -> Iterable[FrameBatch]:
+        nonlocal read
+        for batch in batches:
+            chosen = batch if bus is None else batch.select(batch.bus == bus)
+            read += len(chosen)
+            yield chosen
+
+    sent = 0
+    with open_bus(described.bus) as wire, progress("replay") as stage:
+        for sent in play(wanted(), wire, None if fast else speed):
+            stage(log.share if log else 0.0, f"{sent} frames")
+    left_out = read - sent
+    lost = log.loss if log else None
+    if json:
+        document = {"source": str(source), "sent": sent, "error_frames": left_out}
+        print_json({**document, "lost": lost.text if lost else ""})
+    else:
+        print_line(f"sent {sent} frames of {source}")
+    if left_out:
+        say(f"{left_out} error frames were not sent: no controller can be told to")
+    if lost and lost.any:
+        say(f"{source} is not whole: {lost.text}")
+        return ExitCode.DATA_LOST
+    return ExitCode.OK
