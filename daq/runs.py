@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch, read_only
 
 from .channels import Channel
+from .display import session_html
 from .vehicle import MassState, Vehicle
 
 if TYPE_CHECKING:
@@ -199,6 +200,10 @@ class Session:
     mass_states: tuple[MassState, ...]
     runs: tuple[Run, ...]
     provenance: Mapping[str, str]
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return session_html(self)
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return all samples as one pandas table.

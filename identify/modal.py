@@ -18,6 +18,7 @@ from daq.vehicle import DOF, VehicleGeometry
 from dbc.errors import InputError
 from dbc.frames import read_only
 
+from .display import modal_html
 from .low_pass import low_pass_of
 from .model import N_DOF, motion_row
 
@@ -108,6 +109,10 @@ class ModalModel:
     def damping_ratios(self) -> NDArray[np.float64]:
         """Shares of critical damping, (m,)."""
         return np.asarray(-self.poles.real / np.abs(self.poles), dtype=np.float64)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return modal_html(self)
 
 
 def modes_of(A: NDArray[np.float64]) -> ModalModel:

@@ -14,6 +14,7 @@ from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 
 from .decay import Record, record_of
+from .display import identification_html
 from .estimation import Estimation, estimate, generic_vehicles
 from .greybox import GreyBox
 from .likelihood import Residuals
@@ -77,6 +78,8 @@ class Identification:
         Standard deviation of the noise, SI.
     residuals : tuple of Residuals
         Measured less fitted, one for each run.
+    estimation : Estimation or None
+        The fit itself, with the decays that it is of; None where none was possible.
     provenance : mapping of str to str
         Of the session.
     """
@@ -97,6 +100,11 @@ class Identification:
     physical: Mapping[str, PhysicalModel] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
     residuals: tuple[Residuals, ...] = ()
+    estimation: Estimation | None = None
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return identification_html(self)
 
 
 _SENSED_RATE_HZ = 250.0  # of what is reported beside the estimate
@@ -161,6 +169,7 @@ def identify(session: Session, progress: Progress = _silent) -> Identification:
         physical=physical,
         noise=estimation.sigma,
         residuals=estimation.residuals,
+        estimation=estimation,
     )
 
 

@@ -1,0 +1,102 @@
+"""What notebooks show of sessions, modes and identifications."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from daq import Session, session_from_arrays
+from daq.vehicle import Vehicle
+from identify import Identification, ModalModel, identify
+from tests.tui.batches import paper_session, refused_session
+
+_EVIL = "<script>alert('x')</script> & \"car\""
+
+
+class _Cells(HTMLParser):
+    """Collects the texts of cells and paragraphs, and which tags there are."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.tags: set[str] = set()
+        self.open: list[str] = []
+        self.feed(html)
+        self.close()
+        assert self.open == []  # well-formed
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.tags.add(tag)
+        self.open.append(tag)
+        if tag in ("tr", "p", "caption"):
+            self.rows.append([])
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.rows[-1].append(data)
+
+
+_TAGS = {"p", "table", "caption", "thead", "tbody", "tr", "th", "td"}
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return paper_session(1)
+
+
+@pytest.fixture(scope="module")
+def result(session: Session) -> Identification:
+    return identify(session)
+
+
+def test_a_session_shows_runs_and_channels(session: Session) -> None:
+    shown = _Cells(session._repr_html_())
+    assert shown.tags == _TAGS
+    first = [row[0] for row in shown.rows if row]
+    assert {run.label for run in session.runs} <= set(first)
+    assert {channel.name for channel in session.channels} <= set(first)
+    assert "Ford Granada" in shown.rows[0][0]
+
+
+def test_foreign_text_is_no_markup(session: Session) -> None:
+    evil = replace(
+        session,
+        vehicle=Vehicle(_EVIL),
+        runs=tuple(replace(run, reasons=(_EVIL,)) for run in session.runs),
+    )
+    shown = _Cells(evil._repr_html_())
+    assert shown.tags == _TAGS
+    assert sum(_EVIL in cell for row in shown.rows for cell in row) == 1 + len(session.runs)
+
+
+def test_modes_show_what_they_are() -> None:
+    # 2 Hz, 10 % damped, the second entry opposite in phase and half as large.
+    size = 2 * np.pi * 2.0
+    pole = size * complex(-0.1, np.sqrt(1 - 0.01))
+    shown = _Cells(ModalModel(np.array([pole]), np.array([[1.0], [-0.5 + 0j]]))._repr_html_())
+    assert shown.rows[-1] == ["1", "2.0000", "0.1000", "1.00 ∠ 0°", "0.50 ∠ 180°"]
+
+
+def test_an_identification_shows_its_numbers(result: Identification) -> None:
+    shown = _Cells(result._repr_html_())
+    assert shown.tags == _TAGS
+    assert shown.rows[0][0].startswith(f"Verdict: {result.quality.verdict}; chi2/n")
+    rows = {row[0]: row for row in shown.rows if row}
+    for name, estimate in result.parameters.items():
+        assert float(rows[name][1]) == pytest.approx(estimate.value, rel=1e-5)
+        low, high = map(float, rows[name][2].split(" .. "))
+        assert (low, high) == pytest.approx((estimate.low, estimate.high), rel=1e-5)
+    assert "Modes, baseline" in rows
+    assert "Modes, added" in rows
+
+
+def test_a_refusal_shows_why() -> None:
+    for session in (refused_session(1), session_from_arrays([])):
+        shown = _Cells(identify(session)._repr_html_())
+        assert shown.rows[0] == ["Verdict: refused"]
+        assert any("refused" in row for row in shown.rows)
