@@ -141,8 +141,8 @@ def _geometry(about: Mapping[str, Attribute]) -> VehicleGeometry | None:
 
 def _channel(row: dict[str, Any]) -> Channel:
     row["quantity"] = Quantity(row["quantity"])
-    row["corner"] = Corner(row["corner"]) if row["corner"] else None
-    row["at_cg"] = bool(row["at_cg"])
+    row["corner"] = Corner(row["corner"]) if row.get("corner") else None
+    row["at_cg"] = bool(row.get("at_cg"))
     return Channel(**row)
 
 
