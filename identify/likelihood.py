@@ -150,7 +150,7 @@ def fit(
         else:
             damping *= 10 if damping > 1e-9 else 1e6
     parts = {label: part.information for label, part in shares(box, decays, sigma, eta).items()}
-    return Fit(eta, _covariance(here.information), here.cost, parts, iterations, converged)
+    return Fit(eta, covariance_of(here.information), here.cost, parts, iterations, converged)
 
 
 def shares(
@@ -184,7 +184,7 @@ def _problem(
     )
 
 
-def _covariance(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+def covariance_of(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert the normal matrix; unknowns it leaves undetermined get an infinite variance."""
     diagonal = np.diag(normal)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))

@@ -78,7 +78,7 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     channels = tuple(c for r in decays[0].recordings for c in r.clock.channels if c.name in common)
     slowest = min(_rate_hz(r.time_s) for d in decays for r in d.recordings if len(r.time_s) > 1)
     rate_hz = slowest / max(1, round(slowest / _RATE_HZ))
-    grids = [_on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
+    grids = [on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
     alive = np.any([np.ptp(grid, axis=0) > 0.0 for grid in grids], axis=0)
     live = tuple(channel for channel, lives in zip(channels, alive, strict=True) if lives)
     grids = [grid[:, alive] for grid in grids]
@@ -203,7 +203,7 @@ def _rate_hz(time_s: NDArray[np.float64]) -> float:
     return (len(time_s) - 1) / float(time_s[-1] - time_s[0])
 
 
-def _on_grid(
+def on_grid(
     record: Record, decay: FreeDecay, channels: Sequence[Channel], rate_hz: float
 ) -> NDArray[np.float64]:
     """Bring a decay, less the level of rest, on a common grid, (n, n_channels).

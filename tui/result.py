@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from identify.report.numbers import half_width_percent, largest_share
+from identify.report.numbers import number as number
+
 from .output import print_line, print_table
 
 if TYPE_CHECKING:
@@ -35,8 +38,12 @@ def identification_document(result: Identification) -> dict[str, Any]:
                     "name": name,
                     "frequency_hz": mode.frequency.value,
                     "frequency_std_hz": mode.frequency.std,
+                    "frequency_low_hz": mode.frequency.low,
+                    "frequency_high_hz": mode.frequency.high,
                     "damping_ratio": mode.damping_ratio.value,
                     "damping_ratio_std": mode.damping_ratio.std,
+                    "damping_ratio_low": mode.damping_ratio.low,
+                    "damping_ratio_high": mode.damping_ratio.high,
                 }
                 for name, mode in zip(result.mode_names[state], modes, strict=True)
             ]
@@ -71,7 +78,7 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
         if truth:
             _print_beside_truth(result.parameters, truth)
         else:
-            rests_on = {name: _largest_share(row) for name, row in result.drivers.items()}
+            rests_on = {name: largest_share(row) for name, row in result.drivers.items()}
             _print_estimates("Parameters", "parameter", result.parameters, rests_on)
             print_line()
             _print_estimates("Derived", "quantity", result.derived, {})
@@ -92,23 +99,12 @@ def _print_beside_truth(parameters: Mapping[str, Estimate], truth: Mapping[str, 
     print_table("Parameters", columns, rows)
 
 
-def _largest_share(shares: Mapping[str, float]) -> str:
-    """Say on which kind of runs, or which facts, most of a parameter's precision rests."""
-    kinds: dict[str, float] = {}
-    for source, share in shares.items():
-        stem, _, number = source.rpartition("_")
-        kind = stem if number.isdigit() else source
-        kinds[kind] = kinds.get(kind, 0.0) + share
-    largest = max(kinds, key=lambda kind: kinds[kind], default="")
-    return f"{largest} {kinds[largest] * 100:.0f} %" if largest else ""
-
-
 def _print_estimates(
     title: str, what: str, estimates: Mapping[str, Estimate], rests_on: Mapping[str, str]
 ) -> None:
     rows = []
     for name, e in estimates.items():
-        share = f"{(e.high - e.low) / 2 / abs(e.value) * 100:.2f} %" if e.value else ""
+        share = half_width_percent(e.value, e.low, e.high)
         unit = "" if e.unit == "1" else e.unit
         row = [name, number(e.value), _interval(e), share, unit]
         rows.append([*row, rests_on.get(name, "")] if rests_on else row)
@@ -139,8 +135,3 @@ def print_modes(result: Identification) -> None:
     for state in others:
         for i, j in result.pairings[state].swapped:
             print_line(f"Modes {i + 1} and {j + 1} change their order in state {state}.")
-
-
-def number(value: float) -> str:
-    """Write a number with five significant digits, trailing zeros included."""
-    return f"{value:#,.5g}".rstrip(".") if abs(value) < 1e5 else f"{value:,.0f}"

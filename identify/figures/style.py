@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
 
 PALETTE = ("#7f7f7f", "#0072b2", "#d55e00", "#009e73", "#cc79a7")
 """Grey for what is compared with, then four of Okabe and Ito's colours."""
@@ -38,3 +39,8 @@ SETTINGS: Mapping[Any, Any] = MappingProxyType(
 def zero_line(axes: Axes) -> None:
     """Mark zero without competing with the data."""
     axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+
+
+def height_in(figure: FigureBase) -> float:
+    """Return the height of a figure, or of a part of one, in inches."""
+    return float(figure.bbox.height / figure.get_figure(root=True).dpi)

@@ -1,0 +1,154 @@
+"""The nouns of a report: a page is sections, a section is blocks, and each block can be set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..trust.finding import Finding, Verdict
+from .panels import Panel
+from .shapes import Shape
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """An entry of a table.
+
+    Parameters
+    ----------
+    text : str
+        As it is read.
+    source : str
+        Path of its number in the JSON document, by slashes: ``parameters/m_s/value``.
+    """
+
+    text: str
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows under a header.
+
+    Parameters
+    ----------
+    title : str
+        What it shows.
+    columns : tuple of str
+        Their names; a name that begins with ``#`` heads numbers, which stand to the right.
+    rows : tuple of tuple of Cell
+        As long as `columns`.
+    note : str
+        What a reader must know.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One figure.
+
+    Parameters
+    ----------
+    key : str
+        Name of its file.
+    title, caption : str
+        What it shows, and how to read it.
+    panel : Panel
+        What is drawn.
+    """
+
+    key: str
+    title: str
+    caption: str
+    panel: Panel
+
+
+@dataclass(frozen=True, slots=True)
+class Gallery:
+    """Small figures of one kind, side by side."""
+
+    title: str
+    caption: str
+    pictures: tuple[Picture, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MovingCars:
+    """Mode shapes of one mass state, each a car that moves."""
+
+    key: str
+    title: str
+    caption: str
+    shapes: tuple[Shape, ...]
+
+
+Block = Table | Picture | Gallery | MovingCars
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of the report under one heading."""
+
+    key: str
+    title: str
+    lead: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where the numbers come from.
+
+    Parameters
+    ----------
+    name : str
+        Of the session file.
+    sha256 : str
+        Of its bytes.
+    version : str
+        Of the program that identified it.
+    libraries : mapping of str to str
+        Versions of what it computes with.
+    """
+
+    name: str
+    sha256: str
+    version: str
+    libraries: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What is said of a session.
+
+    Parameters
+    ----------
+    vehicle, created : str
+        Whose, and when it was recorded.
+    source : Source
+        Of what.
+    verdict : Verdict
+        Whether the parameters may be used.
+    findings : tuple of Finding
+        The worst first.
+    highlights : tuple of (str, Cell)
+        The few numbers that are read first.
+    sections : tuple of Section
+        In order.
+    data : mapping of str to object
+        Numbers that are shown and are not part of the identification's JSON document.
+    """
+
+    vehicle: str
+    created: str
+    source: Source
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    highlights: tuple[tuple[str, Cell], ...]
+    sections: tuple[Section, ...]
+    data: Mapping[str, object]

@@ -1,0 +1,100 @@
+"""Measured against fitted: one small figure a run."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import Channel, Quantity
+
+from ..decay import FreeDecay, Record, Recording
+from ..estimation import Estimation
+from ..likelihood import Residuals
+from ..window import onset_s
+from .blocks import Block, Gallery, Picture, Section
+from .envelope import envelope
+from .panels import DecayPanel, Trace
+
+_BEFORE_S = 0.1
+_BINS = 260
+_HUBS = (Quantity.HUB_ACCELERATION, Quantity.HUB_DISPLACEMENT)
+
+
+def decay_section(estimation: Estimation) -> Section:
+    """Return every run with its fit."""
+    runs = zip(estimation.records, estimation.decays, estimation.residuals, strict=True)
+    pictures = tuple(_picture(estimation, *run) for run in runs)
+    gallery = Gallery(
+        "Each run: a channel of the body and one of a wheel, with what the fit leaves",
+        "Grey: measured. Colour: fitted. The blue ground is the free decay that is fitted; it "
+        "begins at the solid line, the motion at the dashed one. Below each, measured less fitted "
+        "in units of the sensor's noise: noise alone stays within the grey band 95 % of the time, "
+        "and has no shape. Shown are the channels that stand out most from their noise.",
+        pictures,
+    )
+    blocks: tuple[Block, ...] = (gallery,) if pictures else ()
+    lead = "The free decay of every run as measured and as the identified vehicle makes it."
+    return Section("decays", "Measured and fitted decays", lead, blocks)
+
+
+def _picture(
+    estimation: Estimation, record: Record, decay: FreeDecay, left: Residuals
+) -> Picture:
+    onset = onset_s(record)
+    begin = record.start_s if onset is None else max(onset - _BEFORE_S, record.start_s)
+    traces = tuple(
+        _trace(estimation, record, decay, left, channel, begin)
+        for channel in _telling(estimation, decay, left)
+    )
+    panel = DecayPanel(traces, np.nan if onset is None else onset, decay.start_s, record.end_s)
+    return Picture(f"decay_{decay.label}", decay.label, "", panel)
+
+
+def _telling(
+    estimation: Estimation, decay: FreeDecay, left: Residuals
+) -> tuple[Channel, ...]:
+    """Choose the channel of the body and that of the wheels whose fit stands out most."""
+    strength: dict[str, tuple[float, Channel]] = {}
+    for recording in decay.recordings:
+        for c, channel in enumerate(recording.clock.channels):
+            fitted = recording.values[:, c] - left.values[channel.name]
+            size = float(np.std(fitted)) / estimation.noise[channel.name]
+            place = "body" if channel.corner is None else "travel"
+            place = "hub" if channel.quantity in _HUBS else place
+            if size > strength.get(place, (-1.0, channel))[0]:
+                strength[place] = (size, channel)
+    if "hub" in strength:
+        strength.pop("travel", None)
+    return tuple(channel for _, channel in strength.values())
+
+
+def _trace(
+    estimation: Estimation,
+    record: Record,
+    decay: FreeDecay,
+    left: Residuals,
+    channel: Channel,
+    begin_s: float,
+) -> Trace:
+    before, whole = _column(record.recordings, channel)
+    after, measured = _column(decay.recordings, channel)
+    residual = left.values[channel.name]
+    shown = before >= begin_s
+    after = after + decay.start_s
+    return Trace(
+        channel.name,
+        channel.unit.replace("2", "²"),
+        envelope(before[shown], whole[shown], _BINS),
+        envelope(after, measured - residual, _BINS),
+        envelope(after, residual / estimation.noise[channel.name], _BINS),
+    )
+
+
+def _column(
+    recordings: tuple[Recording, ...], channel: Channel
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    for recording in recordings:
+        names = [c.name for c in recording.clock.channels]
+        if channel.name in names:
+            return recording.time_s, recording.values[:, names.index(channel.name)]
+    raise KeyError(channel.name)

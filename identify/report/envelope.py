@@ -1,0 +1,35 @@
+"""Curves thin enough to be drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def envelope(
+    time_s: NDArray[np.float64], values: NDArray[np.float64], bins: int
+) -> NDArray[np.float64]:
+    """Keep the lowest and highest point of each of `bins` stretches, so that no spike is hidden.
+
+    Parameters
+    ----------
+    time_s, values : (n,) float64
+        The curve.
+    bins : int
+        Number of stretches; a curve of no more than two points in each is kept as it is.
+
+    Returns
+    -------
+    (2, m) float64
+        Times over values, m <= max(2 bins, n).
+    """
+    n = len(values)
+    if n <= 2 * bins:
+        return np.stack([time_s, values])
+    edges = np.linspace(0, n, bins + 1).astype(int)
+    keep = set()
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        part = values[first:last]
+        keep |= {first + int(np.argmin(part)), first + int(np.argmax(part))}
+    chosen = np.array(sorted(keep))
+    return np.stack([time_s[chosen], values[chosen]])

@@ -1,0 +1,98 @@
+"""The report as one HTML file: inline SVG and CSS, nothing fetched, no script."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from importlib.resources import files
+from math import isfinite
+
+import jinja2
+from markupsafe import Markup
+
+from ..figures.panels import panel_svg
+from .animation import moving_car
+from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
+from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
+
+_WIDE = 9
+"""Columns beyond which a table is set small."""
+
+
+def html_of(report: Report, document: Mapping[str, object]) -> str:
+    """Set a report as HTML.
+
+    Parameters
+    ----------
+    report : Report
+        What is shown.
+    document : mapping
+        The identification as `identify --json` prints it; it goes into the page as data, and
+        numbers in the tables name their place in it.
+    """
+    room = files(__package__)
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string((room / "report.html.jinja").read_text("utf-8"))
+    return template.render(
+        report=report,
+        css=Markup((room / "report.css").read_text("utf-8")),
+        documents={"identification": _json(document), "report-data": _json(report.data)},
+        kind=_kind,
+        drawing=_drawing,
+        moving=moving_car,
+        small=lambda table: len(table.columns) > _WIDE,
+        symbol=SYMBOL,
+        headline=HEADLINE,
+        meaning=MEANING,
+        severity=SEVERITY,
+        plain=plain,
+    )
+
+
+def strict(value: object) -> object:
+    """Replace numbers that JSON does not know by null."""
+    match value:
+        case Mapping():
+            return {str(key): strict(item) for key, item in value.items()}
+        case list() | tuple():
+            return [strict(item) for item in value]
+        case float():
+            return value if isfinite(value) else None
+        case _:
+            return value
+
+
+def _json(document: Mapping[str, object]) -> Markup:
+    """Write a document so that no text in it can end the element that holds it."""
+    text = json.dumps(strict(document), indent=1, allow_nan=False)
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+
+
+def _kind(block: Block) -> str:
+    match block:
+        case Table():
+            return "table"
+        case Picture():
+            return "picture"
+        case Gallery():
+            return "gallery"
+        case MovingCars():
+            return "cars"
+
+
+def _drawing(picture: Picture) -> Markup:
+    """Draw a picture for a page that holds others: no prologue, no rule for all, own names."""
+    svg = panel_svg(picture.panel, picture.title)
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
+    svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1 role='img'", svg, count=1)
+    svg = re.sub(r'<g id="[^"]*">', "<g>", svg)
+    key = re.sub(r"\W", "_", picture.key)
+    svg = re.sub(r'((?: id="|href="#|url\(#))', rf"\g<1>{key}_", svg)
+    svg = svg.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif")
+    svg = re.sub(r"\n\s*", "\n", svg)
+    return Markup(svg)

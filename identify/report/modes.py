@@ -1,0 +1,181 @@
+"""The modes of each mass state: table, moving cars, stabilisation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.vehicle import VehicleGeometry
+
+from ..estimation import Estimation
+from ..pipeline import Identification
+from ..sensed import on_grid
+from ..stable_poles import stabilisation_diagram
+from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table
+from .numbers import number
+from .panels import StabilisationPanel
+from .shapes import shape_of
+
+_RATE_HZ = 125.0
+_THIN_HZ = 250.0
+
+
+def modes_section(result: Identification) -> Section:
+    """Return the modes of every mass state."""
+    blocks: list[Block] = []
+    for state in result.modal:
+        blocks.append(_table(result, state))
+    for state in result.modal:
+        blocks.append(_cars(result, state))
+    if result.estimation is not None:
+        pictures = tuple(
+            picture
+            for state in result.modal
+            if (picture := _diagram(result, result.estimation, state)) is not None
+        )
+        if pictures:
+            blocks.append(
+                Gallery(
+                    "Stabilisation: which poles come again when the rank is raised",
+                    "The State Variable Method alone, without a model of the car. Lines are the "
+                    "modes of the identified vehicle; poles of the structure stand above them in "
+                    "columns, poles of the noise wander.",
+                    pictures,
+                )
+            )
+    for state in result.sensed:
+        blocks.append(_sensed(result, state))
+    return Section(
+        "modes",
+        "Modes of vibration",
+        "Frequencies and damping ratios of the identified vehicle, with 95 % intervals, in each "
+        "mass state.",
+        tuple(blocks),
+    )
+
+
+def _table(result: Identification, state: str) -> Table:
+    first = next(iter(result.modal))
+    partner: dict[int, int] = {}
+    note = ""
+    if state in result.pairings:
+        pairing = result.pairings[state]
+        pairs = zip(pairing.baseline.tolist(), pairing.added.tolist(), strict=True)
+        partner = {added: baseline for baseline, added in pairs}
+        swaps = [f"{i + 1} and {j + 1}" for i, j in pairing.swapped]
+        if swaps:
+            note = (
+                f"Modes {', '.join(swaps)} of state {first} change their order in state {state}: "
+                "they are paired by shape (MAC), not by frequency."
+            )
+    rows = []
+    for i, (name, mode) in enumerate(
+        zip(result.mode_names[state], result.modes[state], strict=True)
+    ):
+        path = f"modes/{state}/{i}"
+        f, zeta = mode.frequency, mode.damping_ratio
+        rows.append(
+            (
+                Cell(f"{i + 1}"),
+                Cell(name, f"{path}/name"),
+                *((Cell(f"{partner[i] + 1}" if i in partner else ""),) if partner else ()),
+                Cell(number(f.value), f"{path}/frequency_hz"),
+                Cell(number(f.low), f"{path}/frequency_low_hz"),
+                Cell(number(f.high), f"{path}/frequency_high_hz"),
+                Cell(number(zeta.value), f"{path}/damping_ratio"),
+                Cell(number(zeta.low), f"{path}/damping_ratio_low"),
+                Cell(number(zeta.high), f"{path}/damping_ratio_high"),
+            )
+        )
+    partners = (f"#in {first}",) if partner else ()
+    return Table(
+        f"Modes in mass state {state}",
+        ("#", "mode", *partners, "#Hz", "#from", "#to", "#damping ratio", "#from", "#to"),
+        tuple(rows),
+        note,
+    )
+
+
+def _sensed(result: Identification, state: str) -> Table:
+    model = result.sensed[state]
+    rows = []
+    for i in range(len(model)):
+        path = f"sensed_modes/{state}/{i}"
+        rows.append(
+            (
+                Cell(f"{i + 1}"),
+                Cell(number(float(model.frequencies_hz[i])), f"{path}/frequency_hz"),
+                Cell(number(float(model.frequency_std_hz[i])), f"{path}/frequency_std_hz"),
+                Cell(number(float(model.damping_ratios[i])), f"{path}/damping_ratio"),
+                Cell(number(float(model.damping_ratio_std[i])), f"{path}/damping_ratio_std"),
+            )
+        )
+    return Table(
+        f"Mass state {state} without a model of the car: State Variable Method",
+        ("#", "#Hz", "#σ", "#damping ratio", "#σ"),
+        tuple(rows),
+        "Found in the decays alone; σ is the standard deviation.",
+    )
+
+
+def _cars(result: Identification, state: str) -> MovingCars:
+    lengths = [result.parameters[name].value for name in ("a", "b", "t_f", "t_r")]
+    geometry = VehicleGeometry(*lengths)
+    shapes = tuple(
+        shape_of(
+            f"{i + 1} {name}",
+            f"{mode.frequency.value:.3f} Hz, {mode.damping_ratio.value * 100:.1f} %",
+            mode.frequency.value,
+            shape,
+            geometry,
+        )
+        for i, (name, mode, shape) in enumerate(
+            zip(
+                result.mode_names[state],
+                result.modes[state],
+                result.modal[state].shapes.T,
+                strict=True,
+            )
+        )
+    )
+    return MovingCars(
+        f"shapes_{state}",
+        f"Mode shapes in mass state {state}",
+        "Enlarged, slowed down, and without their decay. Grey: the car at rest.",
+        shapes,
+    )
+
+
+def _diagram(result: Identification, estimation: Estimation, state: str) -> Picture | None:
+    mine = [i for i, record in enumerate(estimation.records) if record.mass_state == state]
+    decays = [estimation.decays[i].thinned(_THIN_HZ) for i in mine]
+    common = [{c.name for r in decay.recordings for c in r.clock.channels} for decay in decays]
+    channels = [
+        c
+        for r in decays[0].recordings
+        for c in r.clock.channels
+        if all(c.name in names for names in common)
+    ]
+    slowest = min(
+        (len(r.time_s) - 1) / float(r.time_s[-1] - r.time_s[0])
+        for decay in decays
+        for r in decay.recordings
+    )
+    rate_hz = min(_RATE_HZ, slowest)
+    grids = [
+        on_grid(estimation.records[i], decay, channels, rate_hz)
+        for i, decay in zip(mine, decays, strict=True)
+    ]
+    if not channels or min(len(grid) for grid in grids) < 2 * len(channels):
+        return None
+    diagram = stabilisation_diagram(grids, rate_hz)
+    return Picture(
+        f"stabilisation_{state}",
+        f"Mass state {state}",
+        "",
+        StabilisationPanel(
+            np.where(diagram.poles.imag > 0.0, np.abs(diagram.poles) / (2.0 * np.pi), 0.0),
+            diagram.rank.astype(float),
+            diagram.stable,
+            np.array([mode.frequency.value for mode in result.modes[state]]),
+        ),
+    )

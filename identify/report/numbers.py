@@ -1,0 +1,38 @@
+"""How results are written: the same digits in the terminal, the report and its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+
+def number(value: float) -> str:
+    """Write a number with five significant digits, trailing zeros included."""
+    return f"{value:#,.5g}".rstrip(".") if abs(value) < 1e5 else f"{value:,.0f}"
+
+
+def half_width_percent(value: float, low: float, high: float) -> str:
+    """Write half of an interval as a share of the value; nothing where the value is zero."""
+    return f"{(high - low) / 2 / abs(value) * 100:.2f} %" if value else ""
+
+
+def by_kind(shares: Mapping[str, float]) -> dict[str, float]:
+    """Add up the shares of runs that differ only in their repeat, the largest first.
+
+    Parameters
+    ----------
+    shares : mapping of source to float
+        As in `identify.uncertainty.drivers`: run labels, facts, stated uncertainties.
+    """
+    kinds: dict[str, float] = {}
+    for source, share in shares.items():
+        stem, _, repeat = source.rpartition("_")
+        kind = stem if repeat.isdigit() else source
+        kinds[kind] = kinds.get(kind, 0.0) + share
+    return dict(sorted(kinds.items(), key=lambda item: -item[1]))
+
+
+def largest_share(shares: Mapping[str, float]) -> str:
+    """Say on which kind of runs, or which facts, most of a parameter's precision rests."""
+    for kind, share in by_kind(shares).items():
+        return f"{kind} {share * 100:.0f} %"
+    return ""

@@ -1,0 +1,83 @@
+"""A run left out and predicted, one after the other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..leave_out import Prediction
+from .blocks import Block, Cell, Picture, Section, Table
+from .numbers import number
+from .panels import PredictionPanel
+
+
+def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
+    """Return each run predicted from all the others."""
+    good = sum(p.at_noise for p in predictions)
+    lead = (
+        "The vehicle is fitted on all other runs and must then foretell the one that was left out; "
+        "only the initial state and the sensors' offsets are the run's own. For a linear car what "
+        "is left is noise; friction, a hot damper or a lifted wheel are not foretold. "
+        f"Here {good} of {len(predictions)} runs are predicted down to the noise."
+    )
+    blocks: list[Block] = []
+    if predictions:
+        blocks = [_picture(predictions), _table(predictions)]
+    return Section("prediction", "A run left out and predicted", lead, tuple(blocks))
+
+
+def prediction_data(predictions: tuple[Prediction, ...]) -> dict[str, object]:
+    """Return the predictions as data."""
+    return {
+        "left_out": {
+            p.label: {
+                "fitted": p.fitted,
+                "predicted": p.predicted,
+                "limit": p.limit,
+                "at_noise": p.at_noise,
+                "parameter": p.parameter,
+                "moved": p.moved,
+            }
+            for p in predictions
+        }
+    }
+
+
+def _picture(predictions: tuple[Prediction, ...]) -> Picture:
+    return Picture(
+        "prediction",
+        "Fitted with all runs, and predicted from the others",
+        "Grey: noise level, with five standard deviations of chance. A diamond far to the right of "
+        "its circle is a run that the others do not foretell.",
+        PredictionPanel(
+            tuple(p.label for p in predictions),
+            np.array([p.fitted for p in predictions]),
+            np.array([p.predicted for p in predictions]),
+            np.array([p.limit for p in predictions]),
+        ),
+    )
+
+
+def _table(predictions: tuple[Prediction, ...]) -> Table:
+    rows = []
+    for p in predictions:
+        path = f"left_out/{p.label}"
+        if np.isfinite(p.predicted):
+            state = "✓ at noise level" if p.at_noise else "✕ not foretold"
+            tail = (
+                Cell(number(p.predicted), f"{path}/predicted"),
+                Cell(number(p.limit), f"{path}/limit"),
+                Cell(state),
+                Cell(p.parameter, f"{path}/parameter"),
+                Cell(f"{p.moved:+.2f}", f"{path}/moved"),
+            )
+        else:
+            note = Cell("the others do not determine all parameters")
+            tail = (Cell(""), Cell(""), note, Cell(""), Cell(""))
+        rows.append((Cell(p.label), Cell(number(p.fitted), f"{path}/fitted"), *tail))
+    return Table(
+        "chi2/n of each run",
+        ("run", "#fitted", "#predicted", "#limit", "", "moves most", "#by σ"),
+        tuple(rows),
+        "Moves most: the parameter that changes most when the run is left out, in standard "
+        "deviations of such a change; beyond 4 the run tells of another car than the others.",
+    )

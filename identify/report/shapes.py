@@ -1,0 +1,157 @@
+"""A wire car in perspective that moves as a mode does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.vehicle import VehicleGeometry
+
+_LIFT_M = 0.22  # of the point that moves most: large enough to see
+_DECK_M, _ROOF_M, _HUB_M = 0.62, 1.25, 0.32
+_RADIUS_M = 0.31
+_OVERHANG_M = 0.55
+_EYE = np.array([5.2, 5.6, 3.1])
+"""Where one looks from, m from the middle of the car: ahead, to its left, above."""
+_COILS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A mode of the vehicle, ready to be drawn.
+
+    Parameters
+    ----------
+    title, numbers : str
+        Its name; its frequency and damping.
+    frequency_hz : float
+        How fast it moves in truth.
+    motion : (7,) complex128
+        Displacements of `daq.vehicle.DOF`, turned so that most of it is real, m.
+    geometry : VehicleGeometry
+        Of the vehicle.
+    """
+
+    title: str
+    numbers: str
+    frequency_hz: float
+    motion: NDArray[np.complex128]
+    geometry: VehicleGeometry
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """The car at one instant, projected; x to the right, y down, m at the distance of the car.
+
+    Parameters
+    ----------
+    deck, roof : (4, 2) float64
+        Corners of two plates of the body, around.
+    springs : (4, k, 2) float64
+        From body to hub at each wheel.
+    wheels : (4, k, 2) float64
+        Their rims.
+    """
+
+    deck: NDArray[np.float64]
+    roof: NDArray[np.float64]
+    springs: NDArray[np.float64]
+    wheels: NDArray[np.float64]
+
+
+def shape_of(
+    title: str,
+    numbers: str,
+    frequency_hz: float,
+    shape: NDArray[np.complex128],
+    geometry: VehicleGeometry,
+) -> Shape:
+    """Scale and turn a displacement shape, (7,), so that it can be seen."""
+    points = _lift(geometry) @ shape
+    turn = np.exp(-0.5j * np.angle(np.sum(points**2)))
+    motion = shape * turn * _LIFT_M / np.max(np.abs(points))
+    return Shape(title, numbers, frequency_hz, np.asarray(motion), geometry)
+
+
+def outline(shape: Shape, phase: float) -> Outline:
+    """Return the car at a phase of the motion, rad; damping is left out."""
+    x = (shape.motion * np.exp(1j * phase)).real
+    return _outline(shape.geometry, x)
+
+
+def at_rest(geometry: VehicleGeometry) -> Outline:
+    """Return the car standing still."""
+    return _outline(geometry, np.zeros(7))
+
+
+def _corners(g: VehicleGeometry) -> NDArray[np.float64]:
+    """Return where the wheels are, (4, 2), order `daq.vehicle.Corner`."""
+    return np.array([[g.a, g.t_f], [g.a, -g.t_f], [-g.b, g.t_r], [-g.b, -g.t_r]])
+
+
+def _lift(g: VehicleGeometry) -> NDArray[np.float64]:
+    """Return what lifts the body's corners and the wheels, (8, 7)."""
+    rows = np.zeros((8, 7))
+    rows[:4, 0] = 1.0
+    rows[:4, 1:3] = _corners(g) * [-1.0, 1.0]
+    rows[4:, 3:] = np.eye(4)
+    return rows
+
+
+def _outline(g: VehicleGeometry, x: NDArray[np.float64]) -> Outline:
+    front, rear = g.a + _OVERHANG_M, -g.b - _OVERHANG_M
+    wide = max(g.t_f, g.t_r) + 0.08
+    deck = np.array([[front, wide], [front, -wide], [rear, -wide], [rear, wide]])
+    cabin = np.array([[0.2 * front, 0.8 * wide], [0.2 * front, -0.8 * wide]])
+    cabin = np.vstack([cabin, [[0.7 * rear, -0.8 * wide], [0.7 * rear, 0.8 * wide]]])
+    springs, wheels = [], []
+    for corner, heave in zip(_corners(g), x[3:], strict=True):
+        top = _body_z(corner[None], x, _DECK_M)[0]
+        bottom = _HUB_M + heave
+        springs.append(_coil(corner, float(bottom), float(top)))
+        around = np.linspace(0.0, 2.0 * np.pi, 25)
+        wheels.append(
+            np.column_stack(
+                [
+                    corner[0] + _RADIUS_M * np.cos(around),
+                    np.full(25, corner[1]),
+                    bottom + _RADIUS_M * np.sin(around),
+                ]
+            )
+        )
+    middle = np.array([(g.a - g.b) / 2.0, 0.0, 0.45])
+    return Outline(
+        _seen(np.column_stack([deck, _body_z(deck, x, _DECK_M)]), middle),
+        _seen(np.column_stack([cabin, _body_z(cabin, x, _ROOF_M)]), middle),
+        np.array([_seen(spring, middle) for spring in springs]),
+        np.array([_seen(wheel, middle) for wheel in wheels]),
+    )
+
+
+def _body_z(
+    points: NDArray[np.float64], x: NDArray[np.float64], height: float
+) -> NDArray[np.float64]:
+    return np.asarray(height + x[0] - points[:, 0] * x[1] + points[:, 1] * x[2])
+
+
+def _coil(corner: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
+    """Return a zigzag from hub to body."""
+    n = 2 * _COILS + 2
+    height = low + (high - low) * np.linspace(0.0, 1.0, n)
+    aside = 0.05 * np.where(np.arange(n) % 2, 1.0, -1.0)
+    aside[[0, -1]] = 0.0
+    return np.column_stack([corner[0] + aside, np.full(n, corner[1]), height])
+
+
+def _seen(points: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Project points, (n, 3), onto the plane through the middle of the car, (n, 2)."""
+    distance = float(np.linalg.norm(_EYE))
+    back = _EYE / distance
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    up = np.cross(back, right)
+    off = points - middle
+    scale = distance / (distance - off @ back)
+    return np.column_stack([off @ right * scale, -(off @ up) * scale])

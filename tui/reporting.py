@@ -1,0 +1,67 @@
+"""A report on disk: the hash of what it is of, and its files, complete or absent."""
+
+from __future__ import annotations
+
+import hashlib
+from importlib.metadata import version
+from pathlib import Path
+
+from dbc.errors import InputError
+from identify.report.blocks import Gallery, MovingCars, Picture, Report, Source
+from identify.report.panels import ShapePanel
+
+_LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
+
+
+def source_of(path: Path) -> Source:
+    """Return where the numbers of a session file come from."""
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    libraries = {name: version(name) for name in _LIBRARIES}
+    return Source(path.name, digest, version("bumpbench"), libraries)
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a file; one that is there already stays whole until the new one is.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    part = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_bytes(data)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise InputError(str(path), error.strerror or str(error), "name another file") from error
+
+
+def pictures_of(report: Report) -> tuple[Picture, ...]:
+    """Return every picture of a report, mode shapes as stills."""
+    found: list[Picture] = []
+    for block in (block for section in report.sections for block in section.blocks):
+        match block:
+            case Picture():
+                found.append(block)
+            case Gallery():
+                found += block.pictures
+            case MovingCars():
+                found.append(Picture(block.key, block.title, "", ShapePanel(block.shapes)))
+    return tuple(found)
+
+
+def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:
+    """Write each picture of a report as `svg` or `png`; return the files."""
+    from identify.figures.panels import panel_png, panel_svg
+
+    written = []
+    for picture in pictures_of(report):
+        path = folder / f"{picture.key}.{kind}"
+        png = kind == "png"
+        data = panel_png(picture.panel) if png else panel_svg(picture.panel, picture.title).encode()
+        write_file(path, data)
+        written.append(path)
+    return tuple(written)
