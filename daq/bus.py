@@ -23,6 +23,7 @@ from .columns import frame_columns
 from .config import BusConfig
 from .errors import BusError
 from .slcan import open_slcan
+from .socketcan import open_socketcan
 from .source import BLOCK_FRAMES, GATHER_S, FrameSource, SourceLosses
 
 __all__ = ["FrameSource", "PythonCanSource", "SourceLosses", "open_bus", "open_source"]
@@ -72,6 +73,9 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
     if config.interface == "slcan":  # python-can's reads byte by byte: too slow for a full bus
         with _one_line(config):
             return open_slcan(config.channel, config.bitrate, bus)
+    if config.interface == "socketcan" and sys.platform == "linux" and sys.maxsize > 1 << 32:
+        with _one_line(config):
+            return open_socketcan(config.channel, bus)
     return PythonCanSource(open_bus(config), _name(config), bus)
 
 

@@ -1,0 +1,198 @@
+"""Error frames of SocketCAN, in words.
+
+They are no frames of the bus: the driver tells by them what the controller has met.  The class is
+in the identifier (bits of linux/can/error.h), the details in the payload.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag, StrEnum
+
+
+class ErrorClass(IntFlag):
+    """What happened, as bits of the identifier."""
+
+    TX_TIMEOUT = 0x001
+    LOST_ARBITRATION = 0x002
+    CONTROLLER = 0x004
+    PROTOCOL = 0x008
+    TRANSCEIVER = 0x010
+    NO_ACK = 0x020
+    BUS_OFF = 0x040
+    BUS_ERROR = 0x080
+    RESTARTED = 0x100
+    COUNTERS = 0x200
+
+
+class ControllerState(StrEnum):
+    """How far a controller has withdrawn from the bus, by its error counters."""
+
+    ACTIVE = "error-active"
+    WARNING = "error-warning"
+    PASSIVE = "error-passive"
+    BUS_OFF = "bus-off"
+
+
+_CLASSES = {
+    ErrorClass.TX_TIMEOUT: "sending timed out",
+    ErrorClass.LOST_ARBITRATION: "arbitration lost",
+    ErrorClass.CONTROLLER: "controller",
+    ErrorClass.PROTOCOL: "protocol violated",
+    ErrorClass.TRANSCEIVER: "transceiver",
+    ErrorClass.NO_ACK: "nobody acknowledges",
+    ErrorClass.BUS_OFF: "bus-off",
+    ErrorClass.BUS_ERROR: "bus error",
+    ErrorClass.RESTARTED: "controller restarted",
+}
+_RX_OVERFLOW, _TX_OVERFLOW = 0x01, 0x02
+_CONTROLLER = {
+    _RX_OVERFLOW: "receive buffer overflow",
+    _TX_OVERFLOW: "transmit buffer overflow",
+    0x04: "many receive errors",
+    0x08: "many transmit errors",
+    0x10: "passive by receive errors",
+    0x20: "passive by transmit errors",
+    0x40: "error-active again",
+}
+_STATES = {  # of the controller byte, the gravest last
+    0x40: ControllerState.ACTIVE,
+    0x0C: ControllerState.WARNING,
+    0x30: ControllerState.PASSIVE,
+}
+_VIOLATIONS = {
+    0x01: "single bit",
+    0x02: "frame format",
+    0x04: "bit stuffing",
+    0x08: "dominant bit not sent",
+    0x10: "recessive bit not sent",
+    0x20: "overload",
+    0x40: "active error flag",
+    0x80: "while sending",
+}
+_LOCATIONS = {
+    0x02: "identifier bits 28-21",
+    0x03: "start of frame",
+    0x04: "substitute RTR",
+    0x05: "identifier extension",
+    0x06: "identifier bits 20-18",
+    0x07: "identifier bits 17-13",
+    0x08: "CRC",
+    0x09: "reserved bit 0",
+    0x0A: "data",
+    0x0B: "length code",
+    0x0C: "RTR",
+    0x0D: "reserved bit 1",
+    0x0E: "identifier bits 4-0",
+    0x0F: "identifier bits 12-5",
+    0x12: "intermission",
+    0x18: "CRC delimiter",
+    0x19: "acknowledge slot",
+    0x1A: "end of frame",
+    0x1B: "acknowledge delimiter",
+}
+_WIRES = {
+    0x04: "CANH has no wire",
+    0x05: "CANH shorted to battery",
+    0x06: "CANH shorted to VCC",
+    0x07: "CANH shorted to ground",
+    0x40: "CANL has no wire",
+    0x50: "CANL shorted to battery",
+    0x60: "CANL shorted to VCC",
+    0x70: "CANL shorted to ground",
+    0x80: "CANL shorted to CANH",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorFrame:
+    """What an error frame says.
+
+    Parameters
+    ----------
+    classes : ErrorClass
+        What happened.
+    state : ControllerState or None
+        The state the controller is in now; None if the frame does not tell.
+    tx_errors, rx_errors : int or None
+        The controller's error counters; None if the frame does not tell.
+    overrun : bool
+        Whether the controller has lost received frames.
+    text : str
+        All of it in one line.
+    """
+
+    classes: ErrorClass
+    state: ControllerState | None
+    tx_errors: int | None
+    rx_errors: int | None
+    overrun: bool
+    text: str
+
+
+def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
+    """Explain an error frame.
+
+    Parameters
+    ----------
+    can_id : int
+        Identifier, with or without its flag bits.
+    data : bytes
+        Payload; what is missing of 8 bytes counts as zero, as "not specified".
+
+    Returns
+    -------
+    ErrorFrame
+        The counters are told if the frame says that it has them (Linux 6.0), or if they are not
+        zero and the frame is one of a change of state, where older drivers have always put them.
+    """
+    classes = ErrorClass(can_id & 0x1FFFFFFF & sum(ErrorClass))
+    arbitration, controller, violation, location, wires, _, tx, rx = data[:8].ljust(8, b"\0")
+    controller *= ErrorClass.CONTROLLER in classes
+    counted = ErrorClass.COUNTERS in classes or bool(
+        classes & (ErrorClass.CONTROLLER | ErrorClass.BUS_OFF) and (tx or rx)
+    )
+    details = {
+        ErrorClass.LOST_ARBITRATION: f"in bit {arbitration}" if arbitration else "",
+        ErrorClass.CONTROLLER: _named(_CONTROLLER, controller),
+        ErrorClass.PROTOCOL: _joined(_named(_VIOLATIONS, violation), _LOCATIONS.get(location, "")),
+        ErrorClass.TRANSCEIVER: _joined(_WIRES.get(wires & 0x0F, ""), _WIRES.get(wires & 0xF0, "")),
+    }
+    said = [
+        f"{text} ({detail})" if (detail := details.get(bit, "")) else text
+        for bit, text in _CLASSES.items()
+        if bit in classes
+    ]
+    if counted:
+        said.append(f"{tx} transmit and {rx} receive errors counted")
+    return ErrorFrame(
+        classes,
+        _state(classes, controller, max(tx, rx) if counted else None),
+        tx if counted else None,
+        rx if counted else None,
+        bool(controller & _RX_OVERFLOW),
+        ", ".join(said) or "unknown error",
+    )
+
+
+def _state(classes: ErrorClass, controller: int, errors: int | None) -> ControllerState | None:
+    if ErrorClass.BUS_OFF in classes:
+        return ControllerState.BUS_OFF
+    named = [state for bits, state in _STATES.items() if controller & bits]
+    if named:
+        return named[-1]
+    if ErrorClass.RESTARTED in classes:
+        return ControllerState.ACTIVE
+    if errors is None:
+        return None
+    if errors < 96:
+        return ControllerState.ACTIVE
+    return ControllerState.WARNING if errors < 128 else ControllerState.PASSIVE
+
+
+def _named(names: dict[int, str], bits: int) -> str:
+    return _joined(*(name for bit, name in names.items() if bits & bit))
+
+
+def _joined(*parts: str) -> str:
+    return ", ".join(filter(None, parts))
