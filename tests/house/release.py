@@ -1,0 +1,81 @@
+"""Install a release as a user would, and try it: `python -m tests.house.release`.
+
+Wheel and sdist are built, the wheel is installed into empty environments with the pinned
+dependencies: alone, and with each extra.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from .built import ROOT, UV, build
+
+Result = TypeVar("Result")
+
+EXTRAS = {
+    "data": "import xarray, h5netcdf, pandas, pyarrow",
+    "mf4": "import asammdf",
+    "modal": "import pyuff",
+    "cluster": "import dask, distributed",
+}
+"""Extra to what it is for."""
+LIBRARY = "import dbc, daq, identify; print(daq.__file__)"
+
+
+def main() -> None:
+    """Print how long each step took; the first that fails ends it."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        sdist, wheel = _timed("build", partial(build, folder))
+        _try(
+            folder, str(wheel), [["--help"], ["study", "table2"], ["notebook", "--out", "n.ipynb"]]
+        )
+        _try(folder, str(sdist), [["--help"]])
+        for extra, statement in EXTRAS.items():
+            _try(folder, f"{wheel}[{extra}]", [["--help"]], statement)
+
+
+def _try(folder: Path, what: str, commands: list[list[str]], statement: str = "") -> None:
+    """Install into an empty environment; run commands, and an import, away from the tree."""
+    venv = folder / "venv"
+    python = venv / "bin" / "python"
+    label = Path(what).name
+
+    def install() -> None:
+        _run(folder, [*UV, "venv", "--quiet", "--clear", "--python", sys.executable, str(venv)])
+        constraints = ["--constraint", str(ROOT / "constraints.txt")]
+        where = ["--quiet", "--python", str(python)]
+        _run(folder, [*UV, "pip", "install", *where, *constraints, what])
+
+    _timed(f"install {label}", install)
+    for command in commands:
+        line = [str(venv / "bin" / "bumpbench"), *command]
+        _timed(f"  bumpbench {' '.join(command)}", partial(_run, folder, line))
+    used = _run(folder, [str(python), "-c", f"{LIBRARY}; {statement}"])
+    if not used.startswith(str(venv)):
+        raise SystemExit(f"imported {used}, not what was installed")
+
+
+def _run(folder: Path, command: list[str]) -> str:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"{' '.join(command)} ended with {done.returncode}:\n{done.stderr}")
+    return done.stdout
+
+
+def _timed(label: str, step: Callable[[], Result]) -> Result:
+    began_s = time.perf_counter()
+    result = step()
+    sys.stdout.write(f"{label}: {time.perf_counter() - began_s:.1f} s\n")
+    return result
+
+
+if __name__ == "__main__":
+    main()
