@@ -11,7 +11,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 
 from .errors import InputError, printable
-from .grammar import Statement, statements, without_comments
+from .grammar import KEYWORDS, Statement, statements, without_comments
 from .limits import MAX_FAULTS, MAX_MESSAGES, PICK_DBC
 from .source import Source
 
@@ -23,6 +23,7 @@ _MEANING = frozenset(("BO_", "SG_", "VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_", "BA_"
 _HARMLESS = re.compile(r"(?:BA_DEF|BU_|CM_|NS_|BS_|EV_|VERSION|VAL_TABLE_|SIG_GROUP_|CAT_)")
 _ENDED = frozenset(("BO_", "SG_", "VERSION", "NS_", "BS_", "BU_"))
 """Statements that end with their line; the others need a semicolon."""
+_BLANK_LINE = re.compile(r"\n\s*\n")
 _DIGITS = re.compile(r"[0-9]+")
 _RANGE = re.compile(r"([0-9]+)\s*-\s*([0-9]+)")
 _ENTRY = re.compile(r'([-+]?[0-9]+)\s*"((?:\\"|[^"])*+)"')
@@ -146,9 +147,11 @@ def read_document(text: str, source: Source) -> Document:
                 what = f"more than {MAX_MESSAGES} messages"
                 raise InputError(source.at(statement.start), what, "split the file")
         elif statement.keyword == "SG_":
-            if current is None:
+            if current is None or not document.blocks:
                 document.loose.append((statement.start, "an SG_ line belongs to no message"))
             else:
+                if current is not document.blocks[-1]:
+                    document.blocks.append(current)
                 current.signals.append(statement)
         else:
             current = None
@@ -178,15 +181,16 @@ def _misread(
         document.blocks.append(Block(statement.start, None, fault=fault))
         return document.blocks[-1]
     document.loose.append((statement.start, f"not understood: {printable(line, 60)}"))
-    if current is not None and current.fault is None:
-        current.fault = fault
     if statement.keyword in _MEANING or not _HARMLESS.match(statement.keyword):
         for found in _DIGITS.finditer(text, statement.start, statement.stop):
             document.faults.setdefault(whole(found[0]), fault)
-    if statement.keyword == "SG_" or current is None:
-        return current
-    document.blocks.append(Block(statement.start, None, fault=fault))
-    return document.blocks[-1]  # it may have been the head of a message
+    if statement.keyword in KEYWORDS and statement.keyword != "SG_":
+        return None
+    apart = _BLANK_LINE.search(text, statement.before, statement.start)
+    if current is not None and current.fault is None and ("|" in line or not apart):
+        current.fault = fault
+    # What follows may be the signals of a message whose head this was.
+    return current if statement.keyword == "SG_" else Block(statement.start, None, fault=fault)
 
 
 def _sort_in(document: Document, statement: Statement) -> None:

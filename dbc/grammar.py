@@ -34,7 +34,7 @@ _BODIES = {
         rf"\s*+\[\s*+(?P<minimum>{_NUMBER})\s*+\|\s*+(?P<maximum>{_NUMBER})\s*+\]"
         rf"\s*+(?P<unit>{_STRING})[ \t]*+(?:(?!KEYWORD\b)\w++[ \t]*+(?:,\s*+)?+)*+"
     ),
-    "CM_": rf"(?:\s++\w++)*+\s*+{_STRING}",  # here, too
+    "CM_": rf"(?:\s++\w++)*+\s*+{_STRING}(?:\s*+;|(?=[ \t\r]*+(?:\n|\Z)))",  # here, too
     "VAL_": (
         rf"\s++(?:(?P<id>{_WHOLE})\s++)?+(?P<name>\w++)"
         rf"(?P<table>(?:\s*+[-+]?{_WHOLE}\s*+{_STRING})*+)"
@@ -69,7 +69,8 @@ _OTHER_BODY = (
     rf"(?:\s++|{_STRING}|(?!(?:SIG_VALTYPE_|SG_MUL_VAL_|VAL_|BO_TX_BU_)\b)\w++|[-+.,:|\[\]])*+;"
 )
 
-_KEYWORD = "|".join(sorted([*_BODIES, *_OTHERS], key=len, reverse=True))
+KEYWORDS = frozenset((*_BODIES, *_OTHERS))
+_KEYWORD = "|".join(sorted(KEYWORDS, key=len, reverse=True))
 _PATTERNS = {
     word: re.compile(body.replace("KEYWORD", rf"(?:{_KEYWORD})"))
     for word, body in (_BODIES | dict.fromkeys(_OTHERS, _OTHER_BODY)).items()
@@ -85,13 +86,14 @@ class Statement:
     ----------
     keyword : str
         Its first word; any word, or none, where the text is no statement.
-    start, stop : int
-        Where it is in the text.
+    before, start, stop : int
+        Where the one before ends; where it begins and ends.
     body : re.Match or None
         What follows the keyword, by group names; None if it is not understood.
     """
 
     keyword: str
+    before: int
     start: int
     stop: int
     body: re.Match[str] | None
@@ -128,8 +130,8 @@ def statements(text: str) -> Iterator[Statement]:
         pattern = _PATTERNS.get(word)
         body = pattern.match(text, head.end()) if pattern else None
         if body is not None:
-            position = body.end()
+            position, before = body.end(), position
         else:
             again = _AT_LINE_START.search(text, start + 1)
-            position = again.end() if again else end
-        yield Statement(word, start, position, body)
+            position, before = (again.end() if again else end), position
+        yield Statement(word, before, start, position, body)

@@ -1,0 +1,50 @@
+"""The checksum rules against the check values of published tables, and by long division."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dbc.crc import CRC_RULES, Crc8, covered
+
+CHECK = b"123456789"
+
+# The catalogue of parametrised CRC algorithms lists these as check values; the sums by hand.
+PUBLISHED = {
+    "crc8_j1850": 0x4B,
+    "crc8_j1850_zero": 0x37,
+    "crc8_j1850_noxor": 0xB4,
+    "crc8_8h2f": 0xDF,
+    "crc8_smbus": 0xF4,
+    "xor8": 0x31,
+    "sum8": 0xDD,
+}
+
+
+def _row(data: bytes) -> NDArray[np.uint8]:
+    return np.frombuffer(data, np.uint8)[None, :]
+
+
+@pytest.mark.parametrize("name", CRC_RULES)
+def test_the_published_check_value(name: str) -> None:
+    assert CRC_RULES[name](_row(CHECK)).tolist() == [PUBLISHED[name]]
+
+
+def _divided(data: bytes, rule: Crc8) -> int:
+    crc = rule.initial
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc << 1 ^ rule.polynomial if crc & 0x80 else crc << 1) & 0xFF
+    return crc ^ rule.final_xor
+
+
+@pytest.mark.parametrize("rule", [rule for rule in CRC_RULES.values() if isinstance(rule, Crc8)])
+def test_columns_give_what_bit_by_bit_division_gives(rule: Crc8) -> None:
+    rows = np.random.default_rng(1).integers(0, 256, (50, 7), dtype=np.uint8)
+    assert rule(rows).tolist() == [_divided(row.tobytes(), rule) for row in rows]
+
+
+def test_a_checksum_at_the_head_covers_what_follows_another_what_is_before() -> None:
+    payload = np.arange(16, dtype=np.uint8).reshape(2, 8)
+    assert covered(payload, 0, 6).tolist() == [[1, 2, 3, 4, 5], [9, 10, 11, 12, 13]]
+    assert covered(payload, 3, 6).tolist() == [[0, 1, 2], [8, 9, 10]]

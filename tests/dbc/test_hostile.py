@@ -1,0 +1,84 @@
+"""Files made to fill memory or time give one line, or load; the work is that of their length."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+
+import pytest
+
+from .mutations import campaign
+
+HEAD = 'VERSION ""\\n\\nBU_: A B\\n\\n'
+LINE = ' : 0|8@1+ (1,0) [0|0] "" B\\n'
+# Python that makes the text, and the end of the line that the child prints.
+HOSTILE = {
+    "a signal of a million bits": (
+        "HEAD + 'BO_ 1 M: 8 A\\n SG_ s : 0|1000000@1+ (1,0) [0|0] \"\" B\\n'",
+        "M.s has 1000000 bits, not 1 to 64",
+    ),
+    "50 MB": ("'x' * 50_000_000", "larger than 5 MB"),
+    "a number of 4 MB": (
+        "HEAD + 'BO_ 1 M: 8 A\\n SG_ s : 0|8@1+ (' + '9' * 4_000_000 + ',0) [0|0] \"\" B\\n'",
+        "M.s has an infinite factor or offset",
+    ),
+    "nothing but quotes": ("'CM_ \"\\n' * 800_000", "no messages"),
+    "nothing but heads": ("'BO_\\n' * 1_200_000", "more than 1000 lines are not understood"),
+    "parentheses": ("'(' * 5_000_000", "not understood"),
+    "a string without an end": ("'CM_ \"' + '\\\\\"' * 2_400_000", "ends within a definition"),
+    "one identifier 19,000 times": (
+        "HEAD + ('BO_ 1 M: 8 A\\n SG_ s' + LINE) * 19_000",
+        "has the identifier 0x1 of another message",
+    ),
+    "one signal 90,000 times": (
+        "HEAD + 'BO_ 1 M: 8 A\\n' + (' SG_ s' + LINE) * 90_000",
+        "M.s is there twice",
+    ),
+    "selectors in selectors": (
+        "HEAD + 'BO_ 1 M: 8 A\\n SG_ s0 M' + LINE"
+        " + ''.join(f' SG_ s{k} m1M' + LINE for k in range(1, 20_000)) + '\\n'"
+        " + ''.join(f'SG_MUL_VAL_ 1 s{k} s{k-1} 1-1;\\n' for k in range(1, 20_000))",
+        "has more than 16 selectors above it",
+    ),
+    "10,000 messages": (
+        "HEAD + ''.join(f'BO_ {2**31 + i} M{i}: 8 A\\n SG_ s' + LINE for i in range(10_000))",
+        "10000 messages",
+    ),
+    "60,000 multiplexed signals": (
+        "HEAD + 'BO_ 1 M: 8 A\\n SG_ top M : 8|16@1+ (1,0) [0|0] \"\" B\\n'"
+        " + ''.join(f' SG_ s{k} m{k}' + LINE for k in range(60_000))",
+        "1 messages",
+    ),
+}
+CHILD = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30))
+resource.setrlimit(resource.RLIMIT_CPU, (20, 20))
+from dbc import InputError, parse_codec
+HEAD, LINE = {head!r}, {line!r}
+try:
+    print(len(parse_codec({text}, "x.dbc").messages), "messages")
+except InputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_hostile_file_gives_one_line_in_bounded_time_and_memory(case: str) -> None:
+    text, answer = HOSTILE[case]
+    code = CHILD.format(head=HEAD.replace("\\n", "\n"), line=LINE.replace("\\n", "\n"), text=text)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    (line,) = done.stdout.splitlines()
+    assert answer in line
+    assert len(line) < 400
+
+
+def test_a_hundred_mutated_files_raise_nothing_else_and_fill_nothing() -> None:
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    tally = campaign(100, seed=7)
+    assert sum(tally.outcome.values()) == 100
+    assert min(tally.outcome.values()) >= 5, "the changes are neither all harmless nor all fatal"
+    assert len(tally.outcome) == 3
+    assert tally.peak_bytes < before * 1024 + 300_000_000
