@@ -22,7 +22,7 @@ from .wire import receive
 _ADVICE = "the file is damaged, or made to do harm; build it again from its journal"
 _CHILD_BYTES = 768 << 20
 """Address space of the child beyond what the file may unpack to: Python, NumPy and libhdf5."""
-_CHILD_S = 5
+_CHILD_S = 3
 """Time of the child for starting and for a small file."""
 _BYTES_PER_S = 4 << 20
 """How fast a file is read at least, packed: a tenth of what was measured."""

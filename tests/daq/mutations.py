@@ -1,0 +1,133 @@
+"""Session files with damage of every kind, through the command line.
+
+``python -m tests.daq.mutations 2000`` runs a campaign and prints what came of it; it fails if any
+file gives a traceback, takes more than 10 s or more than 1 GB.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import resource
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from daq.session import write_session
+from tui.cli import run
+
+from .small_session import small_session
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "session_v1_2026-11.h5"
+MAX_S, MAX_BYTES = 10.0, 1 << 30
+_NUMBERS = (0, 1, 0x7F, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**45, 2**63 - 1, 2**64 - 1)
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What a campaign has shown.
+
+    Parameters
+    ----------
+    codes : Counter of int
+        How often each exit code came.
+    faults : list of str
+        What must not be: tracebacks, more than one line, too long.
+    slowest_s : float
+        Of all files.
+    child_bytes : int
+        Memory of the largest child process.
+    """
+
+    codes: Counter[int] = field(default_factory=Counter)
+    faults: list[str] = field(default_factory=list)
+    slowest_s: float = 0.0
+    child_bytes: int = 0
+
+
+def mutants(count: int, folder: Path, seed: int) -> Iterator[bytes]:
+    """Yield damaged session files; every file has one to four mutations."""
+    written = folder / "seed.h5"
+    write_session(written, small_session())
+    seeds = [GOLDEN.read_bytes(), written.read_bytes()]
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        raw = bytearray(seeds[rng.integers(len(seeds))])
+        for _ in range(rng.integers(1, 5)):
+            _mutate(raw, rng)
+        yield bytes(raw)
+
+
+def _mutate(raw: bytearray, rng: np.random.Generator) -> None:
+    at = int(rng.integers(len(raw) - 64))
+    size = int(rng.integers(1, 64))
+    match rng.integers(8):
+        case 0 | 1 | 2:
+            raw[at] ^= 1 << int(rng.integers(8))
+        case 3:
+            number = _NUMBERS[rng.integers(len(_NUMBERS))]
+            width = (1, 2, 4, 8)[rng.integers(4)]
+            raw[at : at + width] = (number % (1 << 8 * width)).to_bytes(width, "little")
+        case 4:
+            raw[at : at + size] = b"\xff" * size
+        case 5:
+            raw[at : at + size] = bytes(size)
+        case 6:
+            other = int(rng.integers(len(raw) - 64))
+            raw[at : at + size] = raw[other : other + size]
+        case _:  # the start of the file has the structures that everything hangs on
+            raw[int(rng.integers(4096))] = int(rng.integers(256))
+
+
+def campaign(count: int, seed: int = 1) -> Outcome:
+    """Validate `count` damaged files."""
+    outcome = Outcome()
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "mutant.h5"
+        for number, raw in enumerate(mutants(count, Path(name), seed)):
+            path.write_bytes(raw)
+            _try(path, f"mutant {number} of seed {seed}", outcome)
+    outcome.child_bytes = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
+    return outcome
+
+
+def _try(path: Path, name: str, outcome: Outcome) -> None:
+    out, err = io.StringIO(), io.StringIO()
+    began = time.monotonic()
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            code = run(["validate", str(path)])
+    except Exception as error:
+        outcome.faults.append(f"{name}: {type(error).__name__}: {error}")
+        return
+    took_s = time.monotonic() - began
+    outcome.codes[code] += 1
+    outcome.slowest_s = max(outcome.slowest_s, took_s)
+    lines = err.getvalue().splitlines()
+    if code not in (0, 1, 2) or len(lines) != (code == 2):
+        outcome.faults.append(f"{name}: code {code}, {len(lines)} lines on stderr")
+    if any(not character.isprintable() for line in lines for character in line):
+        outcome.faults.append(f"{name}: control characters on stderr")
+    if took_s > MAX_S:
+        outcome.faults.append(f"{name}: took {took_s:.1f} s")
+
+
+def main() -> int:
+    """Run a campaign of so many files as the command line says."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
+    outcome = campaign(count, seed=2)
+    mib = outcome.child_bytes / 2**20
+    print(f"{count} mutants: exit codes {dict(sorted(outcome.codes.items()))}")  # noqa: T201
+    print(f"slowest {outcome.slowest_s:.1f} s, largest child {mib:.0f} MiB")  # noqa: T201
+    print("\n".join(outcome.faults) or "no faults")  # noqa: T201
+    return 1 if outcome.faults or outcome.child_bytes > MAX_BYTES else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
