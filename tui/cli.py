@@ -18,6 +18,7 @@ from .commands.export import export
 from .commands.identify import identify
 from .commands.import_ import import_
 from .commands.inspect import inspect
+from .commands.notebook import notebook
 from .commands.plan import plan
 from .commands.record import record
 from .commands.recover import recover
@@ -47,6 +48,7 @@ for command in (
     identify,
     plan,
     batch,
+    notebook,
     export,
     validate,
 ):

@@ -1,0 +1,141 @@
+"""Figures for notebooks and scripts: each function returns a matplotlib figure.
+
+They are the report's own.  Importing this loads matplotlib, so `identify` does not.
+"""
+
+from __future__ import annotations
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from daq.vehicle import VehicleGeometry
+from dbc.errors import InputError
+
+from .figures.panels import draw, figure_of, look, size_in
+from .pipeline import Identification
+from .report.blocks import Gallery, Picture
+from .report.decays import decay_section
+from .report.panels import CorrelationPanel, ShapePanel, StabilisationPanel
+from .report.parameters import parameter_section
+from .report.shapes import shape_of
+from .stable_poles import StabilisationDiagram
+
+_ACROSS = 2
+_TITLE_IN = 0.22
+
+
+def decays(result: Identification) -> Figure:
+    """Draw every run: measured against fitted, and what is left in units of the noise.
+
+    Parameters
+    ----------
+    result : Identification
+        With a fit.
+
+    Raises
+    ------
+    InputError
+        If the session was refused before a fit.
+    """
+    estimation = _fitted(result).estimation
+    assert estimation is not None  # there is a fit
+    galleries = (b for b in decay_section(estimation).blocks if isinstance(b, Gallery))
+    pictures = [picture for gallery in galleries for picture in gallery.pictures]
+    width, height = size_in(pictures[0].panel)
+    down = -(-len(pictures) // _ACROSS)
+    with matplotlib.rc_context(look()):
+        figure = Figure(figsize=(_ACROSS * width, down * (height + _TITLE_IN)))
+        parts = figure.subfigures(
+            2 * down, _ACROSS, squeeze=False, height_ratios=down * [_TITLE_IN, height]
+        )
+        for number, picture in enumerate(pictures):
+            row, column = divmod(number, _ACROSS)
+            parts[2 * row, column].text(0.13, 0.1, picture.title, parse_math=False)
+            draw(picture.panel, parts[2 * row + 1, column])
+    return figure
+
+
+def parameters(result: Identification) -> Figure:
+    """Draw the relative interval of each parameter, and what it rests on.
+
+    Raises
+    ------
+    InputError
+        If the session was refused before a fit.
+    """
+    blocks = parameter_section(_fitted(result)).blocks
+    return figure_of(next(block.panel for block in blocks if isinstance(block, Picture)))
+
+
+def correlation(result: Identification) -> Figure:
+    """Draw how the errors of the parameters hang together.
+
+    Raises
+    ------
+    InputError
+        If the session was refused before a fit.
+    """
+    known = _fitted(result).correlation
+    return figure_of(CorrelationPanel(known.names, known.matrix))
+
+
+def modes(result: Identification, mass_state: str = "baseline") -> Figure:
+    """Draw the mode shapes of the identified vehicle.
+
+    Parameters
+    ----------
+    result : Identification
+        With a fit.
+    mass_state : str
+        Whose.
+
+    Raises
+    ------
+    InputError
+        If the session was refused before a fit, or has no such mass state.
+    """
+    if mass_state not in _fitted(result).modal:
+        raise InputError("plot", f"no mass state {mass_state}", f"choose {', '.join(result.modal)}")
+    lengths = (result.parameters[name].value for name in ("a", "b", "t_f", "t_r"))
+    geometry = VehicleGeometry(*lengths)
+    model = result.modal[mass_state]
+    shapes = (
+        shape_of(
+            name,
+            f"{mode.frequency_hz:.3f} Hz, {mode.damping_ratio * 100:.1f} %",
+            mode.frequency_hz,
+            mode.shape,
+            geometry,
+        )
+        for name, mode in zip(result.mode_names[mass_state], model.modes, strict=True)
+    )
+    return figure_of(ShapePanel(tuple(shapes)))
+
+
+def stabilisation(diagram: StabilisationDiagram) -> Figure:
+    """Draw the poles of the State Variable Method over its rank.
+
+    Parameters
+    ----------
+    diagram : StabilisationDiagram
+        Of `identify.stabilisation_diagram`.
+    """
+    frequency_hz = np.abs(diagram.poles) / (2.0 * np.pi)
+    vibrating = diagram.poles.imag > 0.0
+    highest = diagram.rank == np.max(diagram.rank[diagram.stable], initial=0)
+    return figure_of(
+        StabilisationPanel(
+            np.where(vibrating, frequency_hz, 0.0),
+            diagram.rank.astype(np.float64),
+            diagram.stable,
+            frequency_hz[diagram.stable & vibrating & highest],
+        )
+    )
+
+
+def _fitted(result: Identification) -> Identification:
+    if not result.parameters:
+        what = "; ".join(result.quality.reasons) or "refused"
+        raise InputError("plot", f"there is no fit: {what}", "identify a complete session")
+    return result

@@ -1,0 +1,91 @@
+"""Figures for notebooks: each shows what it is given, and says why it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from io import BytesIO
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from dbc.errors import InputError
+from identify import Identification, StabilisationDiagram, identify, plots
+from tests.tui.batches import paper_session, refused_session
+
+
+@pytest.fixture(scope="module")
+def result() -> Identification:
+    return identify(paper_session(1))
+
+
+def _texts(figure: Figure) -> str:
+    figure.savefig(BytesIO(), format="png")  # it can be drawn
+    return "\n".join(text.get_text() for text in figure.findobj(Text) if isinstance(text, Text))
+
+
+def test_decays_show_every_run_as_measured_and_what_is_left(result: Identification) -> None:
+    figure = plots.decays(result)
+    texts = _texts(figure)
+    assert all(residual.label in texts for residual in result.residuals)
+    estimation = result.estimation
+    assert estimation is not None
+    label, decay = result.residuals[0].label, estimation.decays[0]
+    channel = next(c.name for c in decay.recordings[0].clock.channels if f"{c.name}," in texts)
+    column = [c.name for c in decay.recordings[0].clock.channels].index(channel)
+    fitted = decay.recordings[0].values[:, column] - result.residuals[0].values[channel]
+    panels = (axes for part in figure.subfigs for axes in part.axes)
+    axes = next(axes for axes in panels if any(channel in t.get_text() for t in axes.texts))
+    drawn = np.asarray(axes.get_lines()[1].get_ydata(), dtype=np.float64)
+    assert label == decay.label
+    assert np.isin(np.round(drawn, 9), np.round(fitted, 9)).all()
+
+
+def test_parameters_name_each_with_its_interval(result: Identification) -> None:
+    texts = _texts(plots.parameters(result))
+    for name, e in result.parameters.items():
+        assert name in texts
+        assert f"±{(e.high - e.low) / 2 / abs(e.value) * 100:.2f} %" in texts
+
+
+@pytest.mark.parametrize("state", ["baseline", "added"])
+def test_modes_name_each_with_its_frequency(result: Identification, state: str) -> None:
+    texts = _texts(plots.modes(result, state))
+    for name, frequency_hz in zip(
+        result.mode_names[state], result.modal[state].frequencies_hz, strict=True
+    ):
+        assert f"{name}\n{frequency_hz:.3f} Hz" in texts
+
+
+def test_correlation_shows_each_pair(result: Identification) -> None:
+    texts = _texts(plots.correlation(result)).splitlines()
+    n = len(result.correlation.names)
+    assert len([t for t in texts if t[:1] in "+-" and "." in t]) == n * (n - 1)
+
+
+def test_stabilisation_puts_poles_over_their_rank() -> None:
+    poles = 2 * np.pi * np.array([1.0, 1.0, 3.0, 10.0]) * np.exp(0.55j * np.pi)
+    stable = np.array([True, True, False, True])
+    rank = np.array([1, 2, 2, 2])
+    figure = plots.stabilisation(
+        StabilisationDiagram(rank, poles, np.ones((1, 4), complex), stable)
+    )
+    (axes,) = figure.axes
+    drawn = {
+        (round(x, 6), y)
+        for line in axes.get_lines()
+        for x, y in np.asarray(line.get_xydata(), dtype=np.float64).tolist()
+    }
+    assert {(1.0, 1.0), (1.0, 2.0), (3.0, 2.0), (10.0, 2.0)} <= drawn
+
+
+@pytest.mark.parametrize("plot", [plots.decays, plots.parameters, plots.modes, plots.correlation])
+def test_a_refused_session_has_no_figures(plot: Callable[[Identification], Figure]) -> None:
+    with pytest.raises(InputError, match=r"no fit.*added mass"):
+        plot(identify(refused_session(1)))
+
+
+def test_an_unknown_mass_state_is_named(result: Identification) -> None:
+    with pytest.raises(InputError, match="choose baseline, added"):
+        plots.modes(result, "loaded")

@@ -1,0 +1,33 @@
+"""`bumpbench notebook`: a worked example to begin from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def notebook(
+    out: Annotated[Path, typer.Option(help="Notebook to write; it must not exist.")] = Path(
+        "bump_test.ipynb"
+    ),
+) -> None:
+    """Write a notebook that goes from arrays and session files to parameters and figures."""
+    from importlib.resources import files
+
+    from dbc.errors import InputError
+
+    from ..output import print_line
+
+    source = files("identify") / "notebook" / "bump_test.ipynb"
+    try:
+        with out.open("xb") as stream:
+            stream.write(source.read_bytes())
+    except FileExistsError:
+        raise InputError(str(out), "exists", "name another --out") from None
+    except OSError as error:
+        raise InputError(
+            str(out), error.strerror or "cannot be written", "name another --out"
+        ) from None
+    print_line(f"{out} (open it with: jupyter lab {out})")
