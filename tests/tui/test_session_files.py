@@ -1,0 +1,158 @@
+"""`export`, `validate` and `inspect` at the command line."""
+
+import json
+from pathlib import Path
+
+import can
+import h5py
+import numpy as np
+import pytest
+import pyuff
+
+from daq import session_from_arrays, write_session
+from daq.vehicle import DOF, Vehicle
+from tui.cli import run
+
+from ..daq.small_session import small_session
+from ..identify.bumps import PAPER_DELTA_MASS, paper_records
+
+
+@pytest.fixture
+def car(tmp_path: Path) -> str:
+    write_session(tmp_path / "car.h5", small_session())
+    return str(tmp_path / "car.h5")
+
+
+def test_export_says_what_it_wrote_and_what_it_left_out(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str
+) -> None:
+    assert run(["export", car, "--format", "asc", "--run", "baseline_roll_2"]) == 0
+    out, err = capsys.readouterr()
+    assert out == f"{tmp_path / 'car.asc'}\n"
+    assert "ASC rounds times to 1 µs" in err
+    with can.ASCReader(tmp_path / "car.asc") as reader:
+        assert len(list(reader)) == len(small_session().runs[1].frames)
+
+
+def test_the_suffix_tells_the_format_and_a_folder_the_place(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str
+) -> None:
+    (tmp_path / "out").mkdir()
+    options = ["--separator", ";", "--decimal", ",", "--run", "baseline_roll_1"]
+    assert run(["export", car, "--out", str(tmp_path / "x.csv"), *options]) == 0
+    assert run(["export", car, "--out", str(tmp_path / "out"), "--format", "parquet"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        str(tmp_path / "x_baseline_roll_1_HUB_Front.csv"),
+        str(tmp_path / "x_baseline_roll_1_A_IMU.csv"),
+        str(tmp_path / "out" / "car.parquet"),
+    ]
+    text = (tmp_path / "x_baseline_roll_1_A_IMU.csv").read_text()
+    assert text.splitlines()[:2] == ["time_s;az [m/s2];pitch [rad/s];quality", "0,0;9,75;0,25;0"]
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ([], "neither --format nor --out"),
+        (["--format", "xls"], "xls"),
+        (["--out", "x.xls"], ".xls is no format"),
+        (["--format", "mat", "--run", "warp"], "there is no run warp"),
+        (["--format", "csv", "--separator", ",", "--decimal", ","], "--separator"),
+        (["--format", "mat", "--modes"], "--modes"),
+        (["--out", "/no/such/folder/x.mat"], "no such folder"),
+    ],
+)
+def test_what_cannot_be_exported(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str, options: list[str], what: str
+) -> None:
+    assert run(["export", car, *options]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert len(err.splitlines()) == 1
+    assert what in err
+    assert [path.name for path in tmp_path.iterdir()] == ["car.h5"]
+
+
+def test_modes_go_into_the_universal_file(tmp_path: Path) -> None:
+    runs = []
+    for record in paper_records(200.0, np.inf, 4):
+        columns = zip(DOF, record.recordings[0].values.T, strict=True)
+        samples = {name: (record.recordings[0].time_s, column) for name, column in columns}
+        runs.append((record.mass_state, record.label.split("_")[1], samples))
+    session = session_from_arrays(
+        runs, delta_mass=PAPER_DELTA_MASS, bump_s=0.2, vehicle=Vehicle("Granada")
+    )
+    write_session(tmp_path / "car.h5", session)
+    assert run(["export", str(tmp_path / "car.h5"), "--format", "uff", "--modes"]) == 0
+    modes = [s for s in pyuff.UFF(str(tmp_path / "car.uff")).read_sets() if s["type"] == 55]
+    # METHOD section 1: 10.7678 Hz becomes 10.2395 with mass on board.
+    found_hz = sorted(abs(mode["eig"]) / (2 * np.pi) for mode in modes if "baseline" in mode["id1"])
+    assert len(modes) == 14
+    assert found_hz[3] == pytest.approx(10.7678, abs=2e-4)
+    # A symmetric car: four modes move left and right alike (bounce, pitch, two of the wheels),
+    # in three they are opposite (roll, two of the wheels).
+    alike, opposite = 0, 0
+    for mode in modes[:7]:
+        at = dict(zip(mode["node_nums"].tolist(), mode["r3"], strict=True))
+        pairs = np.array([(at[1], at[2]), (at[3], at[4]), (at[11], at[12]), (at[13], at[14])])
+        alike += np.allclose(pairs[:, 0], pairs[:, 1], atol=1e-4)
+        opposite += np.allclose(pairs[:, 0], -pairs[:, 1], atol=1e-4)
+    assert (alike, opposite) == (4, 3)
+
+
+def test_modes_that_are_refused_are_not_written(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str
+) -> None:
+    assert run(["export", car, "--format", "uff", "--modes"]) == 1
+    assert "refused" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["car.h5"]
+
+
+def test_validate(capsys: pytest.CaptureFixture[str], tmp_path: Path, car: str) -> None:
+    broken, prose = tmp_path / "broken.h5", tmp_path / "prose.h5"
+    broken.write_bytes(Path(car).read_bytes())
+    prose.write_text("x")
+    with h5py.File(broken, "r+") as file:
+        del file["channels/unit"]
+    assert run(["validate", car]) == 0
+    assert capsys.readouterr().out == f"{car}: valid\n"
+    assert run(["validate", car, str(broken)]) == 1
+    assert "  error: /channels: column unit is absent" in capsys.readouterr().out
+    assert run(["validate", car, str(prose), str(broken), "--json"]) == 2
+    out, err = capsys.readouterr()
+    files = json.loads(out)["files"]
+    assert [file["valid"] for file in files] == [True, False, False]
+    assert files[2]["findings"][0]["where"] == "/channels"
+    assert len(err.splitlines()) == 1
+    assert run(["validate"]) == 2
+
+
+def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["validate", "--schema"]) == 0
+    out = capsys.readouterr().out
+    assert "schema v1" in out
+    assert "/runs/r001_LABEL" in out
+
+
+def test_inspect(capsys: pytest.CaptureFixture[str], car: str) -> None:
+    assert run(["inspect", car]) == 0
+    out = capsys.readouterr().out
+    for text in (
+        "Wagen Ü: 3 runs",
+        "too weak: 0.3 m/s2",
+        "2 counter_gaps",
+        "HUB_Front.a",
+        "x -1 y 0.1 m",
+        "2 ms late",
+        "1551.8",
+        "30 kg at x -1 y 0.5 m",
+        "4 kg at hub RL",
+        "2026-11-21",
+    ):
+        assert text in out
+    assert run(["inspect", car, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["channels"][0]["corner"] == "FL"
+    assert document["geometry"]["t_r"] == 0.75
+    assert document["facts"][1] == {"quantity": "k_sfl", "value": 17000.0, "sigma": 50.0}
+    assert document["provenance"]["dbc"] == "7 bytes"
