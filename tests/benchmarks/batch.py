@@ -1,0 +1,80 @@
+"""What more workers gain a batch, what the executor costs, and what a cluster does.
+
+Walls of a shared machine say little: beside them stands the share of the CPU that was to be had,
+and the processor time that the work took.  `python -m tests.benchmarks.batch 24`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from daq import read_session, write_session
+from identify.batch import session_row
+from tests.flow.dask_cluster import cluster
+from tests.identify.stress import stress_session
+from tui.cli import run
+
+SESSIONS = 8
+
+
+def main(sessions: int = SESSIONS) -> None:
+    """Print speed-up, overhead and a cluster's time over a batch of so many sessions."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        files = [folder / "s" / f"car{seed:03}.h5" for seed in range(sessions)]
+        files[0].parent.mkdir()
+        for seed, file in enumerate(files):
+            write_session(file, stress_session("linear", seed))
+        print(f"batch of {sessions} sessions, 12 runs x 7 channels x 4 s at 200 Hz each")
+        session_row(read_session(files[0]))  # what is loaded once is not counted
+        began_s, began_cpu_s = time.perf_counter(), time.process_time()
+        for file in files:
+            session_row(read_session(file))
+        bare_s, cpu_s = time.perf_counter() - began_s, time.process_time() - began_cpu_s
+        print(f"  in a loop: {bare_s:.1f} s, {cpu_s / sessions:.2f} s CPU a session")
+        one = _batch(folder, "one", "--workers", "1")
+        two = _batch(folder, "two", "--workers", "2")
+        with cluster(folder, 2) as (address, _):
+            cluster_s = _batch(folder, "dask", "--scheduler", address)
+        print(f"  executor, one worker over the loop: {(one / bare_s - 1) * 100:+.1f} %")
+        print(f"  two workers over one: {one / two:.2f} times the speed")
+        print(f"  Dask over two processes: {(cluster_s / two - 1) * 100:+.1f} % time")
+
+
+def _batch(folder: Path, name: str, *options: str) -> float:
+    """Run a batch and return its wall time, s."""
+    out = folder / f"{name}.csv"
+    said = io.StringIO()
+    busy_s, idle_s = _machine()
+    before = os.times()
+    with contextlib.redirect_stdout(said):
+        assert run(["batch", str(folder / "s"), "--out", str(out), "--json", *options]) == 0
+    after = os.times()
+    busy, idle = (b - a for a, b in zip((busy_s, idle_s), _machine(), strict=True))
+    ours = sum(after[:4]) - sum(before[:4])
+    rows = [json.loads(line) for line in Path(f"{out}.jsonl").read_text().splitlines()]
+    work = sum(row["seconds"] for row in rows)
+    wall = float(json.loads(said.getvalue())["seconds"])
+    print(
+        f"  {name}: {wall:.1f} s wall, {ours:.1f} s CPU of this process and its children, "
+        f"{work:.1f} s inside sessions; machine {busy / (busy + idle) * 100:.0f} % busy"
+    )
+    return wall
+
+
+def _machine() -> tuple[float, float]:
+    """Return the seconds that all processors of the machine were busy, and idle."""
+    numbers = [int(n) for n in Path("/proc/stat").read_text().split("\n")[0].split()[1:9]]
+    idle = numbers[3] + numbers[4]
+    return (sum(numbers) - idle) / 100.0, idle / 100.0
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
