@@ -78,7 +78,9 @@ class Reception:
 class SocketCanSource:
     """An open CAN_RAW socket read in blocks.
 
-    Unlike other sources it may be closed while another thread is reading: that one returns at once.
+    For some milliseconds after the first socket that wants stamps was opened, the kernel stamps
+    frames only when they are read.  Unlike other sources this one may be closed while another
+    thread is reading: that one returns at once.
 
     Parameters
     ----------
