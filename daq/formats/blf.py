@@ -34,7 +34,7 @@ def read_blf(file: BinaryIO, where: str, size: int, ledger: Ledger) -> Iterator[
     where : str
         Its name, for messages.
     size : int
-        Its length in bytes, 0 if that is not known.
+        Its length in bytes.
     ledger : Ledger
         Takes the losses.
 
@@ -54,17 +54,25 @@ def read_blf(file: BinaryIO, where: str, size: int, ledger: Ledger) -> Iterator[
         raise InputError(where, f"is no BLF: its header has {header_bytes} bytes", _ADVICE)
     file.read(header_bytes - _FILE.size)
     start_ns = _systemtime_ns(fields[14:22])
-    if 0 < size < claimed:
+    if size < claimed:
         ledger.cut(claimed - size, f"has {size} of the {claimed} bytes that its header states")
-    data = b""
-    for piece in _pieces(file, ledger):
+    data, found, unpacked = b"", False, 0
+    for piece, whole in _pieces(file, size, ledger):
         data += piece
-        if len(data) < BLOCK_BYTES:
+        unpacked += len(piece)
+        if whole and len(data) < BLOCK_BYTES:
             continue
         at, used = find_objects(data, ledger)
+        found |= len(at) > 0
+        if not found and unpacked > MAX_OBJECT_BYTES:
+            raise InputError(where, f"has no object in its first {unpacked} bytes", _ADVICE)
         if len(at):
             yield frames_of(data, at, start_ns, ledger)
-        data = data[used:]
+        if whole:
+            data = data[used:]
+        else:  # an object that was begun must not go on with what comes after the gap
+            ledger.cut(len(data) - used, "an object reaches into what is lost")
+            data = b""
     at, used = find_objects(data, ledger)
     if len(at):
         yield frames_of(data, at, start_ns, ledger)
@@ -72,47 +80,51 @@ def read_blf(file: BinaryIO, where: str, size: int, ledger: Ledger) -> Iterator[
         ledger.cut(len(data) - used, "its last object is not whole")
 
 
-def _pieces(file: BinaryIO, ledger: Ledger) -> Iterator[bytes]:
-    """Yield the contents of the containers, and objects that are in none."""
+def _pieces(file: BinaryIO, file_bytes: int, ledger: Ledger) -> Iterator[tuple[bytes, bool]]:
+    """Yield the contents of the containers, and objects in none; and whether all of it is there."""
     while head := file.read(_OBJECT.size):
         if len(head) < _OBJECT.size:
             ledger.cut(len(head), "its last container is not whole")
             return
         mark, _, _, size, kind = _OBJECT.unpack(head)
-        if mark != b"LOBJ" or not _OBJECT.size < size <= 4 * MAX_OBJECT_BYTES:
-            rest = len(head)
-            while piece := file.read(BLOCK_BYTES):
-                rest += len(piece)
-            ledger.cut(rest, "damaged: what follows is no container")
+        if mark != b"LOBJ" or not _OBJECT.size < size <= MAX_OBJECT_BYTES:
+            place = file.tell() - len(head)
+            ledger.cut(file_bytes - place, f"what follows byte {place} is no container")
             return
         body = file.read(size - _OBJECT.size)
         padding = file.read(size % 4)
         if kind == _IS_CONTAINER:
             yield _unpacked(body, size - _OBJECT.size, ledger)
         else:
-            yield head + body + padding
+            yield head + body + padding, True
         if len(body) < size - _OBJECT.size:
             return
 
 
-def _unpacked(body: bytes, size: int, ledger: Ledger) -> bytes:
+def _unpacked(body: bytes, size: int, ledger: Ledger) -> tuple[bytes, bool]:
     if len(body) < size:
         ledger.cut(size - len(body), "its last container is not whole")
     if len(body) < _CONTAINER.size:
-        return b""
+        return b"", False
     method, claimed = _CONTAINER.unpack_from(body)
     packed = body[_CONTAINER.size :]
     if method == _PLAIN:
-        return packed
-    if method != _ZLIB or claimed > 4 * MAX_OBJECT_BYTES:
+        return packed, len(body) == size
+    if method != _ZLIB or claimed > MAX_OBJECT_BYTES:
         ledger.cut(len(packed), f"a container is packed in an unknown way ({method}, {claimed})")
-        return b""
+        return b"", False
+    unpacker = zlib.decompressobj()
     try:
-        # What a container says of its length also bounds what a bomb can fill.
-        return zlib.decompressobj().decompress(packed, claimed or MAX_OBJECT_BYTES)
+        # What a container says of its length also bounds what a bomb can fill.  One byte more is
+        # asked for so that the checksum behind the last one is looked at.
+        data = unpacker.decompress(packed, claimed + 1)
     except zlib.error as error:
-        ledger.cut(len(packed), f"a container cannot be unpacked: {error}")
-        return b""
+        ledger.cut(claimed, f"a container cannot be unpacked: {error}")
+        return b"", False
+    whole = unpacker.eof and len(data) == claimed
+    if len(body) == size and not whole:
+        ledger.cut(max(claimed - len(data), 1), "a container holds other than it states")
+    return data, whole
 
 
 def _systemtime_ns(fields: tuple[int, ...]) -> int:

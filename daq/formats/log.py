@@ -113,7 +113,7 @@ class Log:
             what = f"cannot be read: {error.strerror or error}"
             raise InputError(self.name, what, "check the disk") from error
         if not self.frames:
-            what = f"holds no frame ({self.format.name})"
+            what = f"holds no frame ({self.format.name}); {self.loss.text}".removesuffix("; ")
             raise InputError(self.name, what, "check that it is the log you mean")
 
     def _batches(self) -> Iterator[FrameBatch]:

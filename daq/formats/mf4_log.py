@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from heapq import heapify, heappop, heappush
 from itertools import count
@@ -18,6 +19,7 @@ from .assemble import good_frames
 from .ledger import Ledger
 
 LACKS = ""
+_HEADER_AT = 64
 _MAGIC = (b"MDF     ", b"UnFinMF ")
 _KINDS = {
     "CAN_DataFrame": np.uint16(0),
@@ -51,16 +53,21 @@ def read_mf4(path: Path, ledger: Ledger) -> Iterator[FrameBatch]:
     """
     where = str(path)
     with path.open("rb") as file:
-        if file.read(8) not in _MAGIC:
-            advice = "check what it is; its suffix may be wrong"
-            raise InputError(where, "is no MF4: it does not begin with MDF", advice)
+        begin = file.read(_HEADER_AT + 4)
+    if begin[:8] not in _MAGIC:
+        advice = "check what it is; its suffix may be wrong"
+        raise InputError(where, "is no MF4: it does not begin with MDF", advice)
+    if begin[_HEADER_AT:] != b"##HD":
+        raise InputError(where, "is no MF4: it has no header block", "get the whole file")
     try:
         from asammdf import MDF
     except ImportError as error:
         advice = "install it: pip install 'bumpbench[mf4]'"
         raise InputError(where, "MF4 needs asammdf, which is not installed", advice) from error
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)  # it logs what it also raises
     try:
-        with MDF(path) as mdf:
+        # Given a path, it leaves a traceback on the terminal when the file is no good.
+        with path.open("rb") as stream, MDF(stream) as mdf:
             groups: list[Any] = list(mdf.groups)
             streams = [
                 _blocks(mdf, number, name, ledger)
