@@ -105,7 +105,7 @@ def check_channel(
     Returns
     -------
     list of CheckLine
-        One OK line, or one for each thing that is not right.
+        What it reads, unless something fails; and a line for each thing that is not right.
     """
     channel = mapped.channel
     found = _calibration_lines(channel, calibration_days, today)
@@ -126,7 +126,7 @@ def check_channel(
     rest = _rest(value[finite], samples.t_ns[finite], channel.unit)
     rate = _rate_hz(samples.t_ns)
     figures = {"level": rest.level, "noise": rest.noise, "motion": rest.motion, "rate_hz": rate}
-    stuck = _stuck_lines(mapped, signal, value[finite])
+    stuck = _stuck_lines(mapped, signal, samples.value[finite], value[finite])
     found += stuck
     if channel.quantity is not Quantity.UNUSED and not any(v is Verdict.FAIL for v, _, _ in stuck):
         found += _rest_lines(mapped, rest)
@@ -140,13 +140,14 @@ def check_channel(
         found.append(
             (Verdict.WARN, reason, "measure x_m and y_m from the middle of the front axle")
         )
-    if all(v is Verdict.OK for v, _, _ in found):
-        what = "".join(f", {reason}" for _, reason, _ in found)
+    lines = [CheckLine(v, subject, r, a, figures) for v, r, a in found if v is not Verdict.OK]
+    if all(line.verdict is not Verdict.FAIL for line in lines):
+        proof = "".join(f", {reason}" for verdict, reason, _ in found if verdict is Verdict.OK)
         reason = (
-            f"{rest.level:.4g} {rest.unit} at rest, noise {rest.noise:.2g}, {rate:.0f} Hz{what}"
+            f"{rest.level:.4g} {rest.unit} at rest, noise {rest.noise:.2g}, {rate:.0f} Hz{proof}"
         )
-        return [CheckLine(Verdict.OK, subject, reason, "", figures)]
-    return [CheckLine(v, subject, r, a, figures) for v, r, a in found if v is not Verdict.OK]
+        lines.insert(0, CheckLine(Verdict.OK, subject, reason, "", figures))
+    return lines
 
 
 def _rate_hz(t_ns: NDArray[np.int64]) -> float:
@@ -220,7 +221,10 @@ def _validity_lines(
 
 
 def _stuck_lines(
-    mapped: MappedChannel, signal: SignalLayout, value: NDArray[np.float64]
+    mapped: MappedChannel,
+    signal: SignalLayout,
+    told: NDArray[np.float64],
+    value: NDArray[np.float64],
 ) -> list[Found]:
     if len(value) < _STUCK_SAMPLES or np.ptp(value) > 0:
         return []
@@ -230,7 +234,8 @@ def _stuck_lines(
     fine = TIME_DERIVATIVE.get(quantity, 0) > 0 and step < (
         _FINE_RAD_S if quantity in RATES else _FINE_M_S2
     )
-    if fine:
+    at_end = not signal.is_float and signal.length > 1 and told[0] in signal.span and told[0] != 0
+    if fine or at_end:
         return [(Verdict.FAIL, reason, "the sensor is dead, frozen or not started")]
     if quantity is Quantity.UNUSED:
         return []

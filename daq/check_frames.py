@@ -325,7 +325,7 @@ def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded)
         return []
     gap = np.diff(stamp_s) % (clock.wrap * clock.factor)
     rate = float(np.sum(gap) / (t_s[-1] - t_s[0]))
-    reason = f"{clock.signal} runs {rate:.6g} times as fast as the bus's clock"
+    reason = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
     if abs(rate - 1) > _CLOCK_FAIL:
         return [(Verdict.FAIL, reason, f"mend time_unit or time_wrap; {MEND_MESSAGE}")]
     if abs(rate - 1) > _CLOCK_WARN:

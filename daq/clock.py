@@ -139,7 +139,7 @@ def stamped_times(
     gap += wrap_s * np.maximum(np.rint((elapsed - gap) / wrap_s), 0)
     restarted = _restarts(gap, elapsed, arrival)
     usual = gap[(gap > 0) & ~restarted]
-    if len(usual) < len(gap) / 2:
+    if len(usual) < len(gap) / 3:
         return arrival_times(t_ns, t0_ns)
     rate = float(np.sum(elapsed[~restarted]) / np.sum(gap[~restarted]))
     if not _BELIEVED_RATE[0] < rate < _BELIEVED_RATE[1]:

@@ -62,16 +62,14 @@ def signal_comments(dbc_text: str) -> dict[tuple[int, str], str]:
     return {(int(number), name): text for number, name, text in _COMMENT.findall(dbc_text)}
 
 
-def guess_corner(*texts: str) -> tuple[Corner, str] | None:
-    """Return the wheel that the first telling text names, and that text."""
-    for text in texts:
-        said = words(text)
+def guess_corner(name: str, message: str, comment: str) -> tuple[Corner, str] | None:
+    """Return the wheel that a name, a message's name or a comment tells, and which of them does."""
+    texts = {"name": words(name), "end of the name": {name.lower()[-2:]}}
+    for place, said in (texts | {"message": words(message), "comment": words(comment)}).items():
         found = [c for c, groups in _CORNERS.items() if any(group <= said for group in groups)]
         if len(found) == 1:
-            return found[0], text
-    tail = texts[0].lower()[-2:]
-    found = [c for c, groups in _CORNERS.items() if any(group == {tail} for group in groups)]
-    return (found[0], texts[0]) if found else None
+            return found[0], place
+    return None
 
 
 def guess_quantity(
@@ -102,7 +100,7 @@ def guess_quantity(
     if si.unit in ("rad/s", "rad/s2"):
         return _turn(message, signal.name, comment, si.unit == "rad/s", unit)
     if si.unit == "m" and corner is not None:
-        return Guess(Quantity.SUSPENSION_TRAVEL, corner[0], 1, f"{unit}, corner from {corner[1]}")
+        return Guess(Quantity.SUSPENSION_TRAVEL, corner[0], 1, f"{unit}, corner by its {corner[1]}")
     return None
 
 
@@ -129,22 +127,24 @@ def _acceleration(
         return Guess(Quantity.UNUSED, None, 1, f"{unit}, not vertical by its name")
     sign = -1 if share is not None and share < 0 else 1
     if corner is not None and not (words(name) | words(message)) & _BODY:
-        why = f"{unit}, {proof}, corner from {corner[1]}"
+        why = f"{unit}, {proof}, corner by its {corner[1]}"
         return Guess(Quantity.HUB_ACCELERATION, corner[0], sign, why)
     return Guess(Quantity.BODY_ACCELERATION, None, sign, f"{unit}, {proof}")
 
 
 def _turn(message: str, name: str, comment: str, is_rate: bool, unit: str) -> Guess:
-    for text in (name, comment, message):
+    for text, place in ((name, "name"), (comment, "comment"), (message, "message")):
         said = words(text)
         if said & _YAW:
             break
         if said & _PITCH:
             kind = Quantity.PITCH_RATE if is_rate else Quantity.PITCH_ACCELERATION
-            return Guess(kind, None, 1, f"{unit}, pitch by {text}; positive is nose down")
+            return Guess(kind, None, 1, f"{unit}, pitch by its {place}; positive is nose down")
         if said & _ROLL:
             kind = Quantity.ROLL_RATE if is_rate else Quantity.ROLL_ACCELERATION
-            return Guess(kind, None, 1, f"{unit}, roll by {text}; positive lifts the left side")
+            return Guess(
+                kind, None, 1, f"{unit}, roll by its {place}; positive lifts the left side"
+            )
     axis = _axis(name, "")
     if axis == "y":
         kind = Quantity.PITCH_RATE if is_rate else Quantity.PITCH_ACCELERATION

@@ -69,7 +69,7 @@ def propose_bench(dbc: str, dbc_text: str, codec: Codec, frames: FrameBatch | No
         seen = _Seen(frame_table(codec.messages, frames).known, codec.decode(frames))
     comments = signal_comments(dbc_text)
     lines = [
-        "# Proposed by bumpbench check.  Read every line; prove it with: bumpbench check --config FILE",
+        "# Proposed by bumpbench check.  Read it, and prove it: bumpbench check --config FILE.",
         "# Fill in what is marked FILL IN, then vehicle, weights and trigger: see the shipped one.",
         f"dbc = {json.dumps(dbc)}",
         "",

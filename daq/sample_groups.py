@@ -187,7 +187,7 @@ def _set_group(
         place = np.searchsorted(numbers, own_number)
         absent = np.ones(len(numbers), np.bool_)
         absent[place] = False
-        quality[absent] |= Quality.MISSING
+        quality[absent] |= np.uint8(Quality.MISSING)
         for m in channels:
             if m.message.name == message_name:
                 samples = decoded[m.channel.signal]

@@ -1,0 +1,183 @@
+"""What bench.toml may say of channels and messages; every mistake is one line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.config import bench_codec, parse_bench
+from daq.errors import InputError
+from daq.mapping import map_channels
+from daq.session import read_session, write_session
+from dbc.frames import FrameBatch
+
+DBC = """VERSION ""
+BU_: A B
+BO_ 16 Acc: 4 A
+ SG_ up : 0|16@1- (0.01,0) [0|0] "" A
+ SG_ count : 16|4@1+ (1,0) [0|0] "" A
+ SG_ half : 20|4@1+ (0.5,0) [0|0] "" A
+ SG_ crc : 24|8@1+ (1,0) [0|0] "" A
+BO_ 17 Stamp: 5 B
+ SG_ ticks : 0|32@1+ (1,0) [0|0] "us" A
+ SG_ count : 32|4@1+ (1,0) [0|0] "" A
+ SG_ signed : 36|4@1- (1,0) [0|0] "" A
+BO_ 18 Slow: 8 B
+ SG_ real : 0|32@1- (1,0) [0|0] "s" A
+ SG_ speed : 32|16@1- (1,0) [0|0] "m/s" A
+ SG_ wide : 48|16@1+ (1,0) [0|0] "" A
+SIG_VALTYPE_ 18 real : 1;
+"""
+
+CHANNEL = """
+[[channel]]
+name = "z"
+signal = "Acc.up"
+signal_unit = "g"
+quantity = "body_acceleration"
+serial_number = "A-17"
+calibrated = 2026-03-01
+"""
+
+
+def _parse(text: str) -> object:
+    bench = parse_bench(text + CHANNEL, "bench.toml", Path(), DBC)
+    codec = bench_codec(bench)
+    map_channels(bench.channels, codec.messages, "car.dbc")
+    return bench
+
+
+def _message(name: str, *lines: str) -> str:
+    return "\n".join([f'[[message]]\nname = "{name}"', *lines, ""])
+
+
+def test_a_bench_may_add_what_the_dbc_does_not_say() -> None:
+    text = _message(
+        "Acc", "cycle_ms = 5", 'counter = "count"', "counter_modulus = 15", 'crc = "crc"',
+        'crc_rule = "crc8_8h2f"',
+    ) + "[calibration]\nmax_age_days = 100\n"  # fmt: skip
+    bench = parse_bench(text + CHANNEL, "bench.toml", Path(), DBC)
+    (channel,) = bench.channels
+    assert (channel.serial_number, channel.calibrated) == ("A-17", "2026-03-01")
+    assert bench.calibration_days == 100
+    acc = bench_codec(bench).message("Acc")
+    assert acc.cycle_s == 0.005
+    assert acc.counter is not None
+    assert (acc.counter.signal, acc.counter.modulus) == ("count", 15)
+    assert (acc.crc, acc.crc_rule) == ("crc", "crc8_8h2f")
+
+
+def test_the_checksum_rule_of_the_bench_decides_which_frames_count() -> None:
+    text = _message("Acc", 'crc = "crc"', 'crc_rule = "xor8"')
+    codec = bench_codec(parse_bench(text + CHANNEL, "b", Path(), DBC))
+    data = np.zeros((2, 8), np.uint8)
+    data[:, :4] = [[1, 2, 4, 7], [1, 2, 4, 6]]
+    n = np.zeros(2)
+    frames = FrameBatch(
+        np.arange(2), np.full(2, 16, np.uint32), n.astype(np.uint16), n.astype(np.uint8),
+        np.full(2, 4, np.uint8), data,
+    )  # fmt: skip
+    decoded = codec.decode(frames)
+    assert decoded.counts.crc_bad == 1
+    assert (decoded["Acc.up"].quality != 0).tolist() == [False, True]
+    sent = codec.encode("Acc", {"up": np.array([5.13])})
+    assert sent[0, 3] == sent[0, 0] ^ sent[0, 1] ^ sent[0, 2]
+
+
+def test_a_unit_stated_for_a_signal_takes_the_place_of_that_of_the_dbc() -> None:
+    bench = parse_bench(CHANNEL, "b", Path(), DBC)
+    (mapped,) = map_channels(bench.channels, bench_codec(bench).messages, "car.dbc")
+    assert (mapped.channel.unit, mapped.factor) == ("m/s2", 9.80665)
+
+
+MISTAKES = {
+    "nosuch message": (_message("Nosuch"), "message Nosuch: is not in"),
+    "nosuch counter": (_message("Acc", 'counter = "x"'), "message Acc: has no signal x"),
+    "scaled counter": (_message("Acc", 'counter = "half"'), "half is not a plain unsigned"),
+    "signed counter": (_message("Stamp", 'counter = "signed"'), "signed is not a plain unsigned"),
+    "long counter": (
+        _message("Acc", 'counter = "count"', "counter_modulus = 17"),
+        "of 4 bits cannot run to 17",
+    ),
+    "lone modulus": (_message("Acc", "counter_modulus = 3"), "says nothing without counter"),
+    "lone rule": (_message("Acc", 'crc_rule = "xor8"'), "crc_rule says nothing without crc"),
+    "crc rule": (_message("Acc", 'crc = "crc"', 'crc_rule = "md5"'), "is none of crc8_j1850"),
+    "crc of a nibble": (_message("Acc", 'crc = "count"'), "count is not one whole byte"),
+    "crc of two bytes": (_message("Slow", 'crc = "wide"'), "wide is not one whole byte"),
+    "time is no time": (_message("Slow", 'time_signal = "speed"'), "has the unit 'm/s', no time"),
+    "time unit": (
+        _message("Acc", 'time_signal = "up"', 'time_unit = "fortnight"'),
+        "unknown unit 'fortnight'",
+    ),
+    "float time": (_message("Slow", 'time_signal = "real"'), "a float, whose bits set no wrap"),
+    "twice": (_message("Acc") + _message("Acc"), "message Acc occurs twice"),
+    "cycle": (_message("Acc", "cycle_ms = 0"), "message.0.cycle_ms"),
+    "unknown key": (_message("Acc", "colour = 1"), "unknown key message.0.colour"),
+    "set of nothing": ('[[sample_set]]\nname = "s"\nmessages = []\nbound_by = "x"\n', "messages"),
+    "set message": (
+        '[[sample_set]]\nname = "s"\nmessages = ["No"]\nbound_by = "Stamp.ticks"\n',
+        "sample set s: the DBC has no message No",
+    ),
+    "set signal": (
+        '[[sample_set]]\nname = "s"\nmessages = ["Acc"]\nbound_by = "Stamp.x"\n',
+        "message Stamp: has no signal x",
+    ),
+    "set role": (
+        '[[sample_set]]\nname = "s"\nmessages = ["Acc"]\nbound_by = "Stamp.ticks"\n',
+        "neither the counter nor the time_signal",
+    ),
+    "set cycle": (
+        _message("Acc", 'counter = "count"')
+        + '[[sample_set]]\nname = "s"\nmessages = ["Acc"]\nbound_by = "count"\n',
+        "Acc has no cycle time",
+    ),
+    "two sets": (
+        _message("Stamp", 'time_signal = "ticks"')
+        + '[[sample_set]]\nname = "s"\nmessages = ["Acc"]\nbound_by = "Stamp.ticks"\n'
+        + '[[sample_set]]\nname = "t"\nmessages = ["Acc"]\nbound_by = "Stamp.ticks"\n',
+        "sample set t: Acc is also in s",
+    ),
+    "calibration": ('[calibration]\nmax_age_days = 0\n', "calibration.max_age_days"),
+    "calibrated": (
+        '[[channel]]\nname = "a"\nsignal = "Acc.up"\nquantity = "unused"\ncalibrated = "May"\n',
+        "channel.0.calibrated",
+    ),
+    "calibrated when": (
+        '[[channel]]\nname = "a"\nsignal = "Acc.up"\nquantity = "unused"\n'
+        "calibrated = 2026-01-01T10:00:00\n",
+        "is not a day",
+    ),
+    "unit of another kind": (
+        '[[channel]]\nname = "a"\nsignal = "Acc.up"\nsignal_unit = "mm"\n'
+        'quantity = "body_acceleration"\n',
+        "has unit 'mm' in bench.toml",
+    ),
+    "no unit": (
+        '[[channel]]\nname = "a"\nsignal = "Acc.up"\nquantity = "pitch_rate"\n',
+        "has unit '' in car.dbc",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_line(name: str) -> None:
+    text, reason = MISTAKES[name]
+    with pytest.raises(InputError) as caught:
+        _parse(text)
+    assert reason in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert caught.value.advice
+
+
+def test_what_is_known_of_a_sensor_goes_into_the_session(tmp_path: Path) -> None:
+    from daq.arrays import session_from_arrays
+
+    bench = parse_bench(CHANNEL, "b", Path(), DBC)
+    time_s = np.arange(10) * 0.01
+    session = session_from_arrays(
+        [("baseline", "bounce", {"z": (time_s, np.ones(10))})], channels=bench.channels
+    )
+    write_session(tmp_path / "s.h5", session)
+    (channel,) = read_session(tmp_path / "s.h5").channels
+    assert (channel.serial_number, channel.calibrated) == ("A-17", "2026-03-01")
+    assert channel.signal_unit == "g"

@@ -1,0 +1,168 @@
+"""`bumpbench check` as a shell sees it."""
+
+import json
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from daq.config import bench_codec, load_bench
+from daq.sim.car import SimulatedCar
+from daq.sim.ecu import campaign_frames
+from daq.source import SourceLosses
+from dbc import FrameBatch
+from tui.cli import run
+
+START_NS = 1_800_000_000_000_000_000
+
+
+@pytest.fixture(scope="module")
+def rest() -> FrameBatch:
+    """One second of the simulated car at rest."""
+    bench = load_bench(None)
+    car = SimulatedCar(lead_s=1.2)
+    frames = next(iter(campaign_frames(bench, bench_codec(bench), car, 2, START_NS)))
+    return frames.select(frames.t_ns < START_NS + 1_000_000_000)
+
+
+@pytest.fixture(scope="module")
+def log(rest: FrameBatch, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "rest.log"
+    with can.Logger(path) as writer:
+        for t_ns, can_id, length, data in zip(
+            rest.t_ns.tolist(), rest.can_id.tolist(), rest.length.tolist(), rest.data, strict=True
+        ):
+            writer(
+                can.Message(
+                    timestamp=t_ns * 1e-9,
+                    arbitration_id=can_id,
+                    is_extended_id=False,
+                    data=data[:length].tobytes(),
+                )
+            )
+    return path
+
+
+def test_a_sound_bench(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["check", "--log", str(log)]) == 0
+    out = capsys.readouterr().out
+    assert "OK   message HUB_Front" in out
+    assert "+1 g" in out
+    assert out.splitlines()[-1].startswith("OK: ")
+
+
+def test_a_fault_fails(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text(
+        '[[channel]]\nname = "z"\nsignal = "IMU_Accel.acc_z"\nsign = -1\n'
+        'quantity = "body_acceleration"\n'
+    )
+    assert run(["check", "--config", str(bench), "--log", str(log), "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert document["verdict"] == "FAIL"
+    (line,) = [x for x in document["lines"] if x["subject"] == "channel z"]
+    assert line["advice"] == "set sign = 1"
+    assert line["figures"]["level"] == pytest.approx(-9.8, abs=0.2)
+    assert document["frames"] > 3000
+
+
+def test_it_looks_only_at_the_beginning_of_a_log(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["check", "--log", str(log), "--seconds", "0.5", "--json"]) in (0, 1)
+    document = json.loads(capsys.readouterr().out)
+    assert 0.4 < document["seconds"] <= 0.5
+
+
+class _Replay:
+    """A source that hands over the frames at rest."""
+
+    name = "replay"
+
+    def __init__(self, frames: FrameBatch) -> None:
+        self._blocks = [frames.select(rows) for rows in np.array_split(np.arange(len(frames)), 9)]
+        self.closed = False
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        return self._blocks.pop(0) if self._blocks else FrameBatch.empty()
+
+    def losses(self) -> SourceLosses:
+        return SourceLosses()
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_live_bus(
+    rest: FrameBatch, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = _Replay(rest)
+    monkeypatch.setattr("daq.bus.open_source", lambda bus, number: source)
+    assert run(["check", "--interface", "socketcan", "--channel", "can0", "--seconds", "0.1"]) == 0
+    assert "OK   channel travel_rr" in capsys.readouterr().out
+    assert source.closed
+
+
+def test_no_bus_is_exit_4(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["check", "--interface", "slcan", "--channel", "/nosuch", "--seconds", "0.1"]) == 4
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_layouts_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["check", "--layouts"]) == 0
+    assert "xsens_mti            Xsens MTi 600 series on CAN\n" in capsys.readouterr().out
+    assert run(["check", "--layouts", "--json"]) == 0
+    assert "sbg_ecan" in json.loads(capsys.readouterr().out)["layouts"]
+
+
+def test_a_layout_against_a_log_of_something_else(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["check", "--layout", "xsens_mti", "--log", str(log)]) == 1
+    out = capsys.readouterr().out
+    assert "FAIL message Acceleration" in out
+    assert "6 identifiers are not in the DBC" in out
+
+
+def test_a_proposal_is_written_and_proved(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "new.toml"
+    assert run(["check", "--propose", str(target), "--log", str(log)]) == 0
+    told = capsys.readouterr()
+    assert f"wrote {target}" in told.err
+    assert "channel acc_fl" in told.out
+    assert len(load_bench(target).channels) == 14
+    assert run(["check", "--propose", str(target)]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_a_proposal_from_a_dbc_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    dbc, target = tmp_path / "car.dbc", tmp_path / "new.toml"
+    dbc.write_text(load_bench(None).dbc_text, "utf-8")
+    assert run(["check", "--propose", str(target), "--dbc", str(dbc)]) == 0
+    assert capsys.readouterr().out == ""
+    assert load_bench(target).dbc_name == "car.dbc"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--dbc", "x.dbc"], "is for --propose"),
+        (["--layout", "nosuch", "--log", "x.log"], "there is no such layout"),
+        (["--layout", "sbg_ecan", "--config", "x.toml"], "exclude each other"),
+        (["--log", "nosuch.log"], "nosuch.log"),
+        (["--config", "nosuch.toml"], "nosuch.toml"),
+        ([], "virtual"),
+        (["--propose", "/nosuch/new.toml"], "/nosuch/new.toml"),
+    ],
+)
+def test_mistakes_are_one_line(
+    arguments: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["check", *arguments]) == 2
+    told = capsys.readouterr()
+    assert told.err.count("\n") == 1
+    assert reason in told.err
+    assert told.out == ""
