@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dbc import parse_codec
 from dbc.frames import read_only
 
 from . import trigger
 from .build import build_session
 from .campaign import Step
-from .config import Bench, parse_bench
+from .config import Bench, bench_codec, parse_bench
 from .errors import BumpbenchError, InputError
 from .intake import with_steps
 from .journal_contents import HopCounts
@@ -82,7 +81,7 @@ def _built(session: Session, bench: Bench) -> Session:
     """Build each run by itself: their windows may overlap, and their clocks need not agree."""
     steps = [Step(run.mass_state, run.excitation, run.repeat) for run in session.runs]
     bench = with_steps(bench, steps)
-    codec = parse_codec(bench.dbc_text, bench.dbc_name)
+    codec = bench_codec(bench)
     built = [
         build_session(bench, codec, run.frames, [_bump(session, run)], _hops(run), {})
         for run in session.runs

@@ -55,16 +55,16 @@ def record_session(
     from importlib.metadata import version
 
     from daq import read_session
+    from daq.config import bench_codec
     from daq.errors import InputError
     from daq.journal import Journal
     from daq.journal_format import JournalHead
     from daq.mapping import map_channels
     from daq.recorder import Recorder
     from daq.recording import record
-    from dbc import parse_codec
 
     try:
-        codec = parse_codec(bench.dbc_text, bench.dbc_name)
+        codec = bench_codec(bench)
         map_channels(bench.channels, codec.messages, bench.dbc_name)  # before anything is made
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

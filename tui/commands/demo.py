@@ -25,11 +25,10 @@ def demo(
 
     import identify as method
     from daq.bus import open_bus, open_source
-    from daq.config import load_bench, on_bus
+    from daq.config import bench_codec, load_bench, on_bus
     from daq.replay import play
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
-    from dbc import parse_codec
 
     from ..output import print_json, print_line, progress
     from ..recording import print_summary, record_session
@@ -37,7 +36,7 @@ def demo(
 
     bench = on_bus(load_bench(None), "virtual", f"bumpbench-demo-{os.getpid()}")
     car = SimulatedCar()
-    codec = parse_codec(bench.dbc_text, bench.dbc_name)
+    codec = bench_codec(bench)
     source = open_source(bench.bus, 0)
     stop = threading.Event()
 

@@ -56,10 +56,10 @@ def import_(
     from json import dumps
 
     from daq import write_session
+    from daq.config import bench_codec
     from daq.errors import InputError
     from daq.formats.log import read_log, read_logs
     from daq.intake import labelled, numbered, parse_runs, session_from_parts, with_steps
-    from dbc import parse_codec
 
     from ..bench import bench_with_dbc
     from ..diagnostics import say
@@ -73,7 +73,7 @@ def import_(
     if singles and (runs or skip):
         raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")
     bench = bench_with_dbc(config, dbc)
-    codec = parse_codec(bench.dbc_text, bench.dbc_name)
+    codec = bench_codec(bench)
     if singles:
         steps = numbered([label for label, _ in singles])
         sources = [read_log(path) for _, path in singles]

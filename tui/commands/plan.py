@@ -86,11 +86,11 @@ def _bench(path: Path | None, session: Path | None, held: Session | None) -> Ben
 
 def _sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
     from daq.channels import Quantity
+    from daq.config import bench_codec
     from daq.mapping import map_channels
-    from dbc import parse_codec
     from identify.plan import sensor
 
-    codec = parse_codec(bench.dbc_text, bench.dbc_name)
+    codec = bench_codec(bench)
     found = []
     for mapped in map_channels(bench.channels, codec.messages, bench.dbc_name):
         if mapped.channel.quantity is not Quantity.UNUSED:

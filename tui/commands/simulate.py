@@ -25,17 +25,17 @@ def simulate(
     from itertools import accumulate
 
     from daq.bus import open_bus
+    from daq.config import bench_codec
     from daq.replay import play
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
-    from dbc import parse_codec
 
     from ..bench import shared_bench
     from ..output import print_json, print_table, progress
     from ..result import number
 
     described = shared_bench(bench, interface, channel)
-    codec = parse_codec(described.dbc_text, described.dbc_name)
+    codec = bench_codec(described)
     car = SimulatedCar()
     steps = described.campaign.steps
     with open_bus(described.bus) as bus, progress("simulate") as stage:
