@@ -186,7 +186,7 @@ def _misread(
             document.faults.setdefault(whole(found[0]), fault)
     if statement.keyword in KEYWORDS and statement.keyword != "SG_":
         return None
-    apart = _BLANK_LINE.search(text, statement.before, statement.start)
+    apart = _BLANK_LINE.search(text, statement.before, statement.start) and re.search("[:;]", line)
     if current is not None and current.fault is None and ("|" in line or not apart):
         current.fault = fault
     # What follows may be the signals of a message whose head this was.

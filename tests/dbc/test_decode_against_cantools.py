@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from cantools.database import Database, load_string
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from dbc import FrameFlag, Quality, parse_codec
 from tests.benchmarks.decode import database_text, interleaved_frames
 
-from .databases import Field, Message, database, messages, multiplexed, parse_one, payloads
+from .databases import Field, Message, database, fields, messages, multiplexed, parse_one, payloads
 from .frames import block
 
 EXAMPLES = settings(max_examples=150, deadline=None, derandomize=True, database=None)
@@ -138,6 +139,71 @@ def test_multiplexed_signals_exist_where_their_selectors_say_so(
         except DecodeError:
             continue  # cantools gives up on a frame with an undefined selector
         assert {name: values[i] for name, values in rows.items() if i in values} == theirs
+
+
+@EXAMPLES
+@given(st.data())
+def test_everything_at_once_equals_cantools_signal_by_signal(data: st.DataObject) -> None:
+    """Overlaps, floats, both byte orders, two selectors, value tables and short frames mixed."""
+    length = data.draw(st.sampled_from((8, 12, 24, 64)))
+    drawn = [data.draw(fields(f"s{i}", length)) for i in range(4)]
+    top = Field("top", 7, 2, data.draw(st.booleans()), "+", 0, "1", "0", is_selector=True)
+    inner = Field("inner", 8, 2, False, "+", 0, "1", "0", "top", ((1, 2),), is_selector=True)
+    above = data.draw(st.lists(st.sampled_from(("", "top", "inner")), min_size=4, max_size=4))
+    ranges = st.sampled_from((((0, 0),), ((1, 3),), ((0, 1), (3, 3))))
+    chosen = [
+        replace(f, selector=name, chosen=data.draw(ranges) if name else ())
+        for f, name in zip(drawn, above, strict=True)
+    ]
+    top = replace(top, start=top.start if top.motorola else 0)
+    message = Message("M", 0x55, data.draw(st.booleans()), length, (top, inner, *chosen))
+    codes = data.draw(st.lists(st.sampled_from((-2, -1, 0, 255, 65535)), max_size=3, unique=True))
+    labels = {raw: data.draw(st.sampled_from(LABELS)) for raw in codes}
+    table = "".join(f' {raw} "{label}"' for raw, label in labels.items())
+    tables = "\n".join(f"VAL_ {message.number} {f.name}{table} ;" for f in chosen)
+    codec = parse_codec(database([message]) + tables + "\n", "random.dbc")
+    assert not codec.left_out
+    sizes = st.integers(0, length).flatmap(payloads) | payloads(length)
+    sent = data.draw(st.lists(sizes, min_size=1, max_size=6))
+    decoded = codec.decode(block(sent, 0x55, message.extended))
+    for field in message.fields:
+        oracle = parse_one(message, field)
+        absent = [raw for raw in codes if labels[raw] in LABELS[:2] and field in chosen]
+        size = 1 << field.length
+        if not field.float_type:
+            patterns = {raw % size for raw in codes if -(size // 2) <= raw < size}
+            absent = [raw for raw in absent if raw % size in patterns and len(patterns) < size]
+            absent = [raw for raw in absent if -(size // 2) <= raw < size]
+        ours = decoded[f"M.{field.name}"]
+        rows = [i for i, payload in enumerate(sent) if seen(message, field, payload)]
+        assert (ours.t_ns // 1000).tolist() == rows
+        for value, quality, i in zip(ours.value.tolist(), ours.quality, rows, strict=True):
+            number = oracle.decode(sent[i], False, allow_truncated=True).get(field.name)
+            if number is None:
+                assert math.isnan(value)
+                assert quality == Quality.MISSING
+                continue
+            raw = oracle.decode(sent[i], False, scaling=False, allow_truncated=True)[field.name]
+            modulus = math.inf if field.float_type else size
+            if any(raw == code or (raw - code) % modulus == 0 for code in absent):
+                assert math.isnan(value)
+                assert quality == Quality.SENTINEL
+            else:
+                assert same(value, number)
+                assert quality == 0
+
+
+LABELS = ("error", "Signal not available", "maximum")
+
+
+def seen(message: Message, field: Field, payload: bytes) -> bool:
+    """Tell whether a frame, which may be short, holds all selectors and they name the signal."""
+    above = field
+    while above.selector:
+        above = next(f for f in message.fields if f.name == above.selector)
+        if max(above.bits) // 8 >= len(payload):
+            return False
+    return held(message, field, payload)
 
 
 def test_frames_of_the_benchmark_equal_those_of_cantools() -> None:

@@ -71,6 +71,11 @@ def test_a_mangled_head_does_not_give_its_signals_to_the_message_before() -> Non
             assert [signal.name for signal in message.signals] == ["s"]
 
 
+def test_a_stray_word_within_a_message_does_not_take_its_signals_unsaid() -> None:
+    codec = parse_codec(HEAD + N + M.replace(' "g" B', ' "g"\n\nB'), "x.dbc")
+    assert [message.name for message in codec.messages] == ["N"]
+
+
 def test_a_comment_that_is_not_closed_costs_itself_only() -> None:
     text = HEAD + M + N + 'CM_ BO_ 256 "no end;\nVAL_ 257 s 255 "invalid";\nCM_ "fine";\n'
     codec = parse_codec(text, "x.dbc")
