@@ -1,0 +1,269 @@
+"""`import`, `replay` and `redecode` as they are used: labels, losses, exit codes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+import daq
+from dbc import FrameBatch, shipped_dbc
+from tui.cli import run
+
+from ..daq.small_campaign import bumps, small_codec
+
+BENCH = """
+[campaign]
+excitations = ["bounce", "roll"]
+repeats = 1
+[trigger]
+pre_s = 0.1
+post_s = 0.5
+rest_s = 0.1
+[[channel]]
+name = "hub_acc_fl"
+signal = "HUB_Front.acc_fl"
+quantity = "hub_acceleration"
+corner = "FL"
+[[channel]]
+name = "hub_acc_fr"
+signal = "HUB_Front.acc_fr"
+quantity = "hub_acceleration"
+corner = "FR"
+"""
+CAMPAIGN = ["baseline_bounce_1", "baseline_roll_1", "added_bounce_1", "added_roll_1"]
+
+
+def write_log(path: Path, frames: FrameBatch) -> Path:
+    lines = [
+        f"({t // 10**9}.{t % 10**9:09d}) can0 {can_id:03X}#{row[:6].tobytes().hex().upper()}\n"
+        for t, can_id, row in zip(
+            frames.t_ns.tolist(), frames.can_id.tolist(), frames.data, strict=True
+        )
+    ]
+    path.write_text("".join(lines))
+    return path
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> str:
+    (tmp_path / "bench.toml").write_text(BENCH)
+    return str(tmp_path / "bench.toml")
+
+
+def done(
+    capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0
+) -> tuple[dict[str, Any], str]:
+    assert run([*arguments, "--json"]) == code, capsys.readouterr().err
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert isinstance(document, dict)
+    return document, err
+
+
+def labels(document: dict[str, Any]) -> list[str]:
+    return [run["label"] for run in document["runs"]]
+
+
+def test_one_log_of_many_runs_is_labelled_in_the_order_of_the_campaign(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
+    out = tmp_path / "s.h5"
+    document, err = done(capsys, "import", str(log), "--config", bench, "--out", str(out))
+    assert err == ""
+    assert labels(document) == CAMPAIGN
+    session = daq.read_session(out)
+    for number, one in enumerate(session.runs):
+        assert one.status == "accepted", one.reasons
+        # The bump is 0.5 s after the start of each period of 1.2 s, and 0.1 s are kept before.
+        assert one.t0_ns - 1_800_000_000_000_000_000 == pytest.approx(
+            (number * 1.2 + 0.4) * 1e9, abs=2e6
+        )
+        assert len(one.frames) == 600
+    source = json.loads(session.provenance["source_1"])
+    assert source["files"][0]["name"] == "all.log"
+    assert len(source["files"][0]["sha256"]) == 64
+    assert session.provenance["dbc"] == shipped_dbc()
+
+
+def test_labels_can_be_corrected(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    log = write_log(tmp_path / "all.log", bumps(small_codec(), 5))
+    order = "baseline:bounce,baseline:bounce,added:roll"
+    document, err = done(
+        capsys, "import", str(log), "--config", bench, "--out", str(tmp_path / "s.h5"),
+        "--runs", order, "--skip", "1",
+    )  # fmt: skip
+    assert labels(document) == ["baseline_bounce_1", "baseline_bounce_2", "added_roll_1"]
+    assert document["bumps"] == 5
+    assert "2 of 5 bumps were left out" in err
+    first = daq.read_session(tmp_path / "s.h5").runs[0]
+    assert first.t0_ns - 1_800_000_000_000_000_000 == pytest.approx(1.6e9, abs=2e6)
+
+
+def test_one_log_a_run_in_files_that_all_begin_at_the_same_time(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    frames = bumps(small_codec(), 1)
+    relative = replace(frames, t_ns=frames.t_ns - frames.t_ns[0])
+    arguments = []
+    for n, kind in enumerate(["baseline:bounce", "added:bounce", "baseline:bounce"]):
+        arguments += ["--run", f"{kind}:{write_log(tmp_path / f'{n}.log', relative)}"]
+    out = tmp_path / "s.h5"
+    document, err = done(capsys, "import", *arguments, "--config", bench, "--out", str(out))
+    assert labels(document) == ["baseline_bounce_1", "added_bounce_1", "baseline_bounce_2"]
+    assert "has no date" in err
+    assert [len(one.frames) for one in daq.read_session(out).runs] == [600, 600, 600]
+
+
+def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    frames = bumps(small_codec(), 4)
+    halves = [frames.select(slice(0, 700)), frames.select(slice(700, None))]
+    logs = [str(write_log(tmp_path / f"{n}.log", half)) for n, half in enumerate(halves)]
+    out = tmp_path / "s.h5"
+    document, _ = done(capsys, "import", *logs, "--config", bench, "--out", str(out))
+    assert labels(document) == CAMPAIGN
+    assert {one["status"] for one in document["runs"]} == {"accepted"}
+
+
+def test_a_loss_in_the_log_is_told_and_is_exit_code_3(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
+    log.write_bytes(log.read_bytes()[:-9])
+    out = tmp_path / "s.h5"
+    document, err = done(capsys, "import", str(log), "--config", bench, "--out", str(out), code=3)
+    assert labels(document) == CAMPAIGN
+    assert "is not whole" in err
+    assert "has no end" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        ([], "names no log"),
+        (["{log}", "--run", "baseline:bounce:{log}"], "names both"),
+        (["--run", "baseline:{log}"], "not understood"),
+        (["{log}", "--runs", "baseline:jump"], "is no run"),
+        (["{log}", "--runs", "loaded:bounce"], "not on this bench"),
+        (["{log}", "--skip", "9"], "no bump is left"),
+        (["{log}", "--bus", "3"], "none of its"),
+        (["{still}"], "no bump in 400 frames"),
+        (["{log}", "--out", "{log}"], "is one of the logs"),
+        (["missing.blf"], "no such file"),
+    ],
+)
+def test_what_cannot_be_imported_is_said_in_one_line(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    bench: str,
+    arguments: list[str],
+    why: str,
+) -> None:
+    frames = bumps(small_codec(), 4)
+    log = write_log(tmp_path / "all.log", frames)
+    still = write_log(tmp_path / "still.log", frames.select(slice(0, 400)))
+    given = [argument.format(log=log, still=still) for argument in arguments]
+    out = [] if "--out" in given else ["--out", str(tmp_path / "s.h5")]
+    assert run(["import", *given, *out, "--config", bench]) == 2
+    err = capsys.readouterr().err
+    assert why in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "s.h5").exists()
+
+
+def test_a_session_is_decoded_anew_with_a_corrected_dbc(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
+    old = tmp_path / "s.h5"
+    done(capsys, "import", str(log), "--config", bench, "--out", str(old))
+    before = old.read_bytes()
+    lines = shipped_dbc().splitlines()
+    row = next(i for i, line in enumerate(lines) if "SG_ acc_fl" in line)
+    factor = lines[row].split("(")[1].split(",")[0]
+    lines[row] = lines[row].replace(f"({factor},", f"({2 * float(factor)!r},")
+    (tmp_path / "new.dbc").write_text("\n".join(lines))
+    document, _ = done(capsys, "redecode", str(old), "--dbc", str(tmp_path / "new.dbc"))
+    assert document["session"] == str(tmp_path / "s_redecoded.h5")
+    assert old.read_bytes() == before
+    one, two = daq.read_session(old), daq.read_session(document["session"])
+    assert labels(document) == CAMPAIGN
+    for run_before, run_after in zip(one.runs, two.runs, strict=True):
+        assert run_after.t0_ns == run_before.t0_ns
+        assert run_after.events == run_before.events
+        np.testing.assert_array_equal(run_after.frames.data, run_before.frames.data)
+        was, now = run_before.groups[0].values, run_after.groups[0].values
+        np.testing.assert_array_equal(now["hub_acc_fl"], 2 * was["hub_acc_fl"])
+        np.testing.assert_array_equal(now["hub_acc_fr"], was["hub_acc_fr"])
+    assert two.provenance["redecoded"] == one.provenance["uuid"] != two.provenance["uuid"]
+    # A second time there is a file of that name.
+    assert run(["redecode", str(old), "--dbc", str(tmp_path / "new.dbc")]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_a_verdict_of_the_dbc_falls_with_it_and_one_of_the_operator_stays(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
+) -> None:
+    log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))
+    old = tmp_path / "s.h5"
+    wrong = Path(bench).with_name("wrong.toml")
+    wrong.write_text(
+        BENCH
+        + '[[channel]]\nname = "hub_acc_rl"\nsignal = "HUB_Rear.acc_rl"\n'
+        + 'quantity = "hub_acceleration"\ncorner = "RL"\n'
+    )
+    document, _ = done(capsys, "import", str(log), "--config", str(wrong), "--out", str(old))
+    assert {one["status"] for one in document["runs"]} == {"rejected"}
+    session = daq.read_session(old)
+    hit = session.runs[1]
+    marked = replace(hit, reasons=(*hit.reasons, "somebody leaned on the car"))
+    runs = (session.runs[0], marked, *session.runs[2:])
+    daq.write_session(old, replace(session, runs=runs))
+    document, _ = done(capsys, "redecode", str(old), "--config", bench)
+    states = [(one["status"], one["reasons"]) for one in document["runs"]]
+    assert states == [
+        ("accepted", []),
+        ("rejected", ["somebody leaned on the car"]),
+        ("accepted", []),
+        ("accepted", []),
+    ]
+
+
+def test_a_log_and_its_session_are_replayed(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[can.Message] = []
+
+    class Wire(can.BusABC):
+        channel_info = "wire"
+
+        def __init__(self) -> None:
+            self._is_shutdown = True  # nothing to close
+
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
+            sent.append(msg)
+
+    monkeypatch.setattr("daq.bus.open_bus", lambda _: Wire())
+    frames = bumps(small_codec(), 4)
+    log = write_log(tmp_path / "all.log", frames)
+    out = tmp_path / "s.h5"
+    done(capsys, "import", str(log), "--config", bench, "--out", str(out))
+    onto = ["--interface", "udp_multicast", "--channel", "239.74.163.99", "--fast"]
+    document, _ = done(capsys, "replay", str(log), *onto)
+    assert document["sent"] == len(sent) == len(frames)
+    assert [bytes(m.data) for m in sent] == [row[:6].tobytes() for row in frames.data]
+    sent.clear()
+    document, _ = done(capsys, "replay", str(out), *onto)
+    assert document["sent"] == len(sent) == 4 * 600
+    stamps = [message.timestamp for message in sent]
+    assert stamps == sorted(stamps)
