@@ -10,6 +10,10 @@ from daq.clock import stamped_times
 CYCLE_S = 0.01
 
 
+def _samples(number: NDArray[np.int64], cycle_s: float = CYCLE_S) -> NDArray[np.float64]:
+    return np.asarray(number * cycle_s, dtype=np.float64)
+
+
 def _arrive(taken_s: NDArray[np.float64], seed: int = 1) -> NDArray[np.int64]:
     late = np.random.default_rng(seed).exponential(300e-6, len(taken_s))
     return np.rint(np.maximum.accumulate(taken_s + late) * 1e9).astype(np.int64)
@@ -19,15 +23,15 @@ def _arrive(taken_s: NDArray[np.float64], seed: int = 1) -> NDArray[np.int64]:
 @pytest.mark.parametrize("wrap_s", [0.65536, 4294.967296])
 def test_times_are_those_of_the_samples(drift: float, wrap_s: float) -> None:
     k = np.delete(np.arange(600), [100, 101, 300])
-    taken = k * CYCLE_S * (1 + drift)
-    stamp = (k * CYCLE_S + wrap_s - 0.3) % wrap_s
+    taken = _samples(k, CYCLE_S * (1 + drift))
+    stamp: NDArray[np.float64] = (_samples(k) + wrap_s - 0.3) % wrap_s
     times = stamped_times(stamp, wrap_s, _arrive(taken), 0)
     assert np.abs(times.time_s - taken).max() < 30e-6
     assert times.step[1:].tolist() == np.diff(k).tolist()
 
 
 def test_a_stalled_reader_moves_nothing() -> None:
-    taken: NDArray[np.float64] = np.arange(600) * CYCLE_S
+    taken = _samples(np.arange(600))
     t_ns = _arrive(taken)
     t_ns[200:380] = t_ns[380]
     times = stamped_times(taken, 100.0, t_ns, 0)
@@ -43,8 +47,8 @@ def test_a_restarted_sensor_is_fitted_anew(begin_s: float) -> None:
 
 
 def test_repeated_stamps_are_no_samples() -> None:
-    arrive: NDArray[np.float64] = np.arange(150) * (CYCLE_S / 2)
-    taken: NDArray[np.float64] = np.repeat(arrive[::2], 2)
+    arrive = _samples(np.arange(150), CYCLE_S / 2)
+    taken = np.repeat(arrive[::2], 2)
     times = stamped_times(taken, 100.0, _arrive(arrive), 0)
     fresh = times.step > 0
     assert fresh.sum() == 75
@@ -52,7 +56,7 @@ def test_repeated_stamps_are_no_samples() -> None:
 
 
 def test_stamps_that_do_not_run_with_the_bus_are_not_believed() -> None:
-    taken: NDArray[np.float64] = np.arange(200) * CYCLE_S
+    taken = _samples(np.arange(200))
     t_ns = _arrive(taken)
     times = stamped_times(taken * 1e-3, 100.0, t_ns, 0)
     np.testing.assert_allclose(times.time_s, t_ns * 1e-9, atol=1e-9)
