@@ -120,9 +120,6 @@ def _samples(
             yield _warning(where, f"time and t_ns are up to {apart_s:.3g} s apart")
     usable = (group.quality & UNUSABLE) == 0
     for name, values in group.values.items():
-        if name not in channels:
-            yield _error(f"{where}/{name}", "is no channel of /channels")
-            continue
         if np.any(np.isinf(values)):
             yield _error(f"{where}/{name}", f"{np.isinf(values).sum()} values are infinite")
         largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)

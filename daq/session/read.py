@@ -99,18 +99,24 @@ def _session(file: Group) -> Session:
         provenance[name] = text.values.tobytes().decode("utf-8", "surrogateescape")
     states = file.group("mass_states").groups
     order = sorted(states, key=lambda name: _int(states[name].attribute("order")))
+    channels = tuple(_channel(row) for row in _rows(file.group("channels"), CHANNEL_COLUMNS))
+    runs = tuple(_run(run) for run in file.group("runs").groups.values())
+    measured = {name for run in runs for group in run.groups for name in group.values}
+    unknown = measured - {channel.name for channel in channels}
+    if unknown:
+        raise ValueError(f"{min(unknown)} is no channel of /channels")
     return Session(
         vehicle=_vehicle(file.group("session")),
-        channels=tuple(_channel(row) for row in _rows(file.group("channels"), CHANNEL_COLUMNS)),
+        channels=channels,
         mass_states=tuple(_mass_state(name, states[name]) for name in order),
-        runs=tuple(_run(run) for run in file.group("runs").groups.values()),
+        runs=runs,
         provenance=provenance,
     )
 
 
 def _int(value: Attribute) -> int:
-    if not isinstance(value, int):
-        raise ValueError(f"{value!r} is no whole number")
+    if not isinstance(value, int) or not -(2**63) <= value < 2**63:
+        raise ValueError(f"{value!r} is no whole number of 64 bits")
     return value
 
 

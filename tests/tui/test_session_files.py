@@ -10,8 +10,10 @@ import pytest
 import pyuff
 
 from daq import session_from_arrays, write_session
+from daq.formats.export import ExportFormat
 from daq.vehicle import DOF, Vehicle
 from tui.cli import run
+from tui.commands.export import Format
 
 from ..daq.small_session import small_session
 from ..identify.bumps import PAPER_DELTA_MASS, paper_records
@@ -71,6 +73,10 @@ def test_what_cannot_be_exported(
     assert len(err.splitlines()) == 1
     assert what in err
     assert [path.name for path in tmp_path.iterdir()] == ["car.h5"]
+
+
+def test_help_names_every_format() -> None:
+    assert [form.value for form in Format] == [form.value for form in ExportFormat]
 
 
 def test_modes_go_into_the_universal_file(tmp_path: Path) -> None:

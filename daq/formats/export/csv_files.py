@@ -44,6 +44,9 @@ class CsvStyle:
             raise InputError("--separator", what, "use --separator ';' with a decimal comma")
 
 
+PLAIN = CsvStyle()
+
+
 def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvStyle) -> None:
     """Write the samples of one clock; a missing value is an empty cell.
 

@@ -8,14 +8,14 @@ from enum import StrEnum
 from pathlib import Path
 
 from ...errors import InputError
-from ...runs import Session
+from ...runs import SampleGroup, Session
 from .bus_log import write_asc, write_blf
-from .csv_files import CsvStyle, write_csv
+from .csv_files import PLAIN, CsvStyle, write_csv
 from .matlab import write_mat
 from .mdf import write_mf4
 from .parquet import write_parquet
 from .place import written_whole
-from .raw_frames import session_frames
+from .raw_frames import frames_left_out, session_frames
 from .sep005 import write_sep005
 from .universal import ModeShapes, write_uff
 
@@ -93,7 +93,7 @@ def export_session(
     path: Path,
     form: ExportFormat,
     *,
-    style: CsvStyle = CsvStyle(),  # noqa: B008 - frozen
+    style: CsvStyle = PLAIN,
     modes: Sequence[ModeShapes] = (),
     force: bool = False,
 ) -> Exported:
@@ -121,6 +121,24 @@ def export_session(
         If there is nothing to write in this format, a file is there already or cannot be
         written, or a library is missing.
     """
+    try:
+        return _exported(session, path, form, style, modes, force)
+    except InputError:
+        raise
+    except Exception as error:  # each library raises what it likes
+        what = f"cannot be written: {str(error) or type(error).__name__}"
+        advice = "bumpbench validate tells whether the session is sound"
+        raise InputError(str(path), what, advice) from error
+
+
+def _exported(
+    session: Session,
+    path: Path,
+    form: ExportFormat,
+    style: CsvStyle,
+    modes: Sequence[ModeShapes],
+    force: bool,
+) -> Exported:
     if form is ExportFormat.CSV:
         return _export_csv(session, path, style, force)
     with written_whole([path], force) as (beside,):
@@ -144,16 +162,19 @@ def export_session(
 
 def _export_csv(session: Session, path: Path, style: CsvStyle, force: bool) -> Exported:
     units = {channel.name: channel.unit for channel in session.channels}
-    groups = {
-        path.with_name(f"{path.stem}_{run.label}_{group.name}.csv"): group
-        for run in session.runs
-        for group in run.groups
-    }
+    groups: dict[Path, SampleGroup] = {}
+    for run in session.runs:
+        for group in run.groups:
+            name = "".join(
+                c if c.isalnum() or c in "-+_" else "_" for c in f"{run.label}_{group.name}"
+            )
+            place = path.with_name(f"{path.stem}_{name}.csv")
+            if place in groups:
+                raise InputError(str(place), "is the place of two runs", "choose with --run")
+            groups[place] = group
     if not groups:
         raise InputError("session", "its runs hold no samples", "choose other runs")
     with written_whole(list(groups), force) as beside:
         for place, group in zip(beside, groups.values(), strict=True):
             write_csv(group, units, place, style)
-    frames = sum(len(run.frames) for run in session.runs)
-    notes = (f"{frames} raw frames are left out: use mf4, blf or asc",) if frames else ()
-    return Exported(tuple(groups), notes)
+    return Exported(tuple(groups), frames_left_out(session))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...runs import Run, SampleGroup, Session
+from .raw_frames import frames_left_out
 
 _NAME_LENGTH = 63
 _MAX_BYTES = 2**31 - 1
@@ -66,8 +67,7 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
         do_compression=True,
         oned_as="column",
     )
-    frames = sum(len(run.frames) for run in session.runs)
-    return (f"{frames} raw frames are left out: use mf4, blf or asc",) if frames else ()
+    return frames_left_out(session)
 
 
 def _run(run: Run, session: Session) -> dict[str, Any]:
@@ -91,7 +91,7 @@ def _group(group: SampleGroup, units: dict[str, str]) -> dict[str, Any]:
     return {**fixed, **values, "units": {"t": "s", **own}}
 
 
-def _fields(items: Iterable[tuple[str, Any]], taken: set[str] = frozenset()) -> dict[str, Any]:  # type: ignore[assignment]
+def _fields(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> dict[str, Any]:
     """Return items under names that MATLAB allows for fields, each once."""
     result: dict[str, Any] = {}
     for name, value in items:

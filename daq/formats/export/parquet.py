@@ -7,6 +7,7 @@ from pathlib import Path
 from ...runs import Session
 from ..optional import optional
 from ..tables import to_dataframe
+from .raw_frames import frames_left_out
 
 
 def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
@@ -31,5 +32,4 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
     ]
     schema = pa.schema(fields, metadata=table.schema.metadata)
     parquet.write_table(table.cast(schema), path, compression="zstd")
-    frames = sum(len(run.frames) for run in session.runs)
-    return (f"{frames} raw frames are left out: use mf4, blf or asc",) if frames else ()
+    return frames_left_out(session)

@@ -41,6 +41,12 @@ def _first_of_each(frames: FrameBatch) -> NDArray[np.intp]:
     return np.sort(np.unique(keys, return_index=True)[1])
 
 
+def frames_left_out(session: Session) -> tuple[str, ...]:
+    """Return what to say where a format holds only decoded channels."""
+    count = sum(len(run.frames) for run in session.runs)
+    return (f"{count} raw frames are left out: use mf4, blf or asc",) if count else ()
+
+
 def has(frames: FrameBatch, flag: FrameFlag) -> NDArray[np.bool_]:
     """Return which frames have a flag, (n,)."""
     return np.asarray(frames.flags & flag != 0, np.bool_)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from datetime import UTC, datetime
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from ...channels import TIME_DERIVATIVE
 from ...runs import Session
+from .raw_frames import frames_left_out
 
 _LETTERS = "dva"
 """Of displacement and its time derivatives."""
@@ -60,10 +62,8 @@ def write_sep005(session: Session, path: Path) -> tuple[str, ...]:
         What the format cannot hold, of what there is in the session.
     """
     document = [
-        item | {"data": [None if value != value else value for value in item["data"].tolist()]}
+        item | {"data": [value if isfinite(value) else None for value in item["data"].tolist()]}
         for item in sep005_channels(session)
     ]
     path.write_text(json.dumps(document), "utf-8")
-    frames = sum(len(run.frames) for run in session.runs)
-    notes = (f"{frames} raw frames and the quality flags are left out",)
-    return notes if frames else ()
+    return ("the quality flags are left out", *frames_left_out(session))

@@ -19,6 +19,7 @@ from ...errors import printable
 from ...runs import Run, SampleGroup, Session
 from ...vehicle import VehicleGeometry
 from .car_nodes import CarNodes, Place, car_lines, car_nodes, place_of, vertical_motion
+from .raw_frames import frames_left_out
 
 _BEGIN = "    -1"
 _TIME, _UNKNOWN = 17, 0
@@ -90,7 +91,7 @@ def write_uff(session: Session, modes: Sequence[ModeShapes], path: Path) -> tupl
                 stream.writelines(_modes(state, nodes, session.vehicle.name))
     if missing:
         notes.append(f"{missing} missing samples are left out: their records are not equidistant")
-    return tuple(notes)
+    return (*notes, *frames_left_out(session))
 
 
 def _block(lines: Sequence[str], tail: bytes = b"") -> bytes:

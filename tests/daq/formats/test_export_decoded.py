@@ -276,3 +276,18 @@ def test_nowhere_to_write(tmp_path: Path, session: Session) -> None:
         export_session(session, tmp_path, ExportFormat.MAT)
     with pytest.raises(InputError, match=r"\.xls is no format"):
         format_of(Path("car.xls"))
+
+
+def test_names_lead_to_no_other_folder(tmp_path: Path, session: Session) -> None:
+    run = replace(session.runs[0], mass_state="../../x\n", groups=session.runs[0].groups[1:])
+    (path,) = _export(replace(session, runs=(run,)), tmp_path / "car.csv")
+    assert path == tmp_path / "car_______x__roll_1_A_IMU.csv"
+    with pytest.raises(InputError, match="the place of two runs"):
+        _export(replace(session, runs=(run, replace(run, mass_state="..:..|x\t"))), path)
+
+
+def test_what_a_library_cannot_write_is_told_in_one_line(tmp_path: Path, session: Session) -> None:
+    early = replace(session.runs[0], t0_ns=-(2**62))
+    with pytest.raises(InputError, match=r"car\.mf4: cannot be written"):
+        _export(replace(session, runs=(early,)), tmp_path / "car.mf4")
+    assert not list(tmp_path.iterdir())
