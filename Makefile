@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test lint bench coverage constraints clean
+.PHONY: demo test lint bench coverage fuzz release-check constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -23,6 +23,15 @@ bench: .venv/bench
 # Do the intervals hold the truth?  Some 3 s a campaign.
 coverage: .venv/test
 	$(BIN)/python -m tests.flow.coverage $(or $(CAMPAIGNS),100)
+
+# Mutated DBCs and session files: no traceback, no hang, bounded memory.
+fuzz: .venv/test
+	$(BIN)/python -m tests.dbc.mutations $(or $(FILES),5000)
+	$(BIN)/python -m tests.daq.mutations $(or $(FILES),2000)
+
+# Build wheel and sdist, install them into empty environments with each extra, and try them.
+release-check: .venv/test
+	$(BIN)/python -m tests.house.release
 
 constraints: .venv/test
 	$(BIN)/python -m uv pip compile --quiet --universal --python-version 3.11 --upgrade \
@@ -45,5 +54,5 @@ clean:
 	touch $@ .venv/demo
 
 .venv/bench: .venv/test
-	$(INSTALL) --editable '.[bench,test]'
+	$(INSTALL) --editable '.[bench,mf4,test]'
 	touch $@
