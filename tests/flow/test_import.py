@@ -1,4 +1,4 @@
-"""A campaign goes out as raw BLF and comes back in through another DBC: the same car, bit for bit."""
+"""A campaign out as raw BLF and in again through another DBC: the same car, digit for digit."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _write_blf(path: Path, frames: FrameBatch) -> None:
     with can.Logger(path) as log:
         columns = (frames.t_ns.tolist(), frames.can_id.tolist(), frames.length.tolist())
         for t_ns, can_id, length, row in zip(*columns, frames.data, strict=True):
-            # To the middle of the nanosecond that the writer cuts off, on the grid of float64.
+            # The same point of the grid; the writer cuts off fractions of a nanosecond, as above.
             stamp_s = START_NS // 10**9 + round((t_ns - START_NS) * 1e-9 * 2**22) / 2**22
             data = row[:length].tobytes()
             log(can.Message(stamp_s, can_id, is_extended_id=False, data=data))
@@ -80,9 +80,7 @@ def test_a_campaign_as_blf_through_a_foreign_dbc_gives_the_same_car(
 ) -> None:
     bench = parse_bench(_bench_text(), "bench.toml", Path(), shipped_dbc())
     codec = parse_codec(bench.dbc_text, bench.dbc_name)
-    frames = _on_grid(
-        FrameBatch.concatenate(list(campaign_frames(bench, codec, CAR, 3, START_NS)))
-    )
+    frames = _on_grid(FrameBatch.concatenate(list(campaign_frames(bench, codec, CAR, 3, START_NS))))
     head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0)
     with Journal(tmp_path / "journal", head) as journal:
         recorder = Recorder(bench, codec, journal)
