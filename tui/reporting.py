@@ -21,6 +21,20 @@ def source_of(path: Path) -> Source:
     return Source(path.name, digest, version("bumpbench"), libraries)
 
 
+def make_room(path: Path) -> None:
+    """Make the folder of a file; before long work, so that a wrong name is told at once.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(str(path), error.strerror or str(error), "name another file") from error
+
+
 def write_file(path: Path, data: bytes) -> None:
     """Write a file; one that is there already stays whole until the new one is.
 
@@ -29,9 +43,9 @@ def write_file(path: Path, data: bytes) -> None:
     InputError
         If it cannot be written.
     """
+    make_room(path)
     part = path.with_name(f".{path.name}.part")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         part.write_bytes(data)
         part.replace(path)
     except OSError as error:

@@ -25,7 +25,7 @@ def bars_height_in(rows: int, legend: int) -> float:
 def draw_intervals(panel: IntervalPanel, figure: FigureBase) -> None:
     """Draw the relative intervals to the left, what they rest on to the right."""
     n = len(panel.names)
-    left, right = _rows(figure, n, (0.075, 0.5))
+    left, right = line_axes(figure, n, (0.075, 0.5))
     _interval_bars(left, panel.half_percent)
     left.set_yticks(range(n), panel.names)
     for i, half in enumerate(panel.half_percent):
@@ -38,21 +38,19 @@ def draw_intervals(panel: IntervalPanel, figure: FigureBase) -> None:
     for number, kind in enumerate(panel.kinds):
         width = np.nan_to_num(panel.shares[:, number]) * 100.0
         colour = _SOURCES[number % len(_SOURCES)]
-        right.barh(
-            range(n), width, 0.62, left=start, color=colour, label=kind, ec="white", lw=0.5
-        )
+        right.barh(range(n), width, 0.62, left=start, color=colour, label=kind, ec="white", lw=0.5)
         start += width
     right.set_xlim(0.0, 100.0)
     right.set_yticks(range(n), [""] * n)
     right.set_xlabel("share of its precision, %")
     right.set_title("What it rests on")
-    _legend(figure)
+    shared_legend(figure)
 
 
 def draw_closed_form(panel: ClosedFormPanel, figure: FigureBase) -> None:
     """Draw what the paper's chain says beside the likelihood's intervals."""
     n = len(panel.names)
-    (axes,) = _rows(figure, n, (0.075,))
+    (axes,) = line_axes(figure, n, (0.075,))
     _interval_bars(axes, panel.half_percent)
     apart = panel.apart_percent
     axes.plot(apart, range(n), "D", ms=5.0, color=PALETTE[2], label="closed form (paper's chain)")
@@ -60,13 +58,13 @@ def draw_closed_form(panel: ClosedFormPanel, figure: FigureBase) -> None:
     axes.set_yticks(range(n), panel.names)
     axes.set_xlim(*_about_zero(np.concatenate([apart, panel.half_percent]), 1.1))
     axes.set_xlabel("difference from the likelihood's estimate, %")
-    _legend(figure)
+    shared_legend(figure)
 
 
 def draw_predictions(panel: PredictionPanel, figure: FigureBase) -> None:
     """Draw chi2/n of each run, fitted and predicted, with the limit."""
     n = len(panel.runs)
-    (axes,) = _rows(figure, n, (0.19,))
+    (axes,) = line_axes(figure, n, (0.19,))
     place = np.arange(n)
     limit = np.where(np.isfinite(panel.limit), panel.limit, 1.0)
     axes.barh(place, limit - 1.0, 0.8, left=1.0, color=FAINT, alpha=0.7, label="noise level")
@@ -83,10 +81,10 @@ def draw_predictions(panel: PredictionPanel, figure: FigureBase) -> None:
     else:
         axes.set_xlim(min(0.9, float(np.nanmin(everything)) - 0.02), max(1.1, high + 0.02))
     axes.set_xlabel("chi2/n of the run's residuals; 1 = noise alone")
-    _legend(figure)
+    shared_legend(figure)
 
 
-def _rows(figure: FigureBase, n: int, left: tuple[float, ...]) -> list[Axes]:
+def line_axes(figure: FigureBase, n: int, left: tuple[float, ...]) -> list[Axes]:
     """Return axes side by side with n lines of text in each, without a layout engine."""
     height = height_in(figure)
     ends = (*[start - 0.05 for start in left[1:]], 0.985)
@@ -103,7 +101,8 @@ def _rows(figure: FigureBase, n: int, left: tuple[float, ...]) -> list[Axes]:
     return axes
 
 
-def _legend(figure: FigureBase) -> None:
+def shared_legend(figure: FigureBase) -> None:
+    """Draw the legend of all axes at the bottom."""
     figure.legend(
         loc="lower center", ncols=_ACROSS, frameon=False, fontsize=7.5, handlelength=1.0,
         columnspacing=1.2, borderaxespad=0.0, borderpad=0.1,

@@ -27,7 +27,8 @@ def draw_shapes(panel: ShapePanel, figure: FigureBase) -> None:
         _car(axes, outline(shape, 0.0), PALETTE[1], 1.1)
         axes.set_title(f"{shape.title}\n{shape.numbers}", fontsize=6.8, parse_math=False)
         axes.set_aspect("equal")
-        axes.invert_yaxis()
+        axes.set_xlim(-2.15, 2.15)
+        axes.set_ylim(1.55, -1.4)
         axes.set_axis_off()
     figure.subplots_adjust(left=0.01, right=0.99, bottom=0.01, top=0.88, wspace=0.02, hspace=0.28)
 

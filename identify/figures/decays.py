@@ -45,7 +45,7 @@ def draw_decay(panel: DecayPanel, figure: FigureBase) -> None:
         reach = max(_SPAN, float(np.max(np.abs(trace.residual[1]), initial=0.0)) * 1.05)
         under.set_ylim(-reach, reach)
         under.yaxis.set_major_locator(MaxNLocator(3))
-        under.set_ylabel("σ", fontsize=7.5, rotation=0.0, labelpad=6.0)
+        under.set_ylabel("sigma", fontsize=6.5)
     if shared is not None:
         under.tick_params(labelbottom=True)
         under.set_xlabel("time in the run, s", fontsize=7.5, labelpad=1.5)

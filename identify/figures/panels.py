@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import singledispatch
 from io import BytesIO, StringIO
+from typing import Any
 
 import matplotlib
 from matplotlib.figure import Figure, FigureBase
@@ -12,16 +13,19 @@ from ..report.panels import (
     ClosedFormPanel,
     CorrelationPanel,
     DecayPanel,
+    DifferencePanel,
     IntervalPanel,
     Panel,
     PredictionPanel,
     ShapePanel,
     SnrPanel,
     StabilisationPanel,
+    TrendPanel,
 )
 from .bars import bars_height_in, draw_closed_form, draw_intervals, draw_predictions
 from .cars import draw_shapes, shapes_height_in
 from .decays import draw_decay
+from .differences import draw_differences, draw_trend
 from .heat import draw_correlation, draw_snr, heat_height_in
 from .poles import draw_stabilisation
 from .style import SETTINGS
@@ -42,6 +46,10 @@ def size_in(panel: Panel) -> tuple[float, float]:
             return WIDTH_IN, bars_height_in(len(panel.names), 2)
         case PredictionPanel():
             return WIDTH_IN, bars_height_in(len(panel.runs), 3)
+        case DifferencePanel():
+            return WIDTH_IN, bars_height_in(len(panel.names), 2)
+        case TrendPanel():
+            return HALF_IN, 1.7
         case ShapePanel():
             return WIDTH_IN, shapes_height_in(len(panel.shapes))
         case CorrelationPanel():
@@ -73,12 +81,14 @@ draw.register(ClosedFormPanel, draw_closed_form)
 draw.register(PredictionPanel, draw_predictions)
 draw.register(ShapePanel, draw_shapes)
 draw.register(DecayPanel, draw_decay)
+draw.register(DifferencePanel, draw_differences)
+draw.register(TrendPanel, draw_trend)
 draw.register(CorrelationPanel, draw_correlation)
 draw.register(SnrPanel, draw_snr)
 draw.register(StabilisationPanel, draw_stabilisation)
 
 
-def look() -> dict[str, object]:
+def look() -> dict[Any, Any]:
     """Return matplotlib's settings for the figures of a report."""
     return dict(_SETTINGS)
 

@@ -9,7 +9,6 @@ from ..report.panels import StabilisationPanel
 from .style import FAINT, PALETTE
 
 
-
 def draw_stabilisation(panel: StabilisationPanel, figure: FigureBase) -> None:
     """Draw frequency across and rank upwards; stable poles stand out."""
     axes = figure.add_axes((0.125, 0.155, 0.86, 0.75))

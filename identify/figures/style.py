@@ -43,4 +43,5 @@ def zero_line(axes: Axes) -> None:
 
 def height_in(figure: FigureBase) -> float:
     """Return the height of a figure, or of a part of one, in inches."""
-    return float(figure.bbox.height / figure.get_figure(root=True).dpi)
+    box = figure.get_window_extent()
+    return float(box.height / figure.get_figure(root=True).dpi)

@@ -37,9 +37,7 @@ def decay_section(estimation: Estimation) -> Section:
     return Section("decays", "Measured and fitted decays", lead, blocks)
 
 
-def _picture(
-    estimation: Estimation, record: Record, decay: FreeDecay, left: Residuals
-) -> Picture:
+def _picture(estimation: Estimation, record: Record, decay: FreeDecay, left: Residuals) -> Picture:
     onset = onset_s(record)
     begin = record.start_s if onset is None else max(onset - _BEFORE_S, record.start_s)
     traces = tuple(
@@ -50,9 +48,7 @@ def _picture(
     return Picture(f"decay_{decay.label}", decay.label, "", panel)
 
 
-def _telling(
-    estimation: Estimation, decay: FreeDecay, left: Residuals
-) -> tuple[Channel, ...]:
+def _telling(estimation: Estimation, decay: FreeDecay, left: Residuals) -> tuple[Channel, ...]:
     """Choose the channel of the body and that of the wheels whose fit stands out most."""
     strength: dict[str, tuple[float, Channel]] = {}
     for recording in decay.recordings:

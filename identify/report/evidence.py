@@ -50,9 +50,7 @@ def _snr(result: Identification) -> Picture:
         f"A column is one mode, whatever its rank in a mass state. A triangle marks less than "
         f"{SNR_LIMIT_DB:.0f} dB: that run says nothing of that mode, which is normal as long as "
         "another run does.",
-        SnrPanel(
-            tuple(result.quality.snr_db), tuple(result.mode_names[first]), rows, SNR_LIMIT_DB
-        ),
+        SnrPanel(tuple(result.quality.snr_db), tuple(result.mode_names[first]), rows, SNR_LIMIT_DB),
     )
 
 
@@ -105,7 +103,7 @@ def correlation_section(result: Identification) -> Section:
                 "correlation",
                 "Correlation of the errors",
                 "Near +1 two parameters are wrong together, so that their ratio is known far "
-                "better than either; near −1 their sum or product is.",
+                "better than either; near -1 their sum or product is.",
                 CorrelationPanel(result.correlation.names, result.correlation.matrix),
             ),
         )

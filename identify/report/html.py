@@ -11,9 +11,11 @@ from math import isfinite
 import jinja2
 from markupsafe import Markup
 
+from ..compare import Comparison
 from ..figures.panels import panel_svg
 from .animation import moving_car
 from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
+from .comparison import comparison_sections
 from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 
 _WIDE = 9
@@ -31,24 +33,49 @@ def html_of(report: Report, document: Mapping[str, object]) -> str:
         The identification as `identify --json` prints it; it goes into the page as data, and
         numbers in the tables name their place in it.
     """
-    room = files(__package__)
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string((room / "report.html.jinja").read_text("utf-8"))
-    return template.render(
+    return _page(
+        "report.jinja",
+        {"identification": document, "report-data": report.data},
+        sections=report.sections,
         report=report,
-        css=Markup((room / "report.css").read_text("utf-8")),
-        documents={"identification": _json(document), "report-data": _json(report.data)},
-        kind=_kind,
-        drawing=_drawing,
-        moving=moving_car,
-        small=lambda table: len(table.columns) > _WIDE,
         symbol=SYMBOL,
         headline=HEADLINE,
         meaning=MEANING,
         severity=SEVERITY,
         plain=plain,
+    )
+
+
+def comparison_html(comparison: Comparison, document: Mapping[str, object]) -> str:
+    """Set a comparison of sessions as HTML; arguments as in `html_of`."""
+    rows = comparison.quantities
+    return _page(
+        "comparison.jinja",
+        {"comparison": document},
+        sections=comparison_sections(comparison),
+        comparison=comparison,
+        differing=[row.name for row in rows if any(d.significant for d in row.differences)],
+        drifting=[row.name for row in rows if row.trend is not None and row.trend.drifts],
+    )
+
+
+def _page(name: str, documents: Mapping[str, Mapping[str, object]], **content: object) -> str:
+    room = files(__package__)
+    environment = jinja2.Environment(
+        autoescape=True,
+        loader=jinja2.FunctionLoader(lambda name: (room / name).read_text("utf-8")),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(name).render(
+        css=Markup((room / "report.css").read_text("utf-8")),
+        documents={key: _json(document) for key, document in documents.items()},
+        kind=_kind,
+        drawing=_drawing,
+        moving=moving_car,
+        small=lambda table: len(table.columns) > _WIDE,
+        **content,
     )
 
 

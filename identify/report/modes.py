@@ -111,9 +111,9 @@ def _sensed(result: Identification, state: str) -> Table:
         )
     return Table(
         f"Mass state {state} without a model of the car: State Variable Method",
-        ("#", "#Hz", "#σ", "#damping ratio", "#σ"),
+        ("#", "#Hz", "#sigma", "#damping ratio", "#sigma"),
         tuple(rows),
-        "Found in the decays alone; σ is the standard deviation.",
+        "Found in the decays alone; sigma is the standard deviation.",
     )
 
 

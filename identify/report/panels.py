@@ -157,6 +157,46 @@ class PredictionPanel:
 
 
 @dataclass(frozen=True, slots=True)
+class DifferencePanel:
+    """Differences between two sessions.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Quantities.
+    percent, half_percent : (n,) float64
+        Difference and half of its 95 % interval, % of the first session's value.
+    significant : (n,) bool
+        Whether it stands among all.
+    """
+
+    names: tuple[str, ...]
+    percent: Floats
+    half_percent: Floats
+    significant: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class TrendPanel:
+    """A quantity over the sessions.
+
+    Parameters
+    ----------
+    values, half : (n,) float64
+        Value and half of its 95 % interval in each session.
+    slope : float
+        Of the weighted line, a session.
+    unit : str
+        Of the values.
+    """
+
+    values: Floats
+    half: Floats
+    slope: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
 class ShapePanel:
     """Mode shapes, at rest and at their largest."""
 
@@ -172,4 +212,6 @@ Panel = (
     | SnrPanel
     | PredictionPanel
     | ShapePanel
+    | DifferencePanel
+    | TrendPanel
 )

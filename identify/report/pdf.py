@@ -8,10 +8,10 @@ from io import BytesIO
 import matplotlib
 from matplotlib.backends.backend_pdf import PdfPages
 
-from ..figures.panels import look, size_in
+from ..figures.panels import WIDTH_IN, look, size_in
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Report, Section, Table
 from .panels import ShapePanel
-from .sheets import LEADING_IN, WIDTH_IN, Sheets, Style, em_in
+from .sheets import LEADING_IN, Sheets, Style, em_in
 from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 
 _TITLE = Style(17.0, "#1d2329", "bold")
@@ -22,7 +22,7 @@ _NOTE = Style(7.0, "#5b6670")
 _COLOURS = {"ok": "#14683c", "doubtful": "#8a5200", "refused": "#9d1c14"}
 _ROW_PT = 7.0
 _SMALLEST_PT = 4.6
-_WRAP_COLUMN = 62
+_WRAP_COLUMN = 72
 """Characters after which the text of a cell goes on in the next line."""
 _GAP_EM = 1.5
 
@@ -77,12 +77,24 @@ def _front(sheets: Sheets, report: Report) -> None:
 
 
 def _section(sheets: Sheets, section: Section) -> None:
-    sheets.keep(2.0)
+    sheets.keep(0.7 + _least_in(section))
     sheets.space(0.2)
     sheets.text(section.title, _HEADING)
     sheets.text(section.lead, _NOTE)
     for block in section.blocks:
         _block(sheets, block)
+
+
+def _least_in(section: Section) -> float:
+    """Return what must fit below a heading: the first picture, or some rows."""
+    for block in section.blocks:
+        match block:
+            case Picture():
+                return size_in(block.panel)[1] + 0.7
+            case Gallery() if block.pictures:
+                return size_in(block.pictures[0].panel)[1] + 0.9
+        break
+    return 1.0
 
 
 def _block(sheets: Sheets, block: Block) -> None:
@@ -131,9 +143,9 @@ def _table(sheets: Sheets, table: Table) -> None:
                     sheets.line([(0.0, part)], style)
         return
     names = tuple(c if c == "#" else c.removeprefix("#") for c in table.columns)
-    rows = [[_wrapped(cell) for cell in row] for row in table.rows]
+    wrapped = [[_wrapped(cell) for cell in row] for row in table.rows]
     longest = [
-        max([len(name), *(len(line) for row in rows for line in row[i])])
+        max([len(name), *(len(line) for row in wrapped for line in row[i])])
         for i, name in enumerate(names)
     ]
     gap = _GAP_EM * (len(names) - 1)
@@ -149,8 +161,8 @@ def _table(sheets: Sheets, table: Table) -> None:
     if any(names):
         sheets.row(places, [[name] for name in names], head)
         sheets.rule(min(x, WIDTH_IN))
-    for row in rows:
-        sheets.row(places, row, style)
+    for cells in wrapped:
+        sheets.row(places, cells, style)
     if table.note:
         sheets.text(table.note, _NOTE)
 

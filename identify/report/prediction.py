@@ -76,7 +76,7 @@ def _table(predictions: tuple[Prediction, ...]) -> Table:
         rows.append((Cell(p.label), Cell(number(p.fitted), f"{path}/fitted"), *tail))
     return Table(
         "chi2/n of each run",
-        ("run", "#fitted", "#predicted", "#limit", "", "moves most", "#by σ"),
+        ("run", "#fitted", "#predicted", "#limit", "", "moves most", "#by sigma"),
         tuple(rows),
         "Moves most: the parameter that changes most when the run is left out, in standard "
         "deviations of such a change; beyond 4 the run tells of another car than the others.",

@@ -62,9 +62,9 @@ def _facts(estimation: Estimation) -> Table:
     ]
     return Table(
         "Facts: scales and tape measure",
-        ("fact", "#stated", "#uncertainty", "#identified", "#stated less identified, σ"),
+        ("fact", "#stated", "#uncertainty", "#identified", "#stated less identified, sigma"),
         tuple(rows),
-        "All in SI units. A misfit beyond 3 σ means that scales and decays contradict each other.",
+        "All in SI units. A misfit beyond 3 sigma means that scales and decays disagree.",
     )
 
 
@@ -106,9 +106,9 @@ def _corrections(estimation: Estimation) -> Table:
         )
     return Table(
         "Stated uncertainties: what the decays say of them",
-        ("what", "#stated σ", "#found off by", "#± σ", "unit", "#pull, σ"),
+        ("what", "#stated sigma", "#found off by", "#± sigma", "unit", "#pull, sigma"),
         tuple(rows),
-        "Found off by: how far it lies from what is stated. A pull beyond 3 σ means that the "
+        "Found off by: how far it lies from what is stated. A pull beyond 3 sigma means that the "
         "statement is wrong.",
     )
 

@@ -36,13 +36,15 @@ def report(
     from identify.report.html import html_of
 
     from ..output import print_line, progress
-    from ..reporting import source_of, write_figures, write_file
+    from ..reporting import make_room, source_of, write_figures, write_file
     from ..result import identification_document
 
     out = session.with_suffix(".html") if out is None else out
     with progress("report") as stage:
         stage(0.02, "reading")
         recorded = daq.read_session(session)
+        for path in (out, *([] if pdf is None else [pdf])):
+            make_room(path)
         result = method.identify(recorded, lambda done, text: stage(0.6 * done, text))
         stage(0.6, "gathering")
         page = report_of(recorded, result, source_of(session))

@@ -1,0 +1,253 @@
+"""Two or more sessions held against each other: what differs, how surely, and whether it drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import erfc, isfinite, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import InputError
+
+from .pipeline import Identification
+from .uncertainty import Estimate
+
+LEVEL = 0.05
+"""Chance of even one false alarm among all tests of a kind."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A session less the first, in one quantity.
+
+    Parameters
+    ----------
+    value, std : float
+        Difference and its standard deviation, errors of both taken as independent.
+    z : float
+        One by the other.
+    p : float
+        Chance of a difference as large if there is none.
+    significant : bool
+        Whether it stands at 95 % among all differences (Holm 1979).
+    """
+
+    value: float
+    std: float
+    z: float
+    p: float
+    significant: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """A quantity over the sessions in their order: weighted straight line, and constancy.
+
+    Parameters
+    ----------
+    slope, slope_std : float
+        Change from one session to the next.
+    slope_p : float
+        Chance of a slope as large if there is none.
+    chi2, freedom : float, int
+        Misfit of one constant value.
+    constant_p : float
+        Chance of as large a misfit if it is constant.
+    drifts, varies : bool
+        Whether slope and misfit stand at 95 % among all quantities (Holm 1979).
+    """
+
+    slope: float
+    slope_std: float
+    slope_p: float
+    chi2: float
+    freedom: int
+    constant_p: float
+    drifts: bool
+    varies: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """One quantity in all sessions.
+
+    Parameters
+    ----------
+    name : str
+        A parameter, or a mode's frequency or damping ratio.
+    estimates : tuple of Estimate
+        One for each session.
+    differences : tuple of Difference
+        Of each session but the first.
+    trend : Trend or None
+        Of three sessions or more.
+    """
+
+    name: str
+    estimates: tuple[Estimate, ...]
+    differences: tuple[Difference, ...]
+    trend: Trend | None
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Sessions held against the first of them.
+
+    Parameters
+    ----------
+    labels : tuple of str
+        Names of the sessions, in the order given.
+    verdicts : tuple of str
+        Of each.
+    parameters, modes : tuple of Compared
+        Every quantity that was identified in all sessions.
+    common : tuple of str
+        Facts and weights with uncertainties that all sessions state alike.
+    """
+
+    labels: tuple[str, ...]
+    verdicts: tuple[str, ...]
+    parameters: tuple[Compared, ...]
+    modes: tuple[Compared, ...]
+    common: tuple[str, ...]
+
+    @property
+    def quantities(self) -> tuple[Compared, ...]:
+        """Parameters, then modes."""
+        return self.parameters + self.modes
+
+
+def compare(labels: Sequence[str], results: Sequence[Identification]) -> Comparison:
+    """Hold sessions against the first of them.
+
+    The errors of two sessions are taken as independent.  Facts and weights that both state alike
+    have errors in common, which move both results the same way: then the standard deviation of a
+    difference is too large, and a significant one is so all the more.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Names of the sessions.
+    results : sequence of Identification
+        In the same order, which is that of time for a trend.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two sessions, or one has no parameters.
+    """
+    if len(results) < 2:
+        raise InputError("compare", "one session alone", "name two sessions or more")
+    for label, result in zip(labels, results, strict=True):
+        if not result.parameters:
+            reason = result.quality.reasons[0] if result.quality.reasons else "no fit"
+            raise InputError(label, f"not identified: {reason}", "leave it out")
+    parameters = _in_all([_parameters(result) for result in results])
+    modes = _in_all([_modes(result) for result in results])
+    rows = {**parameters, **modes}
+    pairs = [(e[0], other) for e in rows.values() for other in e[1:]]
+    plain = [_difference(*pair) for pair in pairs]
+    found = iter(_holm([d.p for d in plain]))
+    each = iter(Difference(d.value, d.std, d.z, d.p, next(found)) for d in plain)
+    differences = {name: tuple(next(each) for _ in e[1:]) for name, e in rows.items()}
+    trends = _trends(rows) if len(results) > 2 else {}
+    compared = {
+        name: Compared(name, e, differences[name], trends.get(name)) for name, e in rows.items()
+    }
+    return Comparison(
+        tuple(labels),
+        tuple(str(result.quality.verdict) for result in results),
+        tuple(compared[name] for name in parameters),
+        tuple(compared[name] for name in modes),
+        _common(results),
+    )
+
+
+def _parameters(result: Identification) -> dict[str, Estimate]:
+    return {n: e for n, e in result.parameters.items() if e.std > 0.0 and isfinite(e.std)}
+
+
+def _modes(result: Identification) -> dict[str, Estimate]:
+    """Return frequencies and damping ratios by mass state and name: ranks may swap."""
+    found: dict[str, Estimate] = {}
+    for state, modes in result.modes.items():
+        for name, mode in zip(result.mode_names[state], modes, strict=True):
+            found[f"{state}: {name}, frequency"] = mode.frequency
+            found[f"{state}: {name}, damping ratio"] = mode.damping_ratio
+    return {n: e for n, e in found.items() if e.std > 0.0 and isfinite(e.std)}
+
+
+def _in_all(found: Sequence[dict[str, Estimate]]) -> dict[str, tuple[Estimate, ...]]:
+    names = [name for name in found[0] if all(name in other for other in found)]
+    return {name: tuple(one[name] for one in found) for name in names}
+
+
+def _difference(first: Estimate, other: Estimate) -> Difference:
+    value, std = other.value - first.value, sqrt(first.std**2 + other.std**2)
+    z = value / std
+    return Difference(value, std, z, _two_sided(z), False)
+
+
+def _trends(rows: dict[str, tuple[Estimate, ...]]) -> dict[str, Trend]:
+    from scipy.special import chdtrc  # only where there is a trend
+
+    plain = []
+    for estimates in rows.values():
+        value = np.array([e.value for e in estimates])
+        weight = np.array([e.std**-2 for e in estimates])
+        order = np.arange(len(value), dtype=np.float64)
+        slope, slope_std = _line(order, value, weight)
+        chi2 = float(weight @ (value - weight @ value / weight.sum()) ** 2)
+        freedom = len(value) - 1
+        constant_p = float(chdtrc(freedom, chi2))
+        p = _two_sided(slope / slope_std)
+        plain.append(Trend(slope, slope_std, p, chi2, freedom, constant_p, False, False))
+    drifts, varies = _holm([t.slope_p for t in plain]), _holm([t.constant_p for t in plain])
+    return {
+        name: Trend(
+            t.slope, t.slope_std, t.slope_p, t.chi2, t.freedom, t.constant_p, drift, vary
+        )
+        for name, t, drift, vary in zip(rows, plain, drifts, varies, strict=True)
+    }  # fmt: skip
+
+
+def _line(
+    x: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the slope of the weighted straight line and its standard deviation."""
+    off = x - weight @ x / weight.sum()
+    power = float(weight @ off**2)
+    return float((weight * off) @ y) / power, power**-0.5
+
+
+def _two_sided(z: float) -> float:
+    return erfc(abs(z) / sqrt(2.0))
+
+
+def _holm(p: Sequence[float]) -> list[bool]:
+    """Tell which of several tests hold together: from the surest on, until one does not."""
+    significant = [False] * len(p)
+    for rank, i in enumerate(np.argsort(p, kind="stable").tolist()):
+        if p[i] > LEVEL / (len(p) - rank):
+            break
+        significant[i] = True
+    return significant
+
+
+def _common(results: Iterable[Identification]) -> tuple[str, ...]:
+    """Name the facts and uncertain weights that all sessions state alike."""
+    stated: list[set[str]] = []
+    for result in results:
+        if result.estimation is None:
+            return ()
+        box = result.estimation.box
+        own = {f"{f.quantity} = {f.value:g} ± {f.sigma:g}" for f in box.facts}
+        for state in box.mass_states:
+            for i, weight in enumerate(state.added.weights, start=1):
+                if weight.sigma_kg > 0.0:
+                    text = f"{weight.mass_kg:g} ± {weight.sigma_kg:g} kg"
+                    own.add(f"weight {i} of state {state.name} = {text}")
+        stated.append(own)
+    return tuple(sorted(set.intersection(*stated))) if stated else ()

@@ -1,0 +1,131 @@
+"""A comparison of sessions as blocks of a page."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compare import Compared, Comparison
+from .blocks import Block, Cell, Gallery, Picture, Section, Table
+from .numbers import number
+from .panels import DifferencePanel, TrendPanel
+
+_DRAWN = 24
+"""Trends that get a figure, the parameters first."""
+
+
+def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
+    """Return what differs, and what drifts."""
+    labels = comparison.labels
+    blocks: list[Block] = [_sessions(comparison)]
+    if comparison.common:
+        shared = tuple((Cell(text), Cell("")) for text in comparison.common)
+        columns = ("what", "")
+        blocks.append(Table("Stated alike in all sessions: errors in common", columns, shared))
+    for number_, label in enumerate(labels[1:]):
+        if comparison.parameters:
+            blocks.append(_picture(comparison, number_))
+        for title, path, rows in (
+            ("Parameters", "parameters", comparison.parameters),
+            ("Modes", "modes", comparison.modes),
+        ):
+            if rows:
+                name = f"{title}: {label} less {labels[0]}"
+                blocks.append(_differences(name, path, rows, number_))
+    sections = [Section("differences", "Differences", METHOD, tuple(blocks))]
+    if len(labels) > 2:
+        sections.append(_trends(comparison))
+    return tuple(sections)
+
+
+METHOD = (
+    "Every session is held against the first one named. The errors of two sessions are taken as "
+    "independent; facts and weights stated alike in both have errors in common, which makes the "
+    "standard deviation of a difference too large rather than too small. A difference is "
+    "significant if it stands at 95 % among all that are listed (Holm)."
+)
+
+
+def _sessions(comparison: Comparison) -> Table:
+    pairs = zip(comparison.labels, comparison.verdicts, strict=True)
+    rows = tuple((Cell(f"{i + 1}"), Cell(a), Cell(b)) for i, (a, b) in enumerate(pairs))
+    note = "" if set(comparison.verdicts) == {"ok"} else (
+        "Where a verdict is not ok the intervals do not hold, and neither does a significance."
+    )  # fmt: skip
+    return Table("Sessions", ("#", "session", "verdict"), rows, note)
+
+
+def _differences(title: str, path: str, rows: tuple[Compared, ...], which: int) -> Table:
+    cells = []
+    for i, row in enumerate(rows):
+        first, other, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
+        here = f"{path}/{i}"
+        cells.append(
+            (
+                Cell(row.name, f"{here}/name"),
+                Cell(number(first.value), f"{here}/estimates/0/value"),
+                Cell(number(other.value), f"{here}/estimates/{which + 1}/value"),
+                Cell(number(d.value), f"{here}/differences/{which}/value"),
+                Cell(number(d.std), f"{here}/differences/{which}/std"),
+                Cell(f"{d.z:+.2f}", f"{here}/differences/{which}/z"),
+                Cell("✓ differs" if d.significant else "· within chance"),
+                Cell("" if first.unit == "1" else first.unit),
+            )
+        )
+    columns = ("", "#first", "#this", "#difference", "#sigma", "#z", "at 95 %", "unit")
+    return Table(title, columns, tuple(cells))
+
+
+def _picture(comparison: Comparison, which: int) -> Picture:
+    rows = comparison.parameters
+    value = np.array([row.estimates[0].value for row in rows])
+    return Picture(
+        f"differences_{which + 1}",
+        f"{comparison.labels[which + 1]} less {comparison.labels[0]}",
+        "Bars: 95 % interval of each difference by itself. Diamonds differ significantly, circles "
+        "do not.",
+        DifferencePanel(
+            tuple(row.name for row in rows),
+            np.array([row.differences[which].value for row in rows]) / np.abs(value) * 100.0,
+            np.array([row.differences[which].std for row in rows]) / np.abs(value) * 196.0,
+            np.array([row.differences[which].significant for row in rows]),
+        ),
+    )
+
+
+def _trends(comparison: Comparison) -> Section:
+    cells = []
+    pictures: list[Picture] = []
+    for path, rows in (("parameters", comparison.parameters), ("modes", comparison.modes)):
+        for i, row in enumerate(rows):
+            t = row.trend
+            if t is None:
+                continue
+            here = f"{path}/{i}/trend"
+            cells.append(
+                (
+                    Cell(row.name),
+                    Cell(number(t.slope), f"{here}/slope"),
+                    Cell(number(t.slope_std), f"{here}/slope_std"),
+                    Cell("✓ drifts" if t.drifts else "· none"),
+                    Cell(f"{t.chi2:.1f} / {t.freedom}", f"{here}/chi2"),
+                    Cell("✓ varies" if t.varies else "· constant"),
+                )
+            )
+            if len(pictures) < _DRAWN:
+                value = np.array([e.value for e in row.estimates])
+                half = np.array([(e.high - e.low) / 2.0 for e in row.estimates])
+                unit = row.estimates[0].unit
+                panel = TrendPanel(value, half, t.slope, "" if unit == "1" else unit)
+                pictures.append(Picture(f"trend_{path}_{i}", row.name, "", panel))
+    columns = ("", "#per session", "#sigma", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
+    return Section(
+        "trend",
+        "Trend over the sessions",
+        "Value against session in the order given: a weighted straight line, and how badly one "
+        "constant value fits (chi2). Equal steps from session to session are assumed.",
+        (
+            Table("Slopes and constancy", columns, tuple(cells)),
+            Gallery("Values in order", "Bars: 95 % intervals. Line: weighted trend.",
+                    tuple(pictures)),
+        ),
+    )  # fmt: skip

@@ -1,0 +1,60 @@
+"""What is drawn: thinned curves, cars that move as their mode, PDF sheets."""
+
+import numpy as np
+
+from daq.vehicle import FORD_GRANADA
+from identify.figures.panels import panel_png, panel_svg
+from identify.report.envelope import envelope
+from identify.report.panels import CorrelationPanel
+from identify.report.pdf import pdf_of
+from identify.report.shapes import at_rest, outline, shape_of
+
+from .sessions import hostile
+
+
+def test_no_spike_is_hidden() -> None:
+    rng = np.random.default_rng(3)
+    time, values = np.arange(50_000) / 1e3, rng.standard_normal(50_000)
+    values[31_234], values[444] = 40.0, -30.0
+    thin = envelope(time, values, 300)
+    assert thin.shape[1] <= 600
+    assert np.all(np.diff(thin[0]) > 0)
+    assert (31.234, 40.0) in set(zip(*thin.tolist(), strict=True))
+    assert thin[1].min() == -30.0
+
+
+def test_a_short_curve_is_kept() -> None:
+    time = np.arange(10.0)
+    np.testing.assert_array_equal(envelope(time, time**2, 300), [time, time**2])
+
+
+def test_a_lifted_body_goes_up_and_the_wheels_stay() -> None:
+    heave = np.array([1.0, 0, 0, 0, 0, 0, 0], dtype=complex) * 1j  # any phase
+    shape = shape_of("bounce", "", 1.0, heave, FORD_GRANADA.geometry)
+    rest, top, bottom = at_rest(shape.geometry), outline(shape, 0.0), outline(shape, np.pi)
+    lift = (top.deck - rest.deck)[:, 1] * (rest.deck - bottom.deck)[:, 1]
+    assert np.all(lift > 0)  # one up, the other down, all four corners
+    np.testing.assert_allclose(top.wheels, rest.wheels)
+
+
+def test_nose_down_pitch_lowers_the_front() -> None:
+    pitch = np.array([0, 1.0, 0, 0, 0, 0, 0], dtype=complex)
+    shape = shape_of("pitch", "", 1.0, pitch, FORD_GRANADA.geometry)
+    sign = np.sign(shape.motion[1].real)
+    moved = (outline(shape, 0.0).deck - at_rest(shape.geometry).deck)[:, 1] * sign
+    assert np.all(moved[:2] > 0)  # y counts downwards: the front two go down
+    assert np.all(moved[2:] < 0)
+
+
+def test_the_same_figure_has_the_same_bytes() -> None:
+    panel = CorrelationPanel(("m_s", "k_sf"), np.array([[1.0, 0.5], [0.5, 1.0]]))
+    assert panel_svg(panel, "c") == panel_svg(panel, "c")
+    assert ">+.50<" in panel_svg(panel, "c")
+    assert panel_png(panel).startswith(b"\x89PNG")
+
+
+def test_the_report_goes_on_sheets_of_a4() -> None:
+    data = pdf_of(hostile())
+    assert data.startswith(b"%PDF")
+    assert data.count(b"/MediaBox [ 0 0 595.44 841.68 ]") >= 3
+    assert len(data) < 3_000_000

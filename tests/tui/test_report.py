@@ -1,0 +1,76 @@
+"""`bumpbench report` and `bumpbench compare`: files, exit codes, one line for an error."""
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import daq
+from tui.cli import run
+
+from ..identify.stress import stress_session
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bench") / "car.h5"
+    whole = stress_session("linear", 2, 100.0)
+    once = tuple(run for run in whole.runs if run.repeat == 1)
+    daq.write_session(path, replace(whole, runs=once))
+    return path
+
+
+def test_report_writes_page_pdf_and_figures(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, pdf, folder = tmp_path / "new" / "r.html", tmp_path / "r.pdf", tmp_path / "figures"
+    arguments = ["report", str(session), "--out", str(page), "--pdf", str(pdf)]
+    assert run([*arguments, "--figures", str(folder), "--format", "svg"]) == 0
+    written = [Path(line) for line in capsys.readouterr().out.splitlines()]
+    assert written[:2] == [page, pdf]
+    assert set(written[2:]) == set(folder.iterdir())
+    assert {"intervals.svg", "correlation.svg", "shapes_baseline.svg"} <= {
+        p.name for p in written[2:]
+    }
+    assert hashlib.sha256(session.read_bytes()).hexdigest() in page.read_text("utf-8")
+    assert pdf.read_bytes().startswith(b"%PDF")
+    assert not list(tmp_path.rglob("*.part"))
+
+    assert run(["identify", str(session), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    text = page.read_text("utf-8")
+    start = text.index('id="identification">') + len('id="identification">')
+    assert json.loads(text[start : text.index("</script>", start)]) == document
+
+
+def test_report_that_cannot_be_written(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert run(["report", str(session), "--out", str(tmp_path / "file" / "r.html")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_report_of_no_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["report", str(tmp_path / "absent.h5")]) == 2
+    assert "absent.h5" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_session_does_not_differ_from_itself(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "c.html"
+    assert run(["compare", str(session), str(session), "--json", "--html", str(page)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    rows = document["parameters"] + document["modes"]
+    assert len(rows) == 15 + 2 * 7 * 2
+    assert all(row["differences"][0]["value"] == 0.0 for row in rows)
+    assert "2 sessions compared" in page.read_text("utf-8")
+
+
+def test_compare_needs_two(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["compare", str(session)]) == 2
+    assert "two sessions" in capsys.readouterr().err

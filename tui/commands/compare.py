@@ -1,0 +1,58 @@
+"""`bumpbench compare`: what differs between sessions, and how surely."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..diagnostics import ExitCode
+
+
+def compare(
+    sessions: Annotated[list[Path], typer.Argument(help="Session files, in order of time.")],
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    html: Annotated[Path | None, typer.Option(help="Also write a page.")] = None,
+) -> int:
+    """Compare sessions with the first one: differences with their significance, and trends."""
+    from dataclasses import asdict
+
+    import daq
+    import identify as method
+    from identify.compare import compare as compared
+
+    from ..comparing import print_comparison
+    from ..output import print_json, progress
+    from ..reporting import make_room, write_file
+
+    if len(sessions) < 2:
+        raise typer.BadParameter("name two sessions or more")
+    if html is not None:
+        make_room(html)
+    results = []
+    with progress("compare") as stage:
+        for number, path in enumerate(sessions):
+            stage(number / len(sessions), path.name)
+            results.append(method.identify(daq.read_session(path)))
+    labels = _labels(sessions)
+    comparison = compared(labels, results)
+    document = asdict(comparison)
+    if html is not None:
+        from identify.report.html import comparison_html
+
+        write_file(html, comparison_html(comparison, document).encode())
+    if json:
+        print_json(document)
+    else:
+        print_comparison(comparison)
+    refused = "refused" in comparison.verdicts
+    return ExitCode.ANSWER_IS_NO if refused else ExitCode.OK
+
+
+def _labels(paths: list[Path]) -> list[str]:
+    """Return the names of files, with their folders where names alone do not tell them apart."""
+    names = [path.stem for path in paths]
+    if len(set(names)) < len(names):
+        names = [f"{path.parent.name}/{path.stem}" for path in paths]
+    return names if len(set(names)) == len(names) else [str(path) for path in paths]
