@@ -7,7 +7,10 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from dbc import Codec
     from dbc.errors import BumpbenchError
+
+_NAMED = 5
 
 
 class ExitCode(IntEnum):
@@ -27,6 +30,14 @@ class ExitCode(IntEnum):
 def say(text: str) -> None:
     """Write one line of talk to stderr; stdout is for data."""
     sys.stderr.write(f"bumpbench: {text}\n")
+
+
+def say_left_out(codec: Codec) -> None:
+    """Name the messages of a DBC that could not be used, a few of them."""
+    for remark in codec.left_out[:_NAMED]:
+        say(f"left out: {remark}")
+    if len(codec.left_out) > _NAMED:
+        say(f"left out: {len(codec.left_out) - _NAMED} more")
 
 
 def report(error: BumpbenchError) -> ExitCode:

@@ -12,6 +12,7 @@ from pathlib import Path
 from signal import SIG_IGN, SIGINT
 from typing import TYPE_CHECKING, Any
 
+from .diagnostics import say_left_out
 from .output import Stage, print_line, print_table
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ def record_session(
 
     try:
         codec = bench_codec(bench)
+        say_left_out(codec)
         map_channels(bench.channels, codec.messages, bench.dbc_name)  # before anything is made
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

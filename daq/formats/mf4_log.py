@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import logging
+import sys
 from collections.abc import Iterator
 from heapq import heapify, heappop, heappush
 from itertools import count
@@ -65,8 +67,8 @@ def read_mf4(path: Path, ledger: Ledger) -> Iterator[FrameBatch]:
         advice = "install it: pip install 'bumpbench[mf4]'"
         raise InputError(where, "MF4 needs asammdf, which is not installed", advice) from error
     logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)  # it logs what it also raises
+    hook, failure = sys.unraisablehook, ""
     try:
-        # Given a path, it leaves a traceback on the terminal when the file is no good.
         with path.open("rb") as stream, MDF(stream) as mdf:
             groups: list[Any] = list(mdf.groups)
             streams = [
@@ -82,8 +84,14 @@ def read_mf4(path: Path, ledger: Ledger) -> Iterator[FrameBatch]:
     except InputError:
         raise
     except Exception as error:  # asammdf raises what it stumbles over
-        what = f"cannot be read: {str(error) or type(error).__name__}"
-        raise InputError(where, what, "the file is damaged or cut off") from error
+        failure = str(error) or type(error).__name__
+        # Its half-made object fails once more when it is let go, with a traceback on stderr.
+        sys.unraisablehook = lambda _: None
+    if failure:
+        gc.collect()
+        sys.unraisablehook = hook
+        what = f"cannot be read: {failure}"
+        raise InputError(where, what, "the file is damaged or cut off")
 
 
 def _blocks(mdf: Any, group: int, name: str, ledger: Ledger) -> Iterator[FrameBatch]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..diagnostics import ExitCode, say
+from ..diagnostics import ExitCode, say, say_left_out
 
 if TYPE_CHECKING:
     from daq.check import CheckReport
@@ -58,6 +58,7 @@ def check(
         described = _bench(config, layout, log, interface, channel)
         frames = None
     codec = bench_codec(described)  # before anything is opened
+    say_left_out(codec)
     if frames is None:
         frames = _frames(described, log, seconds)
     report = check_bench(described, codec, frames, date.today())

@@ -27,10 +27,11 @@ def decode(
     from daq.formats.log import read_log
     from dbc import load_codec, parse_codec, shipped_dbc
 
-    from ..diagnostics import say
+    from ..diagnostics import say, say_left_out
     from ..output import print_json
 
     codec = load_codec(dbc) if dbc else parse_codec(shipped_dbc(), "the shipped DBC")
+    say_left_out(codec)
     totals: Counter[str] = Counter()
     samples: Counter[str] = Counter()
     header = "" if json else "time_s,message,signal,value,unit\n"

@@ -62,7 +62,7 @@ def import_(
     from daq.intake import labelled, numbered, parse_runs, session_from_parts, with_steps
 
     from ..bench import bench_with_dbc
-    from ..diagnostics import say
+    from ..diagnostics import say, say_left_out
     from ..output import print_json, progress
     from ..recording import print_summary, summary
 
@@ -74,6 +74,7 @@ def import_(
         raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")
     bench = bench_with_dbc(config, dbc)
     codec = bench_codec(bench)
+    say_left_out(codec)
     if singles:
         steps = numbered([label for label, _ in singles])
         sources = [read_log(path) for _, path in singles]
