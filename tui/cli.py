@@ -12,6 +12,7 @@ import typer
 
 from .commands.batch import batch
 from .commands.check import check
+from .commands.compare import compare
 from .commands.decode import decode
 from .commands.demo import demo
 from .commands.export import export
@@ -24,6 +25,7 @@ from .commands.record import record
 from .commands.recover import recover
 from .commands.redecode import redecode
 from .commands.replay import replay
+from .commands.report import report as write_report
 from .commands.simulate import simulate
 from .commands.study import study
 from .commands.validate import validate
@@ -46,6 +48,8 @@ for command in (
     decode,
     inspect,
     identify,
+    write_report,
+    compare,
     plan,
     batch,
     notebook,
