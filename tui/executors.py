@@ -214,8 +214,8 @@ class Cluster:
                 "--scheduler", "needs Dask, which is not installed", "install bumpbench[cluster]"
             ) from None
         # It logs lost connections with tracebacks; what matters arrives as exceptions.
-        logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
-        logging.getLogger("tornado").setLevel(logging.CRITICAL + 1)
+        for name in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         self._address = address
         try:
             asyncio.run(asyncio.wait_for(_greet(address), _CONNECT_S + 1.0))
@@ -231,7 +231,7 @@ class Cluster:
         try:
             self._client.wait_for_workers(1, timeout=_CONNECT_S)
         except TimeoutError:
-            self._client.close(timeout=1)
+            self._client.close(timeout=0.5)
             raise InputError(
                 address, "the scheduler has no workers", f"start some with: dask worker {address}"
             ) from None
@@ -283,7 +283,7 @@ class Cluster:
         """Leave the cluster; what is in flight is cancelled."""
         with suppress(OSError, TimeoutError):  # the scheduler may be what went wrong
             self._executor.shutdown(wait=False)
-            self._client.close(timeout=1)
+            self._client.close(timeout=0.5)
 
 
 async def _greet(address: str) -> None:

@@ -112,12 +112,14 @@ def _failed(reason: str) -> dict[str, Cell]:
 
 
 def _with_provenance(job: Job, row: dict[str, Cell], seconds: float) -> dict[str, Cell]:
-    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy"))
+    import numpy as np
+    import scipy
+
     return {
         "file": job.file,
         "sha256": job.sha256,
         **row,
         "seconds": round(seconds, 3),
         "software": software(),
-        "libraries": libraries,
+        "libraries": f"numpy {np.__version__}, scipy {scipy.__version__}",
     }
