@@ -24,6 +24,8 @@ _CHILD_BYTES = 768 << 20
 """Address space of the child beyond what the file may unpack to: Python, NumPy and libhdf5."""
 _CHILD_S = 3
 """Time of the child for starting and for a small file."""
+_PATIENCE = 2.5
+"""How much longer than its CPU time the child may take by the clock."""
 _BYTES_PER_S = 4 << 20
 """How fast a file is read at least, packed: a tenth of what was measured."""
 
@@ -44,16 +46,21 @@ def load_guarded(path: Path | str) -> Group:
     command += [str(_CHILD_BYTES + limit_bytes), str(limit_s)]
     # One thread: every thread of the BLAS would take address space, and nothing is computed here.
     own = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_PLUGIN_PRELOAD": "::"}
-    with subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=os.environ | own,
-    ) as child:
+    try:
+        started = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | own,
+        )
+    except OSError as error:
+        what = f"cannot be read: no process to read it in ({error.strerror or error})"
+        raise InputError(where, what, "end other programs, and try again") from error
+    with started as child:
         assert child.stdout is not None
-        # The limit of CPU time does not see a child that waits for ever.
-        watch = Timer(4.0 * limit_s, child.kill)
+        # The limit of CPU time does not see a child that waits, for ever or for a busy machine.
+        watch = Timer(_PATIENCE * limit_s, child.kill)
         watch.start()
         try:
             return receive(child.stdout, limit_bytes)

@@ -196,6 +196,12 @@ def test_a_child_that_only_waits_is_ended(
     assert time.monotonic() - began < 30
 
 
+def test_no_process_to_be_had(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, path: Path) -> None:
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "absent"))
+    with pytest.raises(InputError, match="no process to read it in"):
+        read_foreign_session(path)
+
+
 def test_memory_of_the_child_is_bounded(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
     monkeypatch.setattr(guard, "_CHILD_BYTES", -max_total_bytes(path.stat().st_size))
     with pytest.raises(InputError, match=r"car\.h5: cannot be read"):
