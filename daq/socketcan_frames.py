@@ -68,7 +68,7 @@ def frame_columns(
     any_fd = bool(fd.any())
     top = frames["can_id"] >> 29
     can_id = frames["can_id"] & np.uint32(ID_BITS)
-    length = frames["length"]
+    length = frames["length"].copy()  # the buffer is filled anew by the next call
     flags = _KIND[top]
     if any_fd:
         flags |= np.where(fd, _FD_KIND[frames["flags"] & 3], _NO_FLAG)
@@ -105,7 +105,7 @@ def _are_plain(datagrams: Datagrams) -> bool:
 
 def _plain_columns(datagrams: Datagrams, t_ns: NDArray[np.int64], bus: int) -> FrameBatch:
     n, frames = len(t_ns), datagrams.frames
-    # A field is a view of the buffer that the next frames go to: each column has to be a copy.
+    # A field is a view of the buffer, and that of a single frame even a contiguous one.
     return FrameBatch(
         t_ns,
         frames["can_id"].copy(),

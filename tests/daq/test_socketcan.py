@@ -20,7 +20,6 @@ from daq.bus import open_source
 from daq.config import BusConfig
 from daq.errors import BusError
 from daq.socketcan import RECEIVE_BUFFER_BYTES, Reception, SocketCanSource, StampClock
-from daq.socketcan_frames import frame_columns
 from daq.source import BLOCK_FRAMES
 from dbc.frames import FrameBatch, FrameFlag
 
@@ -156,6 +155,16 @@ def test_classic_frames_make_narrow_blocks_that_later_frames_leave_alone(feed: F
     assert list(plain.length) == [8, 8]
 
 
+@pytest.mark.parametrize("data", [b"12345678", b"x"])
+def test_a_frame_alone_in_its_block_is_not_touched_by_the_next(feed: Feed, data: bytes) -> None:
+    feed.send(frame(1, data))
+    first = feed.read()
+    feed.send(frame(2, b"abcde"))
+    feed.read()
+    assert (list(first.can_id), list(first.length)) == ([1], [len(data)])
+    assert bytes(first.data[0]) == data.ljust(8, b"\0")
+
+
 def test_a_length_code_above_8_is_8_bytes(feed: Feed) -> None:
     raw = bytearray(frame(data=b"12345678"))
     raw[7] = 13  # raw DLC, told beside the length by drivers that can
@@ -280,66 +289,6 @@ def test_the_drop_counter_has_32_bits_and_may_be_behind(
         feed.read()
         counts.append(feed.source.losses().dropped)
     assert counts == [0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_FFF0, 2**32 + 5, 2**32 + 5]
-
-
-def control(*messages: tuple[int, int, bytes], words: int = 16) -> tuple[bytes, int]:
-    """Return a control buffer as the kernel fills it, and how many bytes it says it used."""
-    out = b""
-    for level, kind, data in messages:
-        out += (16 + len(data)).to_bytes(8, "little")
-        out += level.to_bytes(4, "little") + kind.to_bytes(4, "little") + data
-        out += bytes(-len(out) % 8)
-    return out.ljust(8 * words, b"\xee")[: 8 * words], min(len(out), 8 * words)
-
-
-def timespec(seconds: int, nanoseconds: int) -> bytes:
-    return seconds.to_bytes(8, "little") + nanoseconds.to_bytes(8, "little")
-
-
-def test_control_messages_are_found_in_any_order_and_company() -> None:
-    kernel = (1, 35, timespec(1_800_000_000, 5))
-    stamps = (1, 37, timespec(9, 9) + timespec(0, 0) + timespec(12, 345_678_901))
-    nothing = (1, 37, timespec(9, 9) + timespec(0, 0) + timespec(0, 0))
-    stranger = (41, 35, b"\xff" * 4)
-    buffers = [
-        control(kernel),
-        control(kernel, stamps, (1, 40, b"\1\0\0\0")),
-        control((1, 40, b"\2\0\0\x80"), nothing, kernel),
-        control(stranger, kernel),
-        control(),
-        control((1, 35, timespec(7, 7)[:9])),  # too short for a stamp
-    ]
-    words = np.array([np.frombuffer(data, np.int64) for data, _ in buffers])
-    found = abi.parse_control(words, np.array([used for _, used in buffers], np.uintp))
-    now_ns = 1_800_000_000 * 10**9 + 5
-    assert list(found.kernel_ns) == [now_ns, now_ns, now_ns, now_ns, 0, 0]
-    assert list(found.hardware_ns) == [0, 12_345_678_901, 0, 0, 0, 0]
-    assert found.dropped == 0x8000_0002
-
-    alone = abi.parse_control(words[:1], np.array([32], np.uintp))
-    assert (list(alone.kernel_ns), list(alone.hardware_ns)) == ([now_ns], [0])
-    assert alone.dropped is None
-
-
-@pytest.mark.parametrize("size", [0, 15, 33, 1 << 40, -8])
-def test_a_control_message_of_impossible_size_ends_the_search(size: int) -> None:
-    data, used = control((1, 35, timespec(5, 6)), (1, 40, b"\1\0\0\0"))
-    words = np.frombuffer(data, np.int64).copy()[None]
-    words[0, 4] = size
-    found = abi.parse_control(words, np.array([used], np.uintp))
-    assert list(found.kernel_ns) == [5_000_000_006]
-    assert found.dropped is None
-
-
-def test_an_echo_of_this_host_s_own_frame_is_marked() -> None:
-    frames = np.zeros(3, abi.FRAME)
-    frames["can_id"], frames["length"] = 0x123, 8
-    marks = np.array([0, socket.MSG_DONTROUTE, socket.MSG_TRUNC], np.int32)
-    nothing = abi.Ancillary(np.zeros(3, np.int64), np.zeros(3, np.int64))
-    datagrams = abi.Datagrams(frames, np.full(3, 16, np.uint32), marks, nothing)
-    batch, good = frame_columns(datagrams, np.arange(3), 0)
-    assert list(batch.flags) == [0, FrameFlag.TRANSMITTED]
-    assert list(good) == [True, True, False]
 
 
 class FaultyBuffers(abi.FrameBuffers):
