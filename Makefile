@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test lint bench coverage fuzz release-check constraints clean
+.PHONY: demo test lint bench coverage fuzz release-check test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -32,6 +32,10 @@ fuzz: .venv/test
 # Build wheel and sdist, install them into empty environments with each extra, and try them.
 release-check: .venv/test
 	$(BIN)/python -m tests.house.release
+
+# Real SocketCAN: vcan and emulated adapters in a guest; needs qemu-system-x86_64.
+test-socketcan: .venv/test
+	$(BIN)/python -m tests.socketcan.guest
 
 constraints: .venv/test
 	$(BIN)/python -m uv pip compile --quiet --universal --python-version 3.11 --upgrade \

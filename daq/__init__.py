@@ -14,7 +14,7 @@ from .runs import (
     SampleGroup,
     Session,
 )
-from .session import read_session, write_session
+from .session import read_foreign_session, read_session, validate_session, write_session
 from .vehicle import (
     FORD_GRANADA,
     AddedMass,
@@ -52,7 +52,9 @@ __all__ = [
     "VehicleGeometry",
     "VehicleParameters",
     "paper_channels",
+    "read_foreign_session",
     "read_session",
     "session_from_arrays",
+    "validate_session",
     "write_session",
 ]

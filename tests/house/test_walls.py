@@ -19,6 +19,10 @@ RESERVED = {
     "cantools": ("dbc/",),
     "h5py": ("daq/session", "daq/formats/"),
     "mcap": ("daq/journal",),
+    "asammdf": ("daq/formats/",),
+    "pandas": ("daq/formats/", "daq/runs.py", "tui/commands/batch/"),  # runs.py: the type only
+    "matplotlib": ("identify/figures/", "identify/report/", "identify/plots.py"),
+    "distributed": ("tui/executors.py",),
     "threading": ("daq/", "tui/"),
     "typer": ("tui/",),
     "rich": ("tui/",),

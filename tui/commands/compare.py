@@ -34,7 +34,7 @@ def compare(
     with progress("compare") as stage:
         for number, path in enumerate(sessions):
             stage(number / len(sessions), path.name)
-            results.append(method.identify(daq.read_session(path)))
+            results.append(method.identify(daq.read_foreign_session(path)))
     labels = _labels(sessions)
     comparison = compared(labels, results)
     document = asdict(comparison)

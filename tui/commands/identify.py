@@ -23,7 +23,7 @@ def identify(
 
     with progress("identify") as stage:
         stage(0.05, "reading")
-        result = method.identify(daq.read_session(session), stage)
+        result = method.identify(daq.read_foreign_session(session), stage)
     if json:
         print_json(identification_document(result))
     else:

@@ -46,7 +46,7 @@ def plan(
 
     with progress("plan") as stage:
         stage(0.1, "reading")
-        held = None if session is None else daq.read_session(session)
+        held = None if session is None else daq.read_foreign_session(session)
         described = _bench(bench, session, held)
         stage(0.2, "expecting the vehicle")
         vehicle, whose = _expected_vehicle(session, held)

@@ -28,7 +28,7 @@ def redecode(
     """Decode the raw frames of a session anew, into a new session."""
     from hashlib import file_digest
 
-    from daq import read_session, write_session
+    from daq import read_foreign_session, write_session
     from daq.errors import InputError
     from daq.redecode import redecoded
 
@@ -39,7 +39,7 @@ def redecode(
         what = "neither a DBC nor a bench.toml is named"
         raise InputError("redecode", what, "name what was corrected: --dbc FILE or --config FILE")
     target = out or session.with_name(f"{session.stem}_redecoded.h5")
-    old = read_session(session)
+    old = read_foreign_session(session)
     if target.exists():
         raise InputError(str(target), "exists already", "name a new file with --out")
     bench = _bench(old, str(session), dbc, config)

@@ -29,7 +29,7 @@ def replay(
     """Send recorded frames on a bus, at their own times or faster; error frames are left out."""
     from collections.abc import Iterable
 
-    from daq import read_session
+    from daq import read_foreign_session
     from daq.bus import open_bus
     from daq.formats.log import read_log
     from daq.replay import play, recorded_frames
@@ -41,7 +41,7 @@ def replay(
 
     described = shared_bench(config, interface, channel)
     log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
-    batches: Iterable[FrameBatch] = log or recorded_frames(read_session(source))
+    batches: Iterable[FrameBatch] = log or recorded_frames(read_foreign_session(source))
     read = 0
 
     def wanted() -> Iterable[FrameBatch]:

@@ -42,7 +42,7 @@ def report(
     out = session.with_suffix(".html") if out is None else out
     with progress("report") as stage:
         stage(0.02, "reading")
-        recorded = daq.read_session(session)
+        recorded = daq.read_foreign_session(session)
         for path in (out, *([] if pdf is None else [pdf])):
             make_room(path)
         result = method.identify(recorded, lambda done, text: stage(0.6 * done, text))
