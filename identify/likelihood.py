@@ -113,14 +113,16 @@ def fit(
     Fit
     """
     eta = start.copy()
-    here = _problem(box, decays, sigma, eta)
+    parts = shares(box, decays, sigma, eta)
+    here = _sum(parts)
     # What rounding leaves of a difference of large sums; a cost can be compared no better.
     rounding = 1e-13 * sum(
         float(np.sum((r.values / [sigma[c.name] for c in r.clock.channels]) ** 2))
         for decay in decays
         for r in decay.recordings
     )
-    damping = 1e-3
+    # From near the optimum the first step may be the last.
+    damping = 1e-3 if hold else 1e-4
     converged = False
     iterations = 0
     n = sum(decay.n_values for decay in decays)
@@ -134,7 +136,8 @@ def fit(
         downhill = here.gradient - held * (eta - start)
         step = np.linalg.solve(H + damping * np.eye(len(eta)), downhill / scale) / scale
         step *= min(1.0, _MAX_STEP / max(float(np.max(np.abs(step))), 1e-300))
-        trial = _problem(box, decays, sigma, eta + step)
+        trial_parts = shares(box, decays, sigma, eta + step)
+        trial = _sum(trial_parts)
         pull = held * float(np.sum((eta + step - start) ** 2) - np.sum((eta - start) ** 2))
         if np.isfinite(trial.cost) and trial.cost + pull <= here.cost + rounding:
             # Where the model does not hold, residuals are larger than sigma says, and so is the
@@ -142,15 +145,15 @@ def fit(
             fine = tolerance * max(1.0, trial.cost / n) ** 0.5
             small = damping < 1e-3 and float(np.max(np.abs(step) * scale)) < fine
             converged = small and not held
-            eta, here = eta + step, trial
+            eta, here, parts = eta + step, trial, trial_parts
             damping = max(damping / 10, 1e-12)
             hold *= _LOOSEN
         elif damping > 1e8:
             break
         else:
             damping *= 10 if damping > 1e-9 else 1e6
-    parts = {label: part.information for label, part in shares(box, decays, sigma, eta).items()}
-    return Fit(eta, covariance_of(here.information), here.cost, parts, iterations, converged)
+    information = {label: part.information for label, part in parts.items()}
+    return Fit(eta, covariance_of(here.information), here.cost, information, iterations, converged)
 
 
 def shares(
@@ -170,17 +173,11 @@ def shares(
     return result | {decay.label: share(points[decay.mass_state], decay) for decay in decays}
 
 
-def _problem(
-    box: GreyBox,
-    decays: tuple[FreeDecay, ...],
-    sigma: Mapping[str, float],
-    eta: NDArray[np.float64],
-) -> Share:
-    parts = shares(box, decays, sigma, eta).values()
+def _sum(parts: Mapping[str, Share]) -> Share:
     return Share(
-        sum(part.cost for part in parts),
-        np.sum([part.information for part in parts], axis=0),
-        np.sum([part.gradient for part in parts], axis=0),
+        sum(part.cost for part in parts.values()),
+        np.sum([part.information for part in parts.values()], axis=0),
+        np.sum([part.gradient for part in parts.values()], axis=0),
     )
 
 
