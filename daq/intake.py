@@ -120,7 +120,9 @@ class _Shelf:
         latest_ns = int(frames.t_ns.max())
         self._blocks.append((latest_ns, *astuple(losses)))
         self._recent.append(frames)
-        horizon_ns = latest_ns - self._pre_ns - _SLACK_NS
+        # The bumps of this block are found after it was put here: its first may need what is
+        # before it, however long the block is.
+        horizon_ns = int(frames.t_ns.min()) - self._pre_ns - _SLACK_NS
         while self._recent and int(self._recent[0].t_ns.max()) < horizon_ns:
             self._keep(self._recent.pop(0))
 
