@@ -144,8 +144,10 @@ class _Shelf:
 
     def _keep(self, frames: FrameBatch) -> None:
         wanted = np.zeros(len(frames), bool)
-        for start_ns, stop_ns in self._windows[-4:]:  # earlier ones are long over
-            wanted |= (frames.t_ns >= start_ns) & (frames.t_ns < stop_ns)
+        first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
+        for start_ns, stop_ns in self._windows:  # one block may hold many bumps
+            if start_ns <= last_ns and first_ns < stop_ns:
+                wanted |= (frames.t_ns >= start_ns) & (frames.t_ns < stop_ns)
         if wanted.any():
             self._kept.append(frames.select(wanted))
 
