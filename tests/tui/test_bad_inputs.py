@@ -1,4 +1,4 @@
-"""Every sort of bad input: one line that says which file and what, the right exit code, no traceback."""
+"""Every sort of bad input: one line, which file and what is wrong, and the right exit code."""
 
 from __future__ import annotations
 
