@@ -123,9 +123,9 @@ def main() -> int:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
     outcome = campaign(count, seed=2)
     mib = outcome.child_bytes / 2**20
-    print(f"{count} mutants: exit codes {dict(sorted(outcome.codes.items()))}")  # noqa: T201
-    print(f"slowest {outcome.slowest_s:.1f} s, largest child {mib:.0f} MiB")  # noqa: T201
-    print("\n".join(outcome.faults) or "no faults")  # noqa: T201
+    print(f"{count} mutants: exit codes {dict(sorted(outcome.codes.items()))}")
+    print(f"slowest {outcome.slowest_s:.1f} s, largest child {mib:.0f} MiB")
+    print("\n".join(outcome.faults) or "no faults")
     return 1 if outcome.faults or outcome.child_bytes > MAX_BYTES else 0
 
 
