@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -56,18 +57,22 @@ def write_session(path: Path | str, session: Session) -> None:
     _check_names(session)
     beside = path.with_name(f".{path.name}.tmp")
     try:
-        with beside.open("w+b") as stream:
-            with h5py.File(stream, "w") as file:
-                _fill(file, session)
+        # HDF5 never sees the disk: after a write that failed for want of room it crashes the
+        # process at its end.
+        image = BytesIO()
+        with h5py.File(image, "w") as file:
+            _fill(file, session)
+        with beside.open("wb") as stream:
+            stream.write(image.getbuffer())
             stream.flush()
             os.fsync(stream.fileno())
         beside.replace(path)
         _sync_folder(path.parent)
-    except (OSError, RuntimeError) as error:  # h5py reports a full disk as RuntimeError
+    except OSError as error:
         raise InputError(
             str(path),
-            f"cannot be written: {getattr(error, 'strerror', None) or error}",
-            "check folder, rights and free space; the journal still holds everything",
+            f"cannot be written: {error.strerror or error}",
+            "check folder, rights and free space; the journal or log still holds everything",
         ) from error
     finally:
         beside.unlink(missing_ok=True)

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -184,3 +186,24 @@ def test_foreign_and_hostile_files_are_refused(tmp_path: Path, session: Session)
         del file["runs/r001_baseline_roll_1/HUB_Front/time"]
     with pytest.raises(InputError, match="damaged"):
         read_session(path)
+
+
+def test_a_full_disk_is_one_error_and_no_crash(tmp_path: Path) -> None:
+    # A limit on the size of files stands for a disk that is full; what HDF5 does after a failed
+    # write, it does when the process ends.
+    golden = Path(__file__).parents[1] / "golden" / "session_v1_2026-11.h5"
+    script = f"""
+import resource, signal, sys
+from daq import InputError, read_session, write_session
+session = read_session({str(golden)!r})
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+try:
+    write_session({str(tmp_path / "full.h5")!r}, session)
+except InputError as error:
+    print(error)
+"""
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    assert "cannot be written" in ran.stdout
+    assert list(tmp_path.iterdir()) == []
