@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test lint bench coverage fuzz release-check test-socketcan constraints clean
+.PHONY: demo test lint bench coverage fuzz crash soak release-check test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -28,6 +28,14 @@ coverage: .venv/test
 fuzz: .venv/test
 	$(BIN)/python -m tests.dbc.mutations $(or $(FILES),5000)
 	$(BIN)/python -m tests.daq.mutations $(or $(FILES),2000)
+
+# Kills, crash images, failing writes, full disks: no acknowledged frame may be lost.
+crash: .venv/test
+	$(BIN)/python -m tests.daq.crash
+
+# Ten million frames through the whole recorder: flat memory, no frame lost.
+soak: .venv/test
+	$(BIN)/python -m tests.daq.soak $(or $(FRAMES),10000000)
 
 # Build wheel and sdist, install them into empty environments with each extra, and try them.
 release-check: .venv/test

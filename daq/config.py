@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 
 from pydantic import ValidationError
 
@@ -16,6 +17,7 @@ from .channels import SI_UNITS, Channel
 from .config_tables import BenchFile, ChannelTable, MessageTable, WeightTable
 from .errors import InputError
 from .message_rules import MessageRule, SampleSet, TimeRule, check_sets, ruled_codec
+from .procedure import Procedure
 from .ready_maps import PREFIX, ready_map
 from .runs import ADDED, BASELINE
 from .vehicle import (
@@ -64,6 +66,29 @@ class TriggerConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class RecorderConfig:
+    """What a recorder may do with the disk, and when a bus counts as silent.
+
+    Parameters
+    ----------
+    segment_bytes, segment_s : float
+        A file of the journal ends when it is as large or as old.
+    keep_bytes : float
+        All files of the journal together; beyond it the oldest that are sealed and derived go.
+    reserve_bytes : float
+        Left free on the disk in any case; recording stops before.
+    silent_s : float
+        A bus without a frame for so long is an alarm.
+    """
+
+    segment_bytes: float = 64e6
+    segment_s: float = 900.0
+    keep_bytes: float = 100e9
+    reserve_bytes: float = 200e6
+    silent_s: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class Bench:
     """All that a recorder must know.
 
@@ -73,18 +98,24 @@ class Bench:
         bench.toml and the DBC as read; both go into every journal and session.
     dbc_name : str
         Where the DBC came from, for messages.
+    buses : tuple of BusConfig
+        At least one; a frame's `bus` is the position in it.
     bump_s : float
         Duration of the bump, s.
     message_rules, sample_sets : tuple of MessageRule, tuple of SampleSet
         What is known of messages beyond the DBC.
     calibration_days : int
         A calibration older than this is worth a note.
+    procedure : Procedure
+        How the bumps are made.
+    recorder : RecorderConfig
+        Limits of the recorder.
     """
 
     text: str
     dbc_name: str
     dbc_text: str
-    bus: BusConfig
+    buses: tuple[BusConfig, ...]
     vehicle: Vehicle
     channels: tuple[Channel, ...]
     mass_states: tuple[MassState, ...]
@@ -94,6 +125,13 @@ class Bench:
     message_rules: tuple[MessageRule, ...] = ()
     sample_sets: tuple[SampleSet, ...] = ()
     calibration_days: int = 365
+    procedure: Procedure = field(default_factory=Procedure)
+    recorder: RecorderConfig = RecorderConfig()
+
+    @property
+    def bus(self) -> BusConfig:
+        """The first bus: the only one of most benches."""
+        return self.buses[0]
 
 
 def default_bench_text() -> str:
@@ -168,7 +206,7 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
         text=text,
         dbc_name=table.dbc or "bumpbench.dbc (shipped)",
         dbc_text=dbc_text,
-        bus=BusConfig(table.bus.interface, table.bus.channel, table.bus.bitrate),
+        buses=_buses(table, where),
         vehicle=Vehicle(
             table.vehicle.name,
             VehicleGeometry(geometry.a_m, geometry.b_m, geometry.t_f_m, geometry.t_r_m)
@@ -190,7 +228,31 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
             SampleSet(s.name, tuple(s.messages), s.bound_by) for s in table.sample_set
         ),
         calibration_days=table.calibration.max_age_days,
+        procedure=Procedure(
+            table.campaign.method,
+            table.campaign.bump_height_mm * 1e-3,
+            table.campaign.accept_after_s,
+            MappingProxyType(dict(table.campaign.instructions)),
+        ),
+        recorder=RecorderConfig(
+            table.recorder.segment_mb * 1e6,
+            table.recorder.segment_minutes * 60.0,
+            table.recorder.keep_gb * 1e9,
+            table.recorder.reserve_mb * 1e6,
+            table.recorder.silent_s,
+        ),
     )
+
+
+def _buses(table: BenchFile, where: str) -> tuple[BusConfig, ...]:
+    tables = table.bus if isinstance(table.bus, list) else [table.bus]
+    buses = tuple(BusConfig(bus.interface, bus.channel, bus.bitrate) for bus in tables)
+    taken = [(bus.interface, bus.channel) for bus in buses]
+    for interface, channel in taken:
+        if taken.count((interface, channel)) > 1:
+            what = f"bus {interface} {channel} occurs twice"
+            raise InputError(where, what, "give each [[bus]] its own channel")
+    return buses
 
 
 def bench_codec(bench: Bench) -> Codec:
@@ -277,10 +339,12 @@ def _channel(table: ChannelTable) -> Channel:
 
 
 def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
-    """Return the bench on another bus, where one is named."""
+    """Return the bench on another bus, where one is named: on that one alone."""
+    if not (interface or channel):
+        return bench
     bus = replace(
         bench.bus,
         interface=interface or bench.bus.interface,
         channel=channel or bench.bus.channel,
     )
-    return replace(bench, bus=bus)
+    return replace(bench, buses=(bus,))

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from dbc.crc import CRC_RULES
 
 from .channels import AT_CORNER, Quantity
+from .procedure import Method
 from .runs import Excitation
 from .vehicle import Corner
 
@@ -90,6 +91,10 @@ class CampaignTable(Table):
     ]
     repeats: Annotated[int, Field(ge=1, le=100)] = 2
     bump_s: _Positive = 0.2
+    method: Method = Method.ROLL_OVER
+    bump_height_mm: Annotated[float, Field(gt=0, le=200)] = 40.0
+    accept_after_s: Annotated[float, Field(ge=0, le=60)] = 3.0
+    instructions: dict[Excitation, Annotated[str, Field(max_length=200)]] = {}
 
 
 class TriggerTable(Table):
@@ -99,6 +104,16 @@ class TriggerTable(Table):
     pre_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
     post_s: Annotated[float, Field(ge=0.5, le=600)] = 2.5
     rest_s: Annotated[float, Field(ge=0.05, le=60)] = 0.3
+
+
+class RecorderTable(Table):
+    """`[recorder]`."""
+
+    segment_mb: Annotated[float, Field(ge=1, le=4096)] = 64.0
+    segment_minutes: Annotated[float, Field(ge=0.1, le=1440)] = 15.0
+    keep_gb: Annotated[float, Field(ge=0.1)] = 100.0
+    reserve_mb: Annotated[float, Field(ge=1)] = 200.0
+    silent_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
 
 
 class WeightTable(Table):
@@ -199,10 +214,11 @@ class BenchFile(Table):
     """A whole bench.toml."""
 
     dbc: str = ""
-    bus: BusTable = BusTable()
+    bus: BusTable | Annotated[list[BusTable], Field(min_length=1, max_length=16)] = BusTable()
     vehicle: VehicleTable = VehicleTable()
     campaign: CampaignTable = CampaignTable()
     trigger: TriggerTable = TriggerTable()
+    recorder: RecorderTable = RecorderTable()
     weight: list[WeightTable] = []
     fact: list[FactTable] = []
     calibration: CalibrationTable = CalibrationTable()

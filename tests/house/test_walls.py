@@ -19,6 +19,13 @@ RESERVED = {
     "cantools": ("dbc/",),
     "h5py": ("daq/session", "daq/formats/"),
     "mcap": ("daq/journal",),
+    "zmq": ("daq/server.py", "daq/client.py"),
+    "tomlkit": ("daq/config_edit.py",),
+    "filelock": ("daq/lock.py",),
+    "sdnotify": ("daq/systemd.py",),
+    "prometheus_client": ("daq/figures_file.py",),
+    "textual": ("tui/app.py", "tui/screens/", "tui/widgets/", "tui/palette.py", "tui/themes.py"),
+    "textual_plot": ("tui/widgets/",),
     "asammdf": ("daq/formats/",),
     "pandas": ("daq/formats/", "daq/runs.py", "tui/commands/batch/"),  # runs.py: the type only
     "matplotlib": ("identify/figures/", "identify/report/", "identify/plots.py"),

@@ -118,7 +118,7 @@ def test_jitter_only_makes_frames_late(codec: Codec) -> None:
 
 
 def test_an_overloaded_bus_stays_late_into_the_next_run(codec: Codec) -> None:
-    bench = replace(short_bench(), bus=replace(short_bench().bus, bitrate=250_000))
+    bench = replace(short_bench(), buses=(replace(short_bench().bus, bitrate=250_000),))
     joined = FrameBatch.concatenate(list(campaign_frames(bench, codec, CAR, SEED, START_NS)))
     takes = {m.can_id: frame_time_ns(m, 250_000) for m in codec.messages}
     duration = np.array([takes[can_id] for can_id in joined.can_id.tolist()])
