@@ -55,6 +55,38 @@ class HopLosses:
     queue_dropped: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class LinkFacts:
+    """How the link to one bus stands, whose source is opened anew when it fails (`daq.link`).
+
+    Parameters
+    ----------
+    name : str
+        The bus, for the operator.
+    bitrate : int
+        As configured, bit/s.
+    connected : bool
+        Whether a source is open.
+    error, advice : str
+        Why none is, and what to do; empty while connected.
+    heartbeat_s : float
+        Monotonic time of the reader's last turn, s.
+    reopened : int
+        How often the bus came back.
+    losses : SourceLosses
+        Summed over all sources so far.
+    """
+
+    name: str
+    bitrate: int
+    connected: bool
+    error: str
+    advice: str
+    heartbeat_s: float
+    reopened: int
+    losses: SourceLosses
+
+
 class FrameSource(Protocol):
     """A bus to be read in blocks.
 
