@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from dbc.frames import read_only
 
+from . import exponentials
+
 
 @dataclass(frozen=True, slots=True)
 class Block:
@@ -94,7 +96,7 @@ def waves(blocks: Sequence[Block], place: NDArray[np.intp], poles: NDArray[np.co
     mixed = np.zeros((len(blocks) + 1, k, k), dtype=complex)  # the last stands for no series
     plain = np.zeros_like(mixed)
     for number, block in enumerate(blocks):
-        wave = np.exp(np.multiply.outer(block.time_s, poles))
+        wave = exponentials.waves(block.time_s, poles)
         table = np.empty((len(wave), 2 * k))
         table[:, : len(poles)], table[:, k : k + len(poles)] = wave.real, wave.imag
         wave *= block.time_s[:, None]

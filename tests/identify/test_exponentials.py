@@ -4,7 +4,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from daq.vehicle import FORD_GRANADA
-from identify.exponentials import spectrum
+from identify.exponentials import spectrum, waves
 from identify.low_pass import LowPass
 from identify.model import physical_model
 
@@ -45,3 +45,14 @@ def test_slope_of_the_propagator_is_its_derivative(name: str) -> None:
     # The block matrix exponential holds the exact derivative (Van Loan 1978).
     expected = [row @ expm(np.block([[A, dA], [0 * A, A]]) * t)[:n, n:] @ x0 for t in TIMES]
     np.testing.assert_allclose(slope, expected, rtol=1e-7, atol=1e-9 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("samples", [3, 64, 65, 1400, 2801])
+def test_waves_of_even_times_are_the_exponentials(samples: int) -> None:
+    rates = np.array([-2.0 + 7.0j, -18.0 + 70.0j, -40.0, 0.0])
+    even = 0.0213 + 1e-3 * np.arange(samples)
+    uneven = even.copy()
+    uneven[samples // 2] += 1e-6
+    for time_s in (even, uneven):
+        direct = np.exp(time_s[:, None] * rates)
+        np.testing.assert_allclose(waves(time_s, rates), direct, rtol=2e-13, atol=0)
