@@ -1,0 +1,187 @@
+"""bench.toml is changed, and what a person wrote around it stays."""
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daq.config import Bench, default_bench_text, parse_bench
+from daq.config_edit import with_campaign, with_channel, with_facts, with_vehicle, with_weights
+from daq.errors import InputError
+from daq.procedure import Method
+from daq.runs import Excitation
+from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure
+
+SHIPPED = default_bench_text()
+WRITTEN = """# Bench of hall 3, ask Erna.
+dbc = ""  # shipped
+
+[vehicle]
+name = 'old'   # plate T5
+# measured twice
+[vehicle.geometry]
+a_m = 1.20
+b_m = 1.50
+t_f_m = 0.7
+t_r_m = 0.7
+
+# The boards on the floor:
+[[weight]]
+mass_kg = 32.50  # W-01
+x_m = 0.1
+y_m = 0.5
+# strapped
+
+# The hubs:
+[[weight]]
+hub = "FL"
+mass_kg = 4.0
+
+[[weight]]
+hub = "FR"
+mass_kg = 4.0
+
+# How we bump:
+[campaign]
+repeats = 2  # more costs a day
+[campaign.instructions]
+bounce = "drop it"
+"""
+
+
+def _bench(text: str) -> Bench:
+    return parse_bench(text, "bench.toml", Path(), dbc_text="")
+
+
+def _comments(text: str) -> set[str]:
+    return {line.partition("#")[2].strip() for line in text.splitlines() if "#" in line}
+
+
+EDITS: list[tuple[str, Callable[[str], str]]] = [
+    ("vehicle", lambda t: with_vehicle(t, 'T5 "new"', Structure(symmetric=False))),
+    ("fact", lambda t: with_facts(t, [Fact("total_mass_kg", 1500.0, 1.0)])),
+    ("weight", lambda t: with_weights(t, [HubWeight(2.5, Corner.REAR_LEFT, 0.01)])),
+    ("channel", lambda t: with_channel(t, "travel_fl", sign=-1, tare=0.0125)),
+    (
+        "campaign",
+        lambda t: with_campaign(t, (Excitation.WARP,), 7, Method.DROP, 0.07, 1.5),
+    ),
+]
+
+
+@pytest.mark.parametrize("text", [SHIPPED, WRITTEN, ""], ids=["shipped", "written", "empty"])
+@pytest.mark.parametrize(("key", "edit"), EDITS, ids=[key for key, _ in EDITS])
+def test_an_edit_changes_its_table_and_nothing_else(
+    text: str, key: str, edit: Callable[[str], str]
+) -> None:
+    after = edit(text)
+    old, new = tomllib.loads(text), tomllib.loads(after)
+    assert old.get(key) != new[key]
+    old.pop(key, None), new.pop(key)
+    assert old == new
+    lost = _comments(text) - _comments(after)
+    assert lost <= ({"W-01", "strapped"} if key == "weight" else set())
+    assert edit(after) == after  # what is so already is not written again
+
+
+def test_each_edit_says_what_was_asked_for() -> None:
+    text = WRITTEN
+    for _, edit in EDITS:
+        text = edit(text)
+    bench = _bench(text)
+    assert bench.vehicle.name == 'T5 "new"'
+    assert bench.vehicle.structure == Structure(symmetric=False)
+    assert bench.vehicle.facts == (Fact("total_mass_kg", 1500.0, 1.0),)
+    assert bench.mass_states[1].added.weights == (HubWeight(2.5, Corner.REAR_LEFT, 0.01),)
+    channels = {channel.name: channel for channel in bench.channels}
+    assert (channels["travel_fl"].sign, channels["travel_fl"].tare) == (-1, 0.0125)
+    assert (channels["travel_fr"].sign, channels["travel_fr"].tare) == (1, 0.0)
+    assert len(channels) == 14  # all of the shipped ones, written out
+    assert bench.campaign.excitations == (Excitation.WARP,)
+    assert bench.campaign.repeats == 7
+    assert bench.procedure.method is Method.DROP
+    assert tomllib.loads(text)["campaign"]["bump_height_mm"] == 70.0
+    assert bench.procedure.instructions == {Excitation.BOUNCE: "drop it"}
+
+
+def test_weights_that_stay_keep_their_lines_and_headings_stay_above_what_follows() -> None:
+    weights = _bench(WRITTEN).mass_states[1].added.weights
+    after = with_weights(WRITTEN, [weights[0], weights[2], HubWeight(5.0, Corner.REAR_RIGHT)])
+    assert "mass_kg = 32.50  # W-01\nx_m = 0.1\ny_m = 0.5\n# strapped\n" in after
+    assert '# The hubs:\n[[weight]]\nhub = "FR"' in after
+    assert after.endswith(WRITTEN[WRITTEN.index("# How we bump:") :])
+    heavier = BodyWeight(33.0, 0.1, 0.5)
+    assert "mass_kg = 33.0  # W-01" in with_weights(WRITTEN, [heavier, *weights[1:]])
+    empty = with_weights(WRITTEN, [])
+    assert "weight" not in tomllib.loads(empty)
+    assert "# The boards on the floor:" in empty
+    assert "# How we bump:\n[campaign]" in empty
+    assert with_weights(WRITTEN, weights) == WRITTEN
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "weight = [{mass_kg = 3, hub = 'FL'}]\n[vehicle]\nname = 'k'\n",
+        "[[weight]]\nmass_kg = 3\nhub = 'FL'\n[bus]\n[[weight]]\nmass_kg = 3\nhub = 'FR'\n",
+        "vehicle.name = 'k'\n# no newline at the end",
+        "\r\n[vehicle]\r\nname = 'k'\r\n[[weight]]\r\nmass_kg = 3\r\nhub = 'FL'\r\n",
+    ],
+    ids=["inline", "scattered", "dotted", "crlf"],
+)
+def test_other_spellings_are_edited_too(text: str) -> None:
+    weights = (BodyWeight(20.0, -0.5, 0.4, 0.1, 0.02), HubWeight(3.0, Corner.REAR_LEFT))
+    after = with_vehicle(with_weights(text, weights), "car", Structure())
+    assert _bench(after).mass_states[1].added.weights == weights
+    assert _bench(after).vehicle.name == "car"
+
+
+@pytest.mark.parametrize(
+    ("edit", "named"),
+    [
+        (lambda t: with_weights(t, [HubWeight(-1.0, Corner.FRONT_LEFT)]), "weight.0.mass_kg"),
+        (lambda t: with_weights(t, [BodyWeight(1.0, float("nan"), 0.0)]), "weight.0.x_m"),
+        (lambda t: with_facts(t, [Fact("colour", 1.0, 1.0)]), "colour"),
+        (lambda t: with_channel(t, "nose", sign=1), "nose"),
+        (lambda t: with_channel(t, "travel_fl", sign=2), "travel_fl"),
+        (lambda t: with_channel(t, "travel_fl", tare=float("inf")), "tare"),
+        (lambda t: with_campaign(t, (), 1, Method.DROP, 0.04, 3.0), "excitations"),
+        (lambda t: with_campaign(t, (Excitation.ROLL,), 0, Method.DROP, 0.04, 3.0), "repeats"),
+        (lambda t: with_campaign(t, (Excitation.ROLL,), 1, Method.DROP, 0.5, 3.0), "bump_height"),
+        (lambda t: with_vehicle(t + "\n[vehicle", "a", Structure()), "TOML"),
+        (lambda t: with_vehicle(t + "\nodd = 1\n", "a", Structure()), "odd"),
+    ],
+)
+def test_what_a_bench_may_not_say_names_its_field(edit: Callable[[str], Any], named: str) -> None:
+    with pytest.raises(InputError) as error:
+        edit(SHIPPED)
+    assert named in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+_KG = st.floats(1e-3, 1e4)
+_M = st.floats(-10.0, 10.0)
+_WEIGHTS = st.lists(
+    st.one_of(
+        st.builds(BodyWeight, _KG, _M, _M, _M, st.floats(0.0, 10.0)),
+        st.builds(HubWeight, _KG, st.sampled_from(Corner), st.floats(0.0, 10.0)),
+    ),
+    max_size=6,
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(first=_WEIGHTS, second=_WEIGHTS, tare=st.floats(-1e9, 1e9))
+def test_any_number_goes_through_to_the_last_bit(
+    first: list[Any], second: list[Any], tare: float
+) -> None:
+    text = with_weights(with_weights(WRITTEN, first), second)
+    text = with_channel(text, "pitch_rate", tare=tare)
+    bench = _bench(text)
+    assert bench.mass_states[1].added.weights == tuple(second)
+    assert next(c for c in bench.channels if c.name == "pitch_rate").tare == tare
+    assert _comments(text) >= {"Bench of hall 3, ask Erna.", "How we bump:", "more costs a day"}
