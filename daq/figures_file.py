@@ -1,0 +1,68 @@
+"""The recorder's figures as a Prometheus text file, for a node exporter or any other monitoring."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+from prometheus_client import CollectorRegistry, Gauge, write_to_textfile
+
+from .messages import BusState, Status
+
+EVERY_S = 5.0
+
+
+def write_figures(path: Path, status: Status) -> None:
+    """Write the figures of a status; the file is replaced as a whole.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    registry = CollectorRegistry()
+
+    def figure(name: str, help_text: str, value: float) -> None:
+        Gauge(f"bumpbench_{name}", help_text, registry=registry).set(value)
+
+    def family(name: str, help_text: str, label: str, values: dict[str, float]) -> None:
+        gauge = Gauge(f"bumpbench_{name}", help_text, [label], registry=registry)
+        for key, value in values.items():
+            gauge.labels(key).set(value)
+
+    figure("status_seconds", "Wall clock of these figures", status.wall_ns * 1e-9)
+    figure("recorded_frames", "Frames on the disk", status.disk.recorded_frames)
+    figure("lag_seconds", "Age of the oldest frame that is not on the disk", status.disk.lag_s)
+    figure("disk_free_bytes", "Room left on the disk", status.disk.free_bytes)
+    figure("journal_bytes", "Size of the journal", status.disk.journal_bytes)
+    figure("held_frames", "Frames in memory because the disk refuses", status.disk.held_frames)
+    figure("queue_blocks", "Blocks between readers and writer", status.queue.blocks)
+    figure("queue_high_blocks", "The most of them since the start", status.queue.high)
+    figure("sensors_alive", "Messages of the bench that arrive", status.sensors_alive)
+    figure("sensors_expected", "Messages of the bench", status.sensors_expected)
+    figure("viewers", "Clients that look on", status.viewers)
+    family(
+        "lost_frames",
+        "Frames lost, by where",
+        "hop",
+        {field.name: getattr(status.losses, field.name) for field in fields(status.losses)},
+    )
+    family(
+        "alarms",
+        "Alarms that stand, by code",
+        "code",
+        {
+            code: sum(alarm.code == code for alarm in status.alarms)
+            for code in {alarm.code for alarm in status.alarms}
+        },
+    )
+    heard = (BusState.OK, BusState.ERROR_PASSIVE)
+    for name, help_text, value in (
+        ("bus_up", "Whether frames come from the bus", lambda b: b.state in heard),
+        ("bus_load", "Share of the bit rate in use", lambda b: b.load),
+        ("bus_frames", "Frames since the start", lambda b: b.frames),
+        ("bus_error_frames", "Error frames since the start", lambda b: b.error_frames),
+        ("bus_reopened", "How often the bus was opened again", lambda b: b.reopened),
+    ):
+        family(name, help_text, "bus", {bus.name: float(value(bus)) for bus in status.buses})
+    write_to_textfile(str(path), registry)
