@@ -1,0 +1,138 @@
+"""Lines of log that hold nothing up: not when stderr is a full pipe, not when a fault repeats."""
+
+from __future__ import annotations
+
+import logging
+import os
+import stat
+import sys
+import threading
+import time
+from collections import deque
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+
+BURST, PER_S = 5, 60.0
+"""So many lines of one key are written in so long; the others are counted."""
+HELD_LINES = 1000
+MAX_FILE_BYTES = 1_000_000
+_FLUSH_S = 0.5
+
+
+class Log:
+    """Writes lines to stderr or to a file, from a thread of its own.
+
+    What other libraries log, warn of, or die of in a thread comes here as well.
+
+    Parameters
+    ----------
+    path : Path or None
+        A file in place of stderr; begun anew beyond 1 MB.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._bounded = path is not None
+        self._file = sys.stderr.fileno() if path is None else _opened(path)
+        self._lines: deque[str] = deque(maxlen=HELD_LINES)
+        self._dropped = 0
+        self._seen: dict[str, tuple[float, int]] = {}
+        self._lock = threading.Lock()
+        self._fresh, self._closing = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+
+    def __enter__(self) -> Log:
+        self._handler = _Handler(self)
+        self._hook, threading.excepthook = threading.excepthook, self._thread_died
+        # A handler that cannot write must not write about it to the same stderr.
+        logging.raiseExceptions = False
+        logging.captureWarnings(True)
+        logging.getLogger().addHandler(self._handler)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        logging.getLogger().removeHandler(self._handler)
+        logging.captureWarnings(False)
+        logging.raiseExceptions = True
+        threading.excepthook = self._hook
+        self._closing.set()
+        self._fresh.set()
+        self._thread.join(_FLUSH_S)  # behind a full pipe it is left to itself
+        if self._bounded and not self._thread.is_alive():
+            os.close(self._file)
+
+    def line(self, text: str, key: str = "") -> None:
+        """Write a line; those with the same key are limited in number."""
+        from daq.errors import printable
+
+        now_s = time.monotonic()
+        with self._lock:
+            began_s, count = self._seen.get(key, (now_s, 0)) if key else (now_s, 0)
+            if now_s - began_s > PER_S:
+                if count > BURST:
+                    text = f"{text} (and {count - BURST} more of these)"
+                began_s, count = now_s, 0
+            if key:
+                if len(self._seen) > HELD_LINES:
+                    self._seen.clear()
+                self._seen[key] = began_s, count + 1
+            if count >= BURST:
+                return
+            self._dropped += len(self._lines) == HELD_LINES
+            self._lines.append(printable(text, 600))
+        self._fresh.set()
+
+    def _write(self) -> None:
+        while not self._closing.is_set() or self._lines:
+            self._fresh.wait()
+            self._fresh.clear()
+            while self._lines:
+                with self._lock:
+                    text, dropped = self._lines.popleft(), self._dropped
+                    self._dropped = 0
+                if dropped:
+                    text = f"{dropped} lines of log dropped; {text}"
+                with suppress(OSError):  # nobody reads: so be it
+                    if self._bounded and os.fstat(self._file).st_size > MAX_FILE_BYTES:
+                        os.ftruncate(self._file, 0)
+                    os.write(self._file, f"bumpbench: {text}\n".encode())
+
+    def _thread_died(self, died: threading.ExceptHookArgs) -> None:
+        name = died.thread.name if died.thread else "a thread"
+        self.line(f"{name} ended: {died.exc_value!r}", "thread")
+
+
+class _Handler(logging.Handler):
+    def __init__(self, log: Log) -> None:
+        super().__init__(logging.WARNING)
+        self._log = log
+
+    def emit(self, record: logging.LogRecord) -> None:
+        with suppress(Exception):
+            self._log.line(f"{record.name}: {record.getMessage()}", record.name)
+
+
+def _opened(path: Path) -> int:
+    from daq.errors import InputError
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o640)
+        if not stat.S_ISREG(os.fstat(file).st_mode):
+            os.close(file)
+            raise OSError("is not an ordinary file")
+    except OSError as error:
+        what = error.strerror or str(error)
+        raise InputError(str(path), what, "name another file for the log") from error
+    return file
