@@ -1,0 +1,18 @@
+"""Alarms: what is wrong with buses, sensors and the recorder, found by a pure fold."""
+
+from .explained import EXPLAINED, GRAVITY, Explanation
+from .ledger import ALARM, ALARM_END
+from .watch import CLOCK_STEP, AlarmState, Turn, acknowledged, watch
+
+__all__ = [
+    "ALARM",
+    "ALARM_END",
+    "CLOCK_STEP",
+    "EXPLAINED",
+    "GRAVITY",
+    "AlarmState",
+    "Explanation",
+    "Turn",
+    "acknowledged",
+    "watch",
+]

@@ -1,0 +1,257 @@
+"""Each bus: is it there, does it speak, how full is it, and what its controller has met."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch, FrameFlag
+
+from ..error_frames import ControllerState, ErrorTally, tally_error_frames
+from ..messages import BusState, BusStatus
+from ..source import LinkFacts, SourceLosses
+from .symptoms import WINDOW_S, Count, Key, Symptom
+
+_CALM_S = 2.0
+"""A controller that receives and has met no error for so long is no longer error-passive: many
+drivers do not tell."""
+_FAST_DATA = 4
+"""The payload of an FD frame with bit rate switch goes so much faster; the rate is not configured
+here."""
+
+Traffic = tuple[float, int, int, float]
+"""Monotonic time of a turn, good frames, error frames and bits in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class BusWatch:
+    """One bus so far.
+
+    Parameters
+    ----------
+    connected_s, heard_s, good_s : float
+        Monotonic time since which it is connected; of the last frame of any kind; of the last good
+        one.  Both are at least `connected_s`.
+    error_s : float
+        Of the last error frame; minus infinity before the first.
+    frames, error_frames : int
+        Good ones and error frames since the start.
+    recent : tuple of Traffic
+        Turns of the last second, and the one before.
+    last_ns : int
+        Latest time stamp.
+    controller : ControllerState or None
+        As told last, if it was.
+    tx_errors, rx_errors : int or None
+        As told last.
+    said : str
+        The last error frame, in words.
+    losses : SourceLosses
+        At the last turn.
+    """
+
+    connected_s: float
+    heard_s: float
+    good_s: float
+    error_s: float = float("-inf")
+    frames: int = 0
+    error_frames: int = 0
+    recent: tuple[Traffic, ...] = ()
+    last_ns: int = 0
+    controller: ControllerState | None = None
+    tx_errors: int | None = None
+    rx_errors: int | None = None
+    said: str = ""
+    losses: SourceLosses = field(default_factory=SourceLosses)
+
+
+def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
+    """Return the bits that each frame takes on the wire, estimated, (n,).
+
+    A classic frame has 47 bits around its data, 20 more with 29 bits, and a stuff bit in thirty.
+    """
+    data = 8.0 * frames.length
+    fast = frames.flags & np.uint16(FrameFlag.BITRATE_SWITCH)
+    if np.count_nonzero(fast):
+        data /= np.where(fast, _FAST_DATA, 1)
+    extended = frames.flags & np.uint16(FrameFlag.EXTENDED)
+    return np.asarray((47 + 20 * extended + data) * (31 / 30))
+
+
+def advance_buses(
+    watches: Sequence[BusWatch], links: Sequence[LinkFacts], batch: FrameBatch, now_s: float
+) -> tuple[tuple[BusWatch, ...], dict[Key, Count]]:
+    """Take in a block.
+
+    Parameters
+    ----------
+    watches : sequence of BusWatch
+        As returned before; empty at first.
+    links : sequence of LinkFacts
+        The buses, in the order of their numbers.
+    batch : FrameBatch
+        The block.
+    now_s : float
+        Monotonic time, s.
+
+    Returns
+    -------
+    watches, counts
+        Of each bus; what happened in this turn.
+    """
+    counts: dict[Key, Count] = {}
+    bits = wire_bits(batch)
+    done = []
+    for number, link in enumerate(links):
+        watch = (
+            watches[number]
+            if number < len(watches)
+            else BusWatch(now_s, now_s, now_s, losses=link.losses)
+        )
+        own = batch.bus == number
+        if not own.all():
+            rows = np.flatnonzero(own)
+            done.append(_advance(watch, link, batch.select(rows), bits[rows], now_s, counts))
+        else:
+            done.append(_advance(watch, link, batch, bits, now_s, counts))
+    return tuple(done), counts
+
+
+def _advance(
+    watch: BusWatch,
+    link: LinkFacts,
+    frames: FrameBatch,
+    bits: NDArray[np.float64],
+    now_s: float,
+    counts: dict[Key, Count],
+) -> BusWatch:
+    n, name = len(frames), link.name
+    error_rows = np.flatnonzero(frames.flags & np.uint16(FrameFlag.ERROR))
+    good = n - len(error_rows)
+    tally = tally_error_frames(frames.select(error_rows)) if len(error_rows) else None
+    back = 0
+    if n:
+        back = int(np.count_nonzero(frames.t_ns[1:] < frames.t_ns[:-1]))
+        back += int(frames.t_ns[0]) < watch.last_ns
+    lost = {
+        code: getattr(link.losses, field) - getattr(watch.losses, field)
+        for code, field in (
+            ("overrun", "dropped"),
+            ("garbled", "garbled"),
+            ("restamped", "restamped"),
+        )
+    }
+    said = tally.text if tally else ""
+    numbers = {
+        **lost,
+        "overrun": lost["overrun"] + (tally.overruns if tally else 0),
+        "time_back": back,
+        "error_frames": len(error_rows),
+        "bus_off": tally.bus_off if tally else 0,
+    }
+    for code, number in numbers.items():
+        if number > 0:
+            counts[code, name] = Count(number, said if code in ("error_frames", "bus_off") else "")
+    connected_s = watch.connected_s if link.connected else now_s
+    earlier = [turn for turn in watch.recent if turn[0] <= now_s - WINDOW_S][-1:]
+    within = [turn for turn in watch.recent if turn[0] > now_s - WINDOW_S]
+    bits_sent = float(bits.sum()) - float(bits[error_rows].sum())
+    told = replace(
+        watch,
+        connected_s=connected_s,
+        heard_s=now_s if n else max(watch.heard_s, connected_s),
+        good_s=now_s if good else max(watch.good_s, connected_s),
+        error_s=now_s if tally else watch.error_s,
+        frames=watch.frames + good,
+        error_frames=watch.error_frames + len(error_rows),
+        recent=(*earlier, *within, (now_s, good, len(error_rows), bits_sent)),
+        last_ns=int(frames.t_ns[-1]) if n else watch.last_ns,
+        said=said or watch.said,
+        losses=link.losses,
+    )
+    if not link.connected:  # whoever comes back begins anew
+        return replace(told, controller=None, tx_errors=None, rx_errors=None)
+    return _controller(told, tally, error_rows, n, now_s)
+
+
+def _controller(
+    watch: BusWatch,
+    tally: ErrorTally | None,
+    error_rows: NDArray[np.intp],
+    n: int,
+    now_s: float,
+) -> BusWatch:
+    """Keep the state of the controller: what it told, and what can be seen."""
+    state, tx, rx = watch.controller, watch.tx_errors, watch.rx_errors
+    row = -1
+    if tally is not None:
+        if tally.state is not None:
+            state, row = tally.state, int(error_rows[tally.state_row])
+        tx = tally.tx_errors if tally.tx_errors is not None else tx
+        rx = tally.rx_errors if tally.rx_errors is not None else rx
+    received_after = n - 1 - row - int(np.count_nonzero(error_rows > row)) > 0
+    calm = now_s - watch.error_s >= _CALM_S and watch.good_s > watch.error_s
+    proven = received_after if state is ControllerState.BUS_OFF else calm
+    if state is not None and proven:
+        state, tx, rx = ControllerState.ACTIVE, None, None
+    return replace(watch, controller=state, tx_errors=tx, rx_errors=rx)
+
+
+def bus_status(watch: BusWatch, link: LinkFacts, silent_s: float, now_s: float) -> BusStatus:
+    """Return how a bus is doing."""
+    first = watch.recent[0]
+    span_s = max(now_s - first[0], WINDOW_S / 10)
+    return BusStatus(
+        name=link.name,
+        state=_state(watch, link, silent_s, now_s),
+        load=sum(turn[3] for turn in watch.recent[1:]) / span_s / link.bitrate,
+        frames_per_s=sum(turn[1] for turn in watch.recent[1:]) / span_s,
+        frames=watch.frames,
+        error_frames=watch.error_frames,
+        reopened=link.reopened,
+        tx_errors=watch.tx_errors,
+        rx_errors=watch.rx_errors,
+    )
+
+
+def _state(watch: BusWatch, link: LinkFacts, silent_s: float, now_s: float) -> BusState:
+    if not link.connected:
+        return BusState.DISCONNECTED
+    if watch.controller is ControllerState.BUS_OFF:
+        return BusState.BUS_OFF
+    if now_s - watch.good_s >= silent_s:
+        return BusState.SILENT
+    if watch.controller is ControllerState.PASSIVE:
+        return BusState.ERROR_PASSIVE
+    return BusState.OK
+
+
+def bus_symptoms(
+    watch: BusWatch, link: LinkFacts, status: BusStatus, silent_s: float, now_s: float
+) -> list[Symptom]:
+    """Return what is wrong with a bus as a state; what is counted comes by the window."""
+    name = link.name
+    if status.state is BusState.DISCONNECTED:
+        return [Symptom("disconnected", name, link.error or "not connected", advice=link.advice)]
+    if status.state is BusState.BUS_OFF:
+        return [Symptom("bus_off", name, watch.said)]
+    found = []
+    if status.state is BusState.SILENT:
+        errors = sum(turn[2] for turn in watch.recent)
+        waited = f"{now_s - watch.good_s:.1f} s"
+        if errors:
+            text = f"{errors} error frames in the last second and no good frame for {waited}"
+            found.append(Symptom("check_bitrate", name, text))
+        else:
+            found.append(Symptom("bus_silent", name, f"no frame for {waited}"))
+    if watch.controller is ControllerState.PASSIVE:
+        counted = (
+            f"{watch.tx_errors} transmit and {watch.rx_errors} receive errors counted"
+            if watch.tx_errors is not None
+            else watch.said
+        )
+        found.append(Symptom("error_passive", name, counted))
+    return found

@@ -1,0 +1,310 @@
+"""Each message: does it come, is it whole, and what comes that is in no DBC."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from dbc import Codec
+from dbc.frames import FrameBatch, FrameFlag
+from dbc.layout import MessageLayout
+from dbc.samples import Decoded, Quality
+
+from ..health import HealthState
+from .symptoms import Count, Key, Symptom
+
+STALE_PERIODS = 5.0
+_LEAST_TIMEOUT_S = 0.5
+"""Blocks come ten times a second, so less cannot be told from a late block."""
+_UNKNOWN_PERIOD_S = 2.0
+_LEARN_FRAMES, _LEARN_S = 20, 2.0
+_REGULAR_PERIODS, _REGULAR_S = 3.0, 0.25
+_FORGET_S = 60.0
+"""A message that no channel needs and that stays away so long has ended, not failed."""
+_SHOWN_IDS = 6
+_KNOWN_IDS = 256
+"""So many unknown identifiers are counted by name."""
+_RECENT_S = 2.0
+_EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40
+
+
+@dataclass(frozen=True, slots=True)
+class MessageWatch:
+    """One message of the DBC so far.
+
+    Parameters
+    ----------
+    seen_s : float
+        Monotonic time of the turn that brought the last frame.
+    period_s : float or None
+        Stated in the DBC, or learned; None for what comes when it likes.
+    learn_s, learn_frames : float, int
+        Since when, and from how many frames, the period is being learned.
+    buses : mapping of int to float
+        When it was last seen on each bus.
+    """
+
+    seen_s: float
+    period_s: float | None
+    learn_s: float
+    learn_frames: int
+    buses: Mapping[int, float]
+
+    @property
+    def timeout_s(self) -> float | None:
+        """How long it may stay away."""
+        if self.period_s is None:
+            return None
+        return max(STALE_PERIODS * self.period_s, _LEAST_TIMEOUT_S)
+
+
+@dataclass(frozen=True, slots=True)
+class Stranger:
+    """An identifier that is not in the DBC: frames so far, in the last turn, and its last turn."""
+
+    frames: int
+    rate_hz: float
+    seen_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class MessagesWatch:
+    """All traffic by identifier so far; the default is the state before any.
+
+    Parameters
+    ----------
+    began_s : float or None
+        Monotonic time of the first turn that brought frames.
+    turn_s : float
+        Of the last turn.
+    known : mapping of message name to MessageWatch
+        Messages of the DBC that came.
+    strangers : mapping of (bus, identifier, is_extended) to Stranger
+        Others.
+    missing : mapping of message name to int
+        Frames missing by the counter, at the last turn.
+    """
+
+    began_s: float | None = None
+    turn_s: float = 0.0
+    known: Mapping[str, MessageWatch] = field(default_factory=lambda: MappingProxyType({}))
+    strangers: Mapping[tuple[int, int, bool], Stranger] = field(
+        default_factory=lambda: MappingProxyType({})
+    )
+    missing: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+
+
+def advance_messages(
+    watch: MessagesWatch,
+    codec: Codec,
+    batch: FrameBatch,
+    decoded: Decoded | None,
+    health: HealthState,
+    now_s: float,
+) -> tuple[MessagesWatch, dict[Key, Count]]:
+    """Take in a block; return the state after it and what happened in it."""
+    counts: dict[Key, Count] = {}
+    known, strangers = dict(watch.known), dict(watch.strangers)
+    turn_s = max(now_s - watch.turn_s, 1e-3) if watch.turn_s else 1.0
+    for bus, can_id, is_extended, length, frames in _distinct(batch):
+        layout = codec.find(can_id, is_extended)
+        if layout is None:
+            key = (bus, can_id, is_extended)
+            before = strangers.get(key)
+            if before is None and len(strangers) >= _KNOWN_IDS:
+                continue
+            if before is None or before.seen_s < now_s:
+                so_far = before.frames if before else 0
+                strangers[key] = Stranger(so_far + frames, frames / turn_s, now_s)
+            else:  # the same identifier with another length
+                strangers[key] = replace(
+                    before,
+                    frames=before.frames + frames,
+                    rate_hz=before.rate_hz + frames / turn_s,
+                )
+            continue
+        known[layout.name] = _seen(known.get(layout.name), layout, bus, frames, now_s)
+        if length != layout.length:
+            earlier = counts.get(("wrong_length", layout.name), Count(0)).number
+            says = f"{length} bytes; the DBC says {layout.length}"
+            counts["wrong_length", layout.name] = Count(earlier + frames, says)
+    for key, stranger in watch.strangers.items():
+        if now_s - stranger.seen_s > _FORGET_S and strangers[key] is stranger:
+            del strangers[key]
+    if decoded is not None:
+        counts.update(_bad_checksums(codec.messages, decoded))
+    missing = {name: counter.missing for name, counter in health.counters.items()}
+    for name, number in missing.items():
+        if (gap := number - watch.missing.get(name, 0)) > 0:
+            counts["counter_gap", name] = Count(gap)
+    began_s = watch.began_s if watch.began_s is not None or not len(batch) else now_s
+    after = MessagesWatch(
+        began_s,
+        now_s,
+        MappingProxyType(known),
+        MappingProxyType(strangers),
+        MappingProxyType(missing),
+    )
+    return after, counts
+
+
+def _distinct(batch: FrameBatch) -> list[tuple[int, int, bool, int, int]]:
+    """Return bus, identifier, width, length and number of the different data frames."""
+    special = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
+    key = batch.can_id.astype(np.int64)
+    key |= batch.bus.astype(np.int64) << _BUS_SHIFT
+    key |= batch.length.astype(np.int64) << _LENGTH_SHIFT
+    if np.count_nonzero(batch.flags):
+        key |= (batch.flags & np.uint16(FrameFlag.EXTENDED)).astype(np.int64) << _EXTENDED_BIT
+        key = key[(batch.flags & special) == 0]
+    keys, numbers = np.unique(key, return_counts=True)
+    return [
+        (
+            each >> _BUS_SHIFT & 0xFF,
+            each & ((1 << _EXTENDED_BIT) - 1),
+            bool(each >> _EXTENDED_BIT & 1),
+            each >> _LENGTH_SHIFT,
+            number,
+        )
+        for each, number in zip(keys.tolist(), numbers.tolist(), strict=True)
+    ]
+
+
+def _seen(
+    before: MessageWatch | None, layout: MessageLayout, bus: int, frames: int, now_s: float
+) -> MessageWatch:
+    if before is None:
+        return MessageWatch(now_s, layout.cycle_s, now_s, 0, MappingProxyType({bus: now_s}))
+    buses = MappingProxyType({**before.buses, bus: now_s})
+    if before.period_s is not None:
+        return replace(before, seen_s=now_s, buses=buses)
+    learn_s, learn_frames = before.learn_s, before.learn_frames + frames
+    span_s = now_s - learn_s
+    period_s = None
+    if now_s - before.seen_s > max(_REGULAR_PERIODS * span_s / learn_frames, _REGULAR_S):
+        learn_s, learn_frames = now_s, 0
+    elif learn_frames >= _LEARN_FRAMES and span_s >= _LEARN_S:
+        period_s = span_s / learn_frames
+    return MessageWatch(now_s, period_s, learn_s, learn_frames, buses)
+
+
+def _bad_checksums(messages: Sequence[MessageLayout], decoded: Decoded) -> dict[Key, Count]:
+    if not decoded.counts.crc_bad:
+        return {}
+    counts: dict[Key, Count] = {}
+    for message in messages:
+        samples = decoded.samples.get(f"{message.name}.{message.crc}") if message.crc else None
+        if samples is not None:
+            bad = int(np.count_nonzero(samples.quality & np.uint8(Quality.CRC_BAD)))
+            if bad:
+                counts["crc_bad", message.name] = Count(bad)
+    return counts
+
+
+def message_symptoms(
+    watch: MessagesWatch,
+    codec: Codec,
+    expected: Sequence[str],
+    names: Sequence[str],
+    well: Sequence[bool],
+    now_s: float,
+) -> list[Symptom]:
+    """Return what is wrong with the traffic as a state.
+
+    Parameters
+    ----------
+    watch : MessagesWatch
+        So far.
+    codec : Codec
+        The DBC.
+    expected : sequence of str
+        Messages that carry channels of the bench.
+    names : sequence of str
+        Of the buses.
+    well : sequence of bool
+        Whether each bus is connected and speaks: on others every message is silent.
+    now_s : float
+        Monotonic time, s.
+    """
+    recent = {
+        key: each for key, each in watch.strangers.items() if now_s - each.seen_s <= _RECENT_S
+    }
+    found = _stranger_symptoms(recent, codec, names)
+    heard = any(now_s - each.seen_s <= _RECENT_S for each in watch.known.values())
+    if recent and not heard:
+        first = ", ".join(_id_text(key) for key in list(recent)[:_SHOWN_IDS])
+        text = f"no frame of a message of the DBC for {_RECENT_S:g} s, but {first}"
+        return [Symptom("none_of_dbc", "", text), *found]
+    for name, each in watch.known.items():
+        found += _known_symptoms(name, each, name in expected, names, well, now_s)
+    if watch.began_s is not None and any(well):
+        for name in expected:
+            cycle_s = codec.message(name).cycle_s or _UNKNOWN_PERIOD_S / STALE_PERIODS
+            waited_s = now_s - watch.began_s
+            if name not in watch.known and waited_s > max(STALE_PERIODS * cycle_s, 1.0):
+                text = f"no frame since the recorder listens ({waited_s:.0f} s)"
+                found.append(Symptom("stale", name, text))
+    return found
+
+
+def _known_symptoms(
+    name: str,
+    each: MessageWatch,
+    is_expected: bool,
+    names: Sequence[str],
+    well: Sequence[bool],
+    now_s: float,
+) -> list[Symptom]:
+    found: list[Symptom] = []
+    away_s, timeout_s = now_s - each.seen_s, each.timeout_s
+    home = max(each.buses, key=lambda bus: each.buses[bus])
+    is_well = home < len(well) and well[home]
+    ended = away_s > _FORGET_S and not is_expected
+    if timeout_s is not None and away_s > timeout_s and is_well and not ended:
+        assert each.period_s is not None  # as it has a timeout
+        text = f"no frame for {away_s:.1f} s; one is due every {1e3 * each.period_s:.3g} ms"
+        found.append(Symptom("stale", name, text))
+    on = [bus for bus, seen_s in each.buses.items() if now_s - seen_s <= _RECENT_S]
+    if len(on) > 1:
+        where = " and ".join(names[bus] if bus < len(names) else str(bus) for bus in sorted(on))
+        found.append(Symptom("mixed_id", name, f"comes from {where} at the same time"))
+    return found
+
+
+def _stranger_symptoms(
+    recent: Mapping[tuple[int, int, bool], Stranger], codec: Codec, names: Sequence[str]
+) -> list[Symptom]:
+    found: list[Symptom] = []
+    for key in recent:
+        twin = codec.find(key[1], not key[2])
+        if twin is not None and len(found) < _SHOWN_IDS:
+            bits = (29, 11) if key[2] else (11, 29)
+            text = f"{key[1]:#x} comes with {bits[0]} bits; the DBC has it with {bits[1]}"
+            found.append(Symptom("mixed_id", twin.name, text))
+    for bus in sorted({key[0] for key in recent}):
+        here = sorted(
+            ((key, each) for key, each in recent.items() if key[0] == bus),
+            key=lambda item: -item[1].frames,
+        )
+        shown = ", ".join(f"{_id_text(k)} ({e.rate_hz:.0f} Hz)" for k, e in here[:_SHOWN_IDS])
+        more = f" and {len(here) - _SHOWN_IDS} more" if len(here) > _SHOWN_IDS else ""
+        name = names[bus] if bus < len(names) else str(bus)
+        text = f"{len(here)} identifiers are not in the DBC: {shown}{more}"
+        found.append(Symptom("unknown_id", name, text))
+    return found
+
+
+def _id_text(key: tuple[int, int, bool]) -> str:
+    return f"{key[1]:#x}" + ("x" if key[2] else "")
+
+
+def alive(watch: MessagesWatch, expected: Sequence[str], now_s: float) -> int:
+    """Return how many of the expected messages come."""
+    return sum(
+        name in watch.known
+        and now_s - watch.known[name].seen_s <= (watch.known[name].timeout_s or _UNKNOWN_PERIOD_S)
+        for name in expected
+    )

@@ -1,0 +1,199 @@
+"""Each channel: no number, out of range, at the end of its range, or frozen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from dbc.samples import UNUSABLE, Decoded, Quality, Samples
+
+from ..channels import TIME_DERIVATIVE, Quantity
+from ..mapping import MappedChannel
+from .symptoms import Count, Key, Symptom
+
+STUCK_SAMPLES = 20
+_STUCK_S = 0.8
+"""A fine sensor that stands quite still for so long is frozen."""
+_STUCK_MOVING_TURNS = 3
+_MOVING_STEPS = 20.0
+"""Others move if they move by so many steps of this channel within one turn."""
+_FINE = {"m/s2": 0.05, "rad/s": 0.01, "rad/s2": 0.05}
+"""The noise of a sensor with finer steps than this never lets its lowest bit rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a channel can say, in the signal's unit; `step` in the channel's."""
+
+    low: float
+    high: float
+    step: float
+    is_fine: bool
+    range_text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """The run of equal samples that a channel is in.
+
+    Parameters
+    ----------
+    value : float
+        The signal's value.
+    since_ns : int
+        Time stamp of the run's first sample.
+    samples : int
+        How many.
+    until_ns : int
+        Time stamp of its last.
+    moving : int
+        Turns within the run in which others moved.
+    """
+
+    value: float
+    since_ns: int
+    samples: int
+    until_ns: int
+    moving: int
+
+
+@dataclass(frozen=True, slots=True)
+class SignalsWatch:
+    """All channels so far; the default is the state before any.
+
+    Parameters
+    ----------
+    mapped : sequence of MappedChannel
+        Those that `limits` are of.
+    limits : mapping of channel name to Limits
+        Of channels that are used.
+    standing : mapping of channel name to Standing
+        Of those that came.
+    overloaded : tuple of str
+        Channels that were saturated since the last acknowledgement.
+    """
+
+    mapped: Sequence[MappedChannel] = ()
+    limits: Mapping[str, Limits] = field(default_factory=lambda: MappingProxyType({}))
+    standing: Mapping[str, Standing] = field(default_factory=lambda: MappingProxyType({}))
+    overloaded: tuple[str, ...] = ()
+
+
+def limits_of(mapped: MappedChannel) -> Limits:
+    """Return what a channel can say.
+
+    The end of its range is where its bits end, or where the DBC's range ends if that is narrower:
+    a sensor of 16 bits that measures to 4 g stops there.
+    """
+    signal = mapped.message.signal(mapped.channel.signal.partition(".")[2])
+    low, high = signal.span
+    least, most = signal.minimum, signal.maximum
+    if least is not None and most is not None and least < most:
+        low, high = max(low, least), min(high, most)
+    if signal.length == 1:
+        low, high = float("-inf"), float("inf")
+    step = abs(mapped.factor * mapped.channel.gain * (0.0 if signal.is_float else signal.factor))
+    moves = TIME_DERIVATIVE.get(mapped.channel.quantity, 0) > 0
+    is_fine = moves and step < _FINE.get(mapped.channel.unit, 0.0)
+    return Limits(low, high, step, is_fine, f"{low:g} to {high:g} {signal.unit}".rstrip())
+
+
+def advance_signals(
+    watch: SignalsWatch, mapped: Sequence[MappedChannel], decoded: Decoded | None
+) -> tuple[SignalsWatch, dict[Key, Count]]:
+    """Take in a block; return the state after it and what happened in it."""
+    used = [m for m in mapped if m.channel.quantity is not Quantity.UNUSED]
+    limits = (
+        watch.limits
+        if watch.mapped is mapped
+        else MappingProxyType({m.channel.name: limits_of(m) for m in used})
+    )
+    counts: dict[Key, Count] = {}
+    standing = dict(watch.standing) if watch.mapped is mapped else {}
+    motion: dict[str, float] = {}
+    ends: dict[str, tuple[Samples, float, float]] = {}
+    for m in used:
+        samples = decoded.samples.get(m.channel.signal) if decoded else None
+        if samples is None or not len(samples.t_ns):
+            continue
+        name = m.channel.name
+        low, high = float(samples.value.min()), float(samples.value.max())
+        if not (np.isfinite(low) and np.isfinite(high)) or samples.quality.any():
+            samples, low, high = _sift(name, samples, limits[name], counts)
+            if not len(samples.t_ns):
+                standing.pop(name, None)
+                continue
+        limit = limits[name]
+        # Zero is where many an unsigned signal rests.
+        if (low <= limit.low and low != 0) or (high >= limit.high and high != 0):
+            value = samples.value
+            at_end = np.count_nonzero(((value <= limit.low) | (value >= limit.high)) & (value != 0))
+            counts["saturated", name] = Count(int(at_end), limit.range_text)
+        motion[name] = (high - low) * abs(m.factor * m.channel.gain)
+        ends[name] = (samples, low, high)
+    for m in used:
+        name = m.channel.name
+        if name in ends:
+            others = (
+                motion[o.channel.name] > _MOVING_STEPS * limits[name].step > 0
+                for o in used
+                if o.channel.name in motion
+                and o.channel.name != name
+                and o.channel.quantity is m.channel.quantity
+            )
+            standing[name] = _stand(standing.get(name), *ends[name], any(others))
+    lit = [*watch.overloaded, *(name for code, name in counts if code == "saturated")]
+    return SignalsWatch(
+        mapped, limits, MappingProxyType(standing), tuple(dict.fromkeys(lit))
+    ), counts
+
+
+def _sift(
+    name: str, samples: Samples, limit: Limits, counts: dict[Key, Count]
+) -> tuple[Samples, float, float]:
+    """Count what is wrong with samples, and return those that are numbers and can be used."""
+    quality, value = samples.quality, samples.value
+    usable = (quality & np.uint8(UNUSABLE)) == 0
+    finite = np.isfinite(value)
+    for code, rows in (
+        ("no_value", (quality & np.uint8(Quality.SENTINEL)) != 0),
+        ("not_a_number", usable & ~finite),
+        ("out_of_range", usable & ((quality & np.uint8(Quality.OUT_OF_RANGE)) != 0)),
+    ):
+        if number := int(np.count_nonzero(rows)):
+            counts[code, name] = Count(number, limit.range_text if code == "out_of_range" else "")
+    good = np.flatnonzero(usable & finite)
+    kept = Samples(samples.channel, samples.t_ns[good], value[good], quality[good])
+    if not len(good):
+        return kept, 0.0, 0.0
+    return kept, float(kept.value.min()), float(kept.value.max())
+
+
+def _stand(
+    before: Standing | None, samples: Samples, low: float, high: float, others_move: bool
+) -> Standing:
+    last_ns, n = int(samples.t_ns[-1]), len(samples.t_ns)
+    if low == high and before is not None and before.value == low:
+        moving = before.moving + others_move
+        return Standing(low, before.since_ns, before.samples + n, last_ns, moving)
+    if low == high:
+        return Standing(low, int(samples.t_ns[0]), n, last_ns, int(others_move))
+    return Standing(float(samples.value[-1]), last_ns, 1, last_ns, 0)
+
+
+def signal_symptoms(watch: SignalsWatch) -> list[Symptom]:
+    """Return which channels are frozen."""
+    found = []
+    for name, each in watch.standing.items():
+        still_s = (each.until_ns - each.since_ns) * 1e-9
+        if each.samples < STUCK_SAMPLES:
+            continue
+        says = f"{each.samples} samples in a row are {each.value:.6g}"
+        if each.moving >= _STUCK_MOVING_TURNS:
+            found.append(Symptom("stuck", name, f"{says} while others move"))
+        elif watch.limits[name].is_fine and still_s >= _STUCK_S:
+            found.append(Symptom("stuck", name, f"{says}: not even noise for {still_s:.1f} s"))
+    return found

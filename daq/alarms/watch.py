@@ -1,0 +1,207 @@
+"""The watch: a pure fold over the turns of a recorder, ten a second."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+from dbc import Codec
+from dbc.frames import FrameBatch
+from dbc.samples import Decoded
+
+from ..config import RecorderConfig
+from ..health import HealthState
+from ..mapping import MappedChannel
+from ..messages import Alarm, BusState, BusStatus, DiskStatus, QueueStatus
+from ..now import Now
+from ..runs import Event
+from ..source import HopLosses, LinkFacts
+from .buses import BusWatch, advance_buses, bus_status, bus_symptoms
+from .host import CLOCK_STEP_S, dropped_since, host_symptoms
+from .ledger import Ledger
+from .messages import MessagesWatch, advance_messages, alive, message_symptoms
+from .signals import SignalsWatch, advance_signals, signal_symptoms
+from .symptoms import Symptom, Window
+
+CLOCK_STEP = "clock_step"
+"""Code of the event that marks a step of the host's clock; its value is the step, s."""
+_CLOCK_SHOWN_S = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """What one turn of the recorder brings.
+
+    Parameters
+    ----------
+    now : Now
+        The host's clocks.
+    batch : FrameBatch
+        Frames received; may be empty.
+    decoded : Decoded or None
+        What they say; None if they were not decoded.
+    health : HealthState
+        The sensors' counters after this block.
+    links : sequence of LinkFacts
+        The buses in the order of their numbers.
+    hops : HopLosses
+        Cumulative counts.
+    disk, queue : DiskStatus, QueueStatus
+        As published.
+    failed : mapping of str to str
+        Parts of the recorder that were switched off after errors, and why.
+    """
+
+    now: Now
+    batch: FrameBatch
+    decoded: Decoded | None
+    health: HealthState
+    links: Sequence[LinkFacts]
+    hops: HopLosses
+    disk: DiskStatus
+    queue: QueueStatus
+    failed: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmState:
+    """The watch so far; the default is the state before any turn.
+
+    Parameters
+    ----------
+    buses : tuple of BusStatus
+        How each bus is doing.
+    sensors_alive, sensors_expected : int
+        Messages that carry channels of the bench.
+    ledger, window, bus_watches, messages, signals
+        What the next turn needs.
+    clock_offset_s : float or None
+        Wall clock minus monotonic clock, as it was last taken for right.
+    clock_step_s, clock_stepped_s : float
+        The last step, and its monotonic time.
+    queue_dropped, t_ns : int
+        At the last turn.
+    """
+
+    buses: tuple[BusStatus, ...] = ()
+    sensors_alive: int = 0
+    sensors_expected: int = 0
+    ledger: Ledger = field(default_factory=Ledger)
+    window: Window = field(default_factory=Window)
+    bus_watches: tuple[BusWatch, ...] = ()
+    messages: MessagesWatch = field(default_factory=MessagesWatch)
+    signals: SignalsWatch = field(default_factory=SignalsWatch)
+    clock_offset_ns: int | None = None
+    clock_step_s: float = 0.0
+    clock_stepped_s: float = float("-inf")
+    queue_dropped: int = 0
+    t_ns: int = 0
+
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """What is wrong now, in order of gravity."""
+        return self.ledger.alarms
+
+    @property
+    def overloaded(self) -> tuple[str, ...]:
+        """Channels that touched the end of their range since `acknowledged`."""
+        return self.signals.overloaded
+
+
+def watch(
+    config: RecorderConfig,
+    codec: Codec,
+    mapped: Sequence[MappedChannel],
+    state: AlarmState,
+    turn: Turn,
+) -> tuple[AlarmState, tuple[Event, ...]]:
+    """Take in one turn.
+
+    Parameters
+    ----------
+    config : RecorderConfig
+        Limits.
+    codec : Codec
+        The bench's DBC.
+    mapped : sequence of MappedChannel
+        The bench's channels; the same object each turn, as long as they are the same.
+    state : AlarmState
+        As returned before; `AlarmState()` at first.
+    turn : Turn
+        What happened.
+
+    Returns
+    -------
+    state : AlarmState
+        After it.
+    events : tuple of Event
+        `alarm` and `alarm_end` with the text "CODE SUBJECT: TEXT", and `clock_step`.
+    """
+    now_s = turn.now.monotonic_s
+    t_ns = int(turn.batch.t_ns[-1]) if len(turn.batch) else state.t_ns or turn.now.wall_ns
+    buses, bus_counts = advance_buses(state.bus_watches, turn.links, turn.batch, now_s)
+    messages, message_counts = advance_messages(
+        state.messages, codec, turn.batch, turn.decoded, turn.health, now_s
+    )
+    signals, signal_counts = advance_signals(state.signals, mapped, turn.decoded)
+    dropped = dropped_since(state.queue_dropped, turn.hops.queue_dropped)
+    window = state.window.advanced(
+        now_s, {**bus_counts, **message_counts, **signal_counts, **dropped}
+    )
+    state, events = _clock(state, turn.now, t_ns)
+
+    silent_s = config.silent_s
+    pairs = list(zip(buses, turn.links, strict=True))
+    statuses = tuple(bus_status(each, link, silent_s, now_s) for each, link in pairs)
+    well = [status.state in (BusState.OK, BusState.ERROR_PASSIVE) for status in statuses]
+    expected = tuple(dict.fromkeys(m.message.name for m in mapped))
+    names = [link.name for link in turn.links]
+    symptoms = host_symptoms(config, turn.disk, turn.queue, turn.failed)
+    for (each, link), status in zip(pairs, statuses, strict=True):
+        symptoms += bus_symptoms(each, link, status, silent_s, now_s)
+    symptoms += message_symptoms(messages, codec, expected, names, well, now_s)
+    symptoms += signal_symptoms(signals)
+    if now_s - state.clock_stepped_s <= _CLOCK_SHOWN_S:
+        text = f"the host's clock was set by {state.clock_step_s:+.3f} s"
+        symptoms.append(Symptom("clock_step", "", text, int(now_s == state.clock_stepped_s)))
+    ledger, told = state.ledger.advanced(_merged(symptoms, window.symptoms(now_s)), turn.now, t_ns)
+    after = replace(
+        state,
+        buses=statuses,
+        sensors_alive=alive(messages, expected, now_s),
+        sensors_expected=len(expected),
+        ledger=ledger,
+        window=window,
+        bus_watches=buses,
+        messages=messages,
+        signals=signals,
+        queue_dropped=turn.hops.queue_dropped,
+        t_ns=t_ns,
+    )
+    return after, (*events, *told)
+
+
+def acknowledged(state: AlarmState) -> AlarmState:
+    """Return the state with the overload lamps out."""
+    return replace(state, signals=replace(state.signals, overloaded=()))
+
+
+def _merged(states: Sequence[Symptom], counted: Sequence[Symptom]) -> list[Symptom]:
+    """Give a state that is counted, too (bus-off), its count."""
+    numbers = {(each.code, each.subject): each.new for each in counted}
+    kept = [replace(s, new=s.new + numbers.get((s.code, s.subject), 0)) for s in states]
+    return [*kept, *counted]
+
+
+def _clock(state: AlarmState, now: Now, t_ns: int) -> tuple[AlarmState, tuple[Event, ...]]:
+    offset_ns = now.wall_ns - round(now.monotonic_s * 1e9)
+    if state.clock_offset_ns is None:
+        return replace(state, clock_offset_ns=offset_ns), ()
+    step_s = (offset_ns - state.clock_offset_ns) * 1e-9
+    if abs(step_s) <= CLOCK_STEP_S:
+        return state, ()
+    event = Event(t_ns, CLOCK_STEP, step_s, "the host's clock was set")
+    return replace(
+        state, clock_offset_ns=offset_ns, clock_step_s=step_s, clock_stepped_s=now.monotonic_s
+    ), (event,)
