@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
+import select
 import socket
 import sys
 import time
@@ -34,6 +36,9 @@ and carry on (an interface that was down for a moment)."""
 GARBLED_UNTIL_GONE = 10_000
 """Unreadable pieces in a row, without a pause, after which there is nothing to be had."""
 FAULT_PAUSE_S = 0.02
+_POLL_S = 0.002
+_WALL_CLOCK_WAITS = frozenset({"pcan", "vector", "iscan", "canalystii", "robotell"})
+"""Interfaces whose backends wait by the wall clock: set back an hour, they would wait an hour."""
 RECEIVE_BUFFER_BYTES = 8 << 20
 _SO_RCVBUFFORCE = 33
 _IP_MULTICAST_ALL = 49
@@ -76,7 +81,8 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
     if config.interface == "socketcan" and sys.platform == "linux" and sys.maxsize > 1 << 32:
         with _one_line(config):
             return open_socketcan(config.channel, bus)
-    return PythonCanSource(open_bus(config), _name(config), bus)
+    opened = open_bus(config)
+    return PythonCanSource(opened, _name(config), bus, doze=_doze_for(opened, config.interface))
 
 
 def open_bus(config: BusConfig) -> can.BusABC:
@@ -152,8 +158,30 @@ def _tune_socket(bus: can.BusABC) -> None:
                 twin.setsockopt(level, option, value)
 
 
+Doze = Callable[[float], object]
+"""Sleeps for so many seconds, or until a frame may be there."""
+
+
+def _doze_for(bus: can.BusABC, interface: str) -> Doze | None:
+    """Return how to wait for a bus from outside; None if its backend can be trusted to wait."""
+    try:
+        descriptor = bus.fileno()
+    except Exception:  # not implemented, or only on another system
+        descriptor = -1
+    if descriptor >= 0 and hasattr(select, "poll"):
+        poll = select.poll()
+        poll.register(descriptor, select.POLLIN)
+        return lambda left_s: poll.poll(math.ceil(left_s * 1e3))
+    if interface in _WALL_CLOCK_WAITS:
+        return lambda left_s: time.sleep(min(left_s, _POLL_S))
+    return None
+
+
 class PythonCanSource:
     """A python-can bus read in blocks.
+
+    `BusABC.recv` measures its timeout by the wall clock: set back an hour in mid-wait, it waits
+    for another hour.  So it is the backend's `_recv_internal` that is called here.
 
     Parameters
     ----------
@@ -165,6 +193,9 @@ class PythonCanSource:
         The number its frames carry.
     now_ns : callable
         The host's clock, ns since 1970.
+    doze : callable or None
+        Waits in the backend's place, which is asked only for what is there; None leaves the
+        waiting to the backend.
     """
 
     def __init__(
@@ -173,11 +204,13 @@ class PythonCanSource:
         name: str,
         index: int,
         now_ns: Callable[[], int] = time.time_ns,
+        doze: Doze | None = None,
     ) -> None:
         self.name = name
         self._bus = bus
         self._index = index
         self._now_ns = now_ns
+        self._doze = doze
         self._garbled = 0
         self._restamped = 0
         self._faults_in_a_row = 0
@@ -190,7 +223,7 @@ class PythonCanSource:
         wait_s, deadline_s = timeout_s, 0.0
         while len(messages) < BLOCK_FRAMES:
             try:
-                message = self._bus.recv(wait_s)
+                message = self._receive(wait_s)
             except Exception as error:  # backends also raise ValueError, IndexError, NameError...
                 if self._failed(error):
                     if messages:
@@ -219,6 +252,18 @@ class PythonCanSource:
         """Shut the bus down."""
         with contextlib.suppress(Exception):  # some backends fail to say goodbye to a lost device
             self._bus.shutdown()
+
+    def _receive(self, wait_s: float) -> can.Message | None:
+        """Return the next frame; wait up to `wait_s` for it."""
+        if self._doze is None:
+            return self._bus._recv_internal(wait_s)[0]
+        end_s = time.monotonic() + wait_s
+        while True:
+            message = self._bus._recv_internal(0.0)[0]
+            left_s = end_s - time.monotonic()
+            if message is not None or left_s <= 0:
+                return message
+            self._doze(left_s)
 
     def _failed(self, error: Exception) -> bool:
         """Count an exception of `recv`; return whether the bus has to be taken for gone."""

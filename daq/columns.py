@@ -14,6 +14,9 @@ from dbc.frames import FrameBatch, FrameFlag
 CLOCK_TOLERANCE_S = 86_400.0
 """A stamp further than this from the host's clock has another epoch (boot, adapter reset, none)."""
 
+_LENGTHS = np.zeros((2, 65), bool)
+_LENGTHS[0, :9] = True
+_LENGTHS[1, [*range(9), 12, 16, 20, 24, 32, 48, 64]] = True
 _STANDARD_IDS = 1 << 11
 _EXTENDED_IDS = 1 << 29
 
@@ -80,7 +83,8 @@ def frame_columns(
 
     extended, remote, error, fd = (flags & bit != 0 for bit in _BITS[:4])
     good = (can_id >= 0) & (can_id < np.where(extended | error, _EXTENDED_IDS, _STANDARD_IDS))
-    good &= (dlc >= 0) & (dlc <= np.where(fd, 64, 8)) & (np.where(remote, 0, dlc) == size)
+    good &= (dlc >= 0) & (dlc <= 64) & _LENGTHS[fd.view(np.uint8), dlc.clip(0, 64)]
+    good &= (np.where(remote, 0, dlc) == size) & ~(fd & remote)
     t_ns, believed = _stamps(np.array(stamps, np.float64), np.array(arrived_ns, np.int64))
     batch = FrameBatch(
         t_ns,

@@ -29,17 +29,17 @@ GROUP, OTHER_GROUP = (f"239.{n}.{os.getpid() >> 8 & 255}.{os.getpid() & 255}" fo
 
 
 class ScriptedBus:
-    """A bus whose `recv` returns or raises what the script says, then nothing any more."""
+    """A bus that returns or raises what the script says, then nothing any more."""
 
     def __init__(self, script: list[can.Message | Exception | None]) -> None:
         self.script = script
         self.is_shut = False
 
-    def recv(self, timeout: float | None = None) -> can.Message | None:
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         item = self.script.pop(0) if self.script else None
         if isinstance(item, Exception):
             raise item
-        return item
+        return item, False
 
     def shutdown(self) -> None:
         self.is_shut = True
@@ -131,12 +131,14 @@ def impossible() -> list[can.Message]:
         frame(data=bytes(9)),
         frame(dlc=8, data=b"\1\2"),
         frame(is_fd=True, data=bytes(65)),
+        frame(is_fd=True, data=bytes(9)),
+        frame(is_fd=True, is_remote_frame=True, dlc=0, data=None),
         text,
         fraction,
     ]
 
 
-@pytest.mark.parametrize("bad", impossible(), ids=range(8))
+@pytest.mark.parametrize("bad", impossible(), ids=range(10))
 def test_what_cannot_be_a_frame_is_counted_and_its_neighbours_are_kept(bad: can.Message) -> None:
     source = source_of(frame(1), frame(2), bad, frame(3))
     assert list(source.read(0.0).can_id) == [1, 2, 3]
