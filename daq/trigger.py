@@ -163,6 +163,37 @@ def advance(
     return state, tuple(events)
 
 
+def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
+    """Return the trigger channels that keep the fold from being armed now.
+
+    Parameters
+    ----------
+    config : TriggerConfig
+        Times.
+    state : TriggerState
+        From `advance`.
+
+    Returns
+    -------
+    tuple of str
+        Names; empty in the other phases, and for channels that are left out.
+    """
+    if state.phase is not Phase.WAITING:
+        return ()
+    rest_ns = round(config.rest_s * 1e9)
+    return tuple(
+        name
+        for name, channel in state.channels.items()
+        if not channel.given_up
+        and not channel.rested(state.now_ns, channel.quiet_since_ns, rest_ns)
+    )
+
+
+def pre_trigger_full(config: TriggerConfig, state: TriggerState, first_ns: int) -> bool:
+    """Whether the samples kept since `first_ns` reach `pre_s` back from the latest one."""
+    return state.now_ns - first_ns >= round(config.pre_s * 1e9)
+
+
 def _finite(
     t_ns: NDArray[np.int64], value: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -1,0 +1,8 @@
+"""The recorder's verdict on a run, at once and in plain words."""
+
+from .judge import judge
+from .motion import peak_left
+from .window import RunMeasure, RunWindow
+from .words import WORDS, Words
+
+__all__ = ["WORDS", "RunMeasure", "RunWindow", "Words", "judge", "peak_left"]

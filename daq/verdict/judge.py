@@ -1,0 +1,104 @@
+"""The verdict on one run: every check in the order of cause and effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import MappingProxyType
+
+from ..book import Finding
+from ..campaign import Step
+from ..channels import TIME_DERIVATIVE, Quantity
+from ..config import Bench
+from . import motion, traffic
+from .finding import finding
+from .pattern import pattern, wrong_mode
+from .repeats import not_repeatable, waves
+from .wave import body_wave
+from .window import ANGULAR, RunMeasure, RunWindow, Trace, traces
+
+_CHECKS = (
+    traffic.stale,
+    traffic.lost_frames,
+    traffic.overload,
+    motion.not_at_rest,
+    motion.too_weak,
+    motion.double_bump,
+)
+
+
+def judge(
+    bench: Bench, step: Step, window: RunWindow, accepted: Sequence[RunMeasure]
+) -> tuple[tuple[Finding, ...], RunMeasure]:
+    """Judge one run.
+
+    Parameters
+    ----------
+    bench : Bench
+        Channels, trigger, procedure.
+    step : Step
+        What was to be bumped.
+    window : RunWindow
+        What was received.
+    accepted : sequence of RunMeasure
+        Of the accepted runs of the same mass state and excitation, so far.
+
+    Returns
+    -------
+    tuple of Finding
+        Every check with value and limit, also those that passed; the run is good if all passed.
+        The first that failed is the likeliest cause of the others.  A check that the sensors do
+        not allow is left out.
+    RunMeasure
+        What was measured, to judge later runs by.
+    """
+    seen = traces(bench.channels, window)
+    if not seen:
+        findings = tuple(traffic.stale(bench, window, seen))
+        text = "no channel has samples before and after the bump"
+        return (*findings, finding("no_data", False, 0.0, 1.0, "", text)), RunMeasure()
+    findings = tuple(found for check in _CHECKS for found in check(bench, window, seen))
+    how = pattern(bench, seen)
+    measure = _measure(bench, step, seen)
+    if how is not None:
+        findings += tuple(wrong_mode(step.excitation, how))
+    findings += tuple(motion.not_decayed(bench, window, seen))
+    findings += tuple(not_repeatable(seen, measure, accepted))
+    findings += tuple(motion.rest_changed(bench, window, seen))
+    return (*findings, _told(measure)), measure
+
+
+def _measure(bench: Bench, step: Step, seen: tuple[Trace, ...]) -> RunMeasure:
+    linear = [trace for trace in seen if trace.channel.quantity not in ANGULAR]
+
+    def largest(derivative: int) -> float | None:
+        return max(
+            (t.peak for t in linear if TIME_DERIVATIVE[t.channel.quantity] == derivative),
+            default=None,
+        )
+
+    how = pattern(bench, seen)
+    wave = body_wave(seen, bench.bump_s)
+    return RunMeasure(
+        peak_m_s2=largest(TIME_DERIVATIVE[Quantity.BODY_ACCELERATION]),
+        peak_m=largest(TIME_DERIVATIVE[Quantity.SUSPENSION_TRAVEL]),
+        frequency_hz=wave[0] if wave else None,
+        damping=wave[1] if wave else None,
+        shares=how.shares if how else MappingProxyType({}),
+        purity=how.likeness[step.excitation] if how else None,
+        peaks=MappingProxyType({trace.channel.name: trace.peak for trace in seen}),
+        waves=waves(seen),
+    )
+
+
+def _told(measure: RunMeasure) -> Finding:
+    parts = []
+    if measure.peak_m_s2 is not None:
+        parts.append(f"peak {measure.peak_m_s2:.1f} m/s2")
+    if measure.peak_m is not None:
+        parts.append(f"{measure.peak_m * 1e3:.0f} mm")
+    if measure.frequency_hz is not None and measure.damping is not None:
+        parts.append(f"f {measure.frequency_hz:.2f} Hz, zeta {measure.damping:.2f}")
+    if measure.purity is not None:
+        parts.append(f"{measure.purity:.0%} pure")
+    value = measure.frequency_hz or 0.0
+    return finding("motion", True, value, 0.0, "Hz", ", ".join(parts) or "nothing measured")

@@ -1,0 +1,260 @@
+"""Whether the car rested before, moved enough, was struck once, and came to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..book import Finding
+from ..channels import Channel, Quantity
+from ..config import Bench
+from ..procedure import Method
+from ..trigger import trigger_channels
+from .finding import finding
+from .window import Column, RunWindow, Trace, kin, traces
+
+REST_NOISE = 3.0
+"""RMS before the bump over the sensor's own noise: below that nothing can be told to move."""
+REST_SHARE = 0.03
+"""RMS before the bump over the peak: what moves less changes no amplitude by more than 4 %."""
+WEAK_LEVELS = 2.0
+"""Peak over the trigger's level: a bump that just reaches it may as well have been a touch."""
+WEAK_NOISE = 10.0
+"""Peak over the noise of the best channel, 20 dB: as the desk asks of each mode."""
+LEFT_SHARE = 0.15
+"""Of the peak, at the end: after that the desk would fit a wave that was cut in the middle."""
+END_S = 0.5
+"""The motion left is taken over so long: half a period of a body at 1 Hz."""
+STIFF_SHARE = 0.15
+"""Change of the rest position over the peak of the travel: friction that holds so much is no small
+departure from a linear car."""
+STRUCK_S = 0.1
+"""The energy of a strike is taken over so long: a period of the wheels."""
+STRUCK_RISE = 3.0
+"""Envelope over its lowest value since the first strike ended: free wheels only decay."""
+STRUCK_SHARE = 0.25
+"""Envelope of a second strike over that of the first: the body's swing shows less on the hubs."""
+STRUCK_GUARD_S = 0.25
+"""After the bump a wheel that was in the air lands: that belongs to the same strike."""
+PUSH_GUARD_S = 1.0
+"""A push by hand goes down before it lets go: both are one."""
+_GRID_S = 0.005
+_FINEST = 1e-3
+"""Of the peak: no sensor counts as quieter."""
+
+_SLOW = (
+    Quantity.SUSPENSION_TRAVEL,
+    Quantity.BODY_DISPLACEMENT,
+    Quantity.HUB_DISPLACEMENT,
+    Quantity.PITCH_RATE,
+    Quantity.ROLL_RATE,
+    Quantity.BODY_ACCELERATION,
+    Quantity.PITCH_ACCELERATION,
+    Quantity.ROLL_ACCELERATION,
+)
+"""What shows the swing of the body."""
+
+
+def not_at_rest(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Compare the motion before the bump with the noise and with the motion after it."""
+    moved = [(trace.moved / _rest_limit(trace, seen), trace) for trace in seen]
+    worst, trace = max(moved, key=lambda pair: pair[0])
+    limit, unit = _rest_limit(trace, seen), trace.channel.unit
+    text = (
+        f"before the bump {trace.channel.name} moved by {sized(trace.moved, unit)} RMS "
+        f"(limit {sized(limit, unit)})"
+    )
+    yield finding("not_at_rest", worst <= 1.0, trace.moved, limit, unit, text, trace.channel.name)
+
+
+def _rest_limit(trace: Trace, seen: tuple[Trace, ...]) -> float:
+    largest = max(other.peak for other in kin(trace, seen))
+    return max(REST_NOISE * trace.noise, REST_SHARE * largest, 1e-9)
+
+
+def too_weak(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Compare the peak with the trigger's level and with the noise."""
+    names = {channel.name for channel in trigger_channels(bench.channels)}
+    triggers = [trace for trace in seen if trace.channel.name in names]
+    if triggers:
+        strongest = max(triggers, key=lambda trace: trace.peak)
+        limit = WEAK_LEVELS * bench.trigger.level
+        text = (
+            f"peak {strongest.peak:.1f} m/s2 on {strongest.channel.name} (at least {limit:.1f}: "
+            f"{WEAK_LEVELS:g} times the trigger's level)"
+        )
+        enough = strongest.peak >= limit
+        name = strongest.channel.name
+        yield finding("too_weak", enough, strongest.peak, limit, "m/s2", text, name)
+        if not enough:
+            return
+    slow = [trace for trace in seen if trace.channel.quantity in _SLOW and trace.noise > 0.0]
+    if slow:
+        clearest = max(slow, key=lambda trace: trace.peak / trace.noise)
+        ratio = clearest.peak / clearest.noise
+        text = (
+            f"peak of {clearest.channel.name} is {ratio:.0f} times its noise (at least "
+            f"{WEAK_NOISE:.0f})"
+        )
+        name = clearest.channel.name
+        yield finding("too_weak", ratio >= WEAK_NOISE, ratio, WEAK_NOISE, "", text, name)
+
+
+def double_bump(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Find a wheel (without hub sensors: the car) that was struck again.
+
+    Each hub is watched by itself, so that a rear axle that passes the board after the front one
+    is struck once.
+    """
+    struck = [t for t in seen if t.channel.quantity is Quantity.HUB_ACCELERATION]
+    struck = struck or [t for t in seen if t.channel.quantity is Quantity.BODY_ACCELERATION]
+    struck = struck or list(seen)
+    largest = {t.channel.name: max(o.peak for o in kin(t, seen)) for t in struck}
+    guard_s = PUSH_GUARD_S if bench.procedure.method is Method.PUSH else STRUCK_GUARD_S
+    best: tuple[float, float, str] = (0.0, 0.0, "")
+    for trace in struck:
+        if trace.peak > 0.2 * largest[trace.channel.name]:
+            share, at_s = _second_strike(trace, bench.bump_s + guard_s)
+            best = max(best, (share, at_s, trace.channel.name))
+    share, at_s, name = best
+    if share > STRUCK_SHARE:
+        text = (
+            f"second bump at +{at_s:.2f} s: {name} with {share:.0%} of the first (limit "
+            f"{STRUCK_SHARE:.0%})"
+        )
+        yield finding("double_bump", False, share, STRUCK_SHARE, "", text, name)
+    else:
+        text = f"one bump; nothing rises to more than {share:.0%} of it again"
+        yield finding("double_bump", True, share, STRUCK_SHARE, "", text)
+
+
+def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
+    """Return the height of a second strike over the first, and its time; 0 if there is none."""
+    grid = np.arange(0.0, trace.time_s[-1], _GRID_S)
+    if len(grid) * _GRID_S < guard_s + 2 * STRUCK_S:
+        return 0.0, 0.0
+    quick = _quick(trace)
+    floor = 3.0 * trace.noise
+    envelope = _rms_envelope(trace.time_s, quick, grid)
+    start = int(np.argmax(envelope > 0.5 * envelope.max()))
+    first_stop = start + round(guard_s / _GRID_S)
+    if first_stop >= len(grid) - 1:
+        return 0.0, 0.0
+    first = float(envelope[:first_stop].max())
+    later = envelope[first_stop:]
+    lowest = np.maximum(np.minimum.accumulate(later), max(floor, 0.02 * first))
+    risen = np.where(later > STRUCK_RISE * lowest, later, 0.0)
+    if not risen.any():
+        return 0.0, 0.0
+    share = float(risen.max() / first)
+    # The envelope looks ahead by half its window.
+    onset = int(np.argmax(risen > 0.0))
+    return share, float(grid[first_stop + onset] + STRUCK_S / 2)
+
+
+def _quick(trace: Trace) -> NDArray[np.float64]:
+    """Return what is faster than the body: the signal less its running mean over 0.15 s."""
+    period_s = max(float(np.median(np.diff(trace.time_s))), 1e-4)
+    n = max(round(0.15 / period_s), 1)
+    if n < 3:
+        return trace.value
+    padded = np.pad(trace.value, (n // 2, n - 1 - n // 2), mode="edge")
+    smooth = np.convolve(padded, np.full(n, 1.0 / n), mode="valid")
+    return np.asarray(trace.value - smooth)
+
+
+def _rms_envelope(
+    time_s: NDArray[np.float64], value: NDArray[np.float64], grid: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    total = np.concatenate([[0.0], np.cumsum(value**2)])
+    first = np.searchsorted(time_s, grid - STRUCK_S / 2)
+    last = np.searchsorted(time_s, grid + STRUCK_S / 2)
+    return np.asarray(np.sqrt((total[last] - total[first]) / np.maximum(last - first, 1)))
+
+
+def not_decayed(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Compare what moves at the end of the run with the peak."""
+    end_s = bench.trigger.post_s
+    left = _left(seen, end_s)
+    if left is None:
+        return
+    share, name = left
+    text = f"{share:.0%} of the motion left after {end_s:g} s ({name}; limit {LEFT_SHARE:.0%})"
+    yield finding("not_decayed", share <= LEFT_SHARE, share, LEFT_SHARE, "", text, name)
+
+
+def _left(seen: tuple[Trace, ...], now_s: float) -> tuple[float, str] | None:
+    """Return the share of the motion that is left, and the channel that moves most.
+
+    All channels count in units of their noise: one that this bump hardly moves says little.
+    """
+    slow = tuple(trace for trace in seen if trace.channel.quantity in _SLOW) or seen
+    unit = {t.channel.name: max(t.noise, _FINEST * max(o.peak for o in kin(t, slow))) for t in slow}
+    peak = {t.channel.name: t.peak / max(unit[t.channel.name], 1e-12) for t in slow}
+    left = {
+        t.channel.name: np.sqrt(2.0)
+        * t.rms(now_s - END_S, now_s)
+        / max(unit[t.channel.name], 1e-12)
+        for t in slow
+    }
+    whole = float(np.linalg.norm(list(peak.values())))
+    if whole < WEAK_NOISE:
+        return None
+    share = float(np.linalg.norm(list(left.values()))) / whole
+    return min(share, 1.0), max(left, key=lambda name: left[name])
+
+
+def peak_left(
+    channels: tuple[Channel, ...], bump_ns: int, columns: dict[str, Column], now_ns: int
+) -> float | None:
+    """Return the share of the motion's peak that is left now.
+
+    Parameters
+    ----------
+    channels : tuple of Channel
+        Of the bench.
+    bump_ns, now_ns : int
+        Time stamps of the bump and of the latest frame.
+    columns : mapping of channel name to (t_ns, value)
+        Samples from before the bump until now, SI.
+
+    Returns
+    -------
+    float or None
+        0..1; None as long as it cannot be told.
+    """
+    seen = traces(channels, RunWindow(bump_ns, columns))
+    left = _left(seen, (now_ns - bump_ns) * 1e-9) if seen else None
+    return None if left is None else left[0]
+
+
+def rest_changed(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Compare where the suspension stands before and after."""
+    travels = [t for t in seen if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
+    if not travels:
+        return
+    end_s = bench.trigger.post_s
+    largest = max(trace.peak for trace in travels)
+
+    def changed_m(trace: Trace) -> float:
+        part = trace.part(end_s - 2 * END_S, end_s)
+        return float(np.mean(part)) if len(part) else 0.0
+
+    worst = max(travels, key=lambda trace: abs(changed_m(trace)))
+    value, limit = abs(changed_m(worst)), STIFF_SHARE * largest
+    text = (
+        f"{worst.channel.name} rests {value * 1e3:.1f} mm from where it was (limit "
+        f"{limit * 1e3:.1f} mm)"
+    )
+    yield finding("rest_changed", value <= limit, value, limit, "m", text, worst.channel.name)
+
+
+def sized(value: float, unit: str) -> str:
+    """Return a value in words: lengths in mm, angles in degrees."""
+    if unit == "m":
+        return f"{value * 1e3:.2g} mm"
+    if unit.startswith("rad"):
+        return f"{np.degrees(value):.2g} deg{unit[3:]}"
+    return f"{value:.2g} {unit}"

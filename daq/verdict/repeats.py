@@ -1,0 +1,97 @@
+"""Whether a run is like the accepted ones of its kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import read_only
+
+from ..book import Finding
+from ..channels import Quantity
+from .finding import finding
+from .window import RunMeasure, Trace, kin
+
+PEAK_SHARE = 0.35
+"""Change of a peak against the median of the accepted runs: a bump at another speed or height."""
+LIKENESS = 0.85
+"""Correlation of the slow motion with the median: below it, it is another motion."""
+MAIN = 0.3
+"""Channels with less of the largest peak of their kind than this do not count: what moves little
+differs much."""
+_STEP_S, _LENGTH_S, _BIN_S = 0.02, 1.5, 0.06
+
+
+def waves(seen: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
+    """Return the slow motion after the bump, averaged so that no trigger's luck shows in it."""
+    grid = np.arange(0.1, _LENGTH_S, _STEP_S)
+    result = {}
+    for trace in seen:
+        if trace.channel.quantity is not Quantity.HUB_ACCELERATION:
+            total = np.concatenate([[0.0], np.cumsum(trace.value)])
+            first = np.searchsorted(trace.time_s, grid - _BIN_S / 2)
+            last = np.searchsorted(trace.time_s, grid + _BIN_S / 2)
+            mean = (total[last] - total[first]) / np.maximum(last - first, 1)
+            straight = np.interp(grid, trace.time_s, trace.value)
+            result[trace.channel.name] = read_only(np.where(last > first, mean, straight))
+    return MappingProxyType(result)
+
+
+def not_repeatable(
+    seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMeasure]
+) -> Iterator[Finding]:
+    """Compare peaks and course with the median of the accepted runs; none with the first."""
+    if not accepted:
+        return
+    yield _by_peak(seen, own, accepted)
+    found = _by_course(seen, own, accepted)
+    if found is not None:
+        yield found
+
+
+def _main(seen: tuple[Trace, ...], accepted: Sequence[RunMeasure]) -> list[str]:
+    """Return the channels that move most in this run or in the others."""
+    known = set.intersection(*(set(measure.peaks) for measure in accepted))
+    seen = tuple(trace for trace in seen if trace.channel.name in known)
+
+    def size(trace: Trace) -> float:
+        before = np.median([measure.peaks[trace.channel.name] for measure in accepted])
+        return max(trace.peak, float(before))
+
+    return [t.channel.name for t in seen if size(t) > MAIN * max(size(o) for o in kin(t, seen))]
+
+
+def _by_peak(seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMeasure]) -> Finding:
+    worst, name = 0.0, ""
+    for channel in _main(seen, accepted):
+        usual = float(np.median([measure.peaks[channel] for measure in accepted]))
+        change = own.peaks[channel] / max(usual, 1e-12) - 1.0
+        # Half as much and twice as much are equally far.
+        if abs(np.log1p(change)) > abs(np.log1p(worst)):
+            worst, name = change, channel
+    far = abs(np.log1p(worst)) > np.log1p(PEAK_SHARE)
+    text = (
+        f"peak of {name or 'every channel'} {worst:+.0%} against the accepted runs (limit "
+        f"{PEAK_SHARE:.0%})"
+    )
+    return finding("not_repeatable", not far, worst, PEAK_SHARE, "", text, name)
+
+
+def _by_course(
+    seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMeasure]
+) -> Finding | None:
+    worst, name = 1.0, ""
+    for channel in _main(seen, accepted):
+        if channel in own.waves and all(channel in measure.waves for measure in accepted):
+            usual = np.median([measure.waves[channel] for measure in accepted], axis=0)
+            size = float(np.linalg.norm(usual) * np.linalg.norm(own.waves[channel]))
+            like = float(usual @ own.waves[channel]) / size if size > 0.0 else 0.0
+            if like < worst:
+                worst, name = like, channel
+    if not name:
+        return None
+    text = f"course of {name} is {worst:.0%} like the accepted runs (at least {LIKENESS:.0%})"
+    return finding("not_repeatable", worst >= LIKENESS, worst, LIKENESS, "", text, name)

@@ -1,0 +1,153 @@
+"""Whether all that the sensors sent has arrived, and within their range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..book import Finding
+from ..channels import Channel
+from ..config import Bench
+from .finding import finding
+from .window import RunWindow, Trace
+
+STALE_S = 0.25
+"""Silence for so long is no lost frame but a sensor that stopped: a quarter of a body's period."""
+STALE_CYCLES = 10.0
+"""The same for a slow message."""
+LOST_SHARE = 0.02
+"""A loose plug loses when the car moves most; a bump costs a minute, so be strict."""
+WHEEL_MOTION_S = 0.2
+"""After so long the wheels' motion is over by 97 %."""
+GAP_S = 0.02
+"""A quarter of a period of the wheels."""
+GAP_CYCLES = 3.5
+"""Two lost samples in a row are no gap, however slow the message."""
+FLAT_SAMPLES = 3
+"""So many equal samples at the extreme of a run are a top that was cut."""
+STEEP = 4.5
+"""Converter steps by which a signal must enter and leave a cut top: a parabola that stays within
+one step for three samples leaves it by three steps, four with rounding."""
+
+
+def stale(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Find messages that were silent for a part of the run."""
+    silence = _silences(bench, window)
+    for message in window.stale:
+        silence[message] = max(silence.get(message, (0.0, STALE_S)), (np.inf, STALE_S))
+    worst = max(silence, key=lambda name: silence[name][0] / silence[name][1], default="")
+    for message, (gap_s, limit_s) in silence.items():
+        if gap_s > limit_s:
+            told = f"for {gap_s:.2f} s" if np.isfinite(gap_s) else "during the run"
+            text = f"{message} was silent {told} (limit {limit_s:.2f} s)"
+            value = gap_s if np.isfinite(gap_s) else bench.trigger.post_s
+            yield finding("stale", False, value, limit_s, "s", text, message)
+    if worst and silence[worst][0] <= silence[worst][1]:
+        gap_s, limit_s = silence[worst]
+        text = f"all {len(silence)} messages came; longest silence {gap_s * 1e3:.0f} ms ({worst})"
+        yield finding("stale", True, gap_s, limit_s, "s", text)
+
+
+def _silences(bench: Bench, window: RunWindow) -> dict[str, tuple[float, float]]:
+    """Return the longest silence of each message in the run and its limit, s."""
+    start_s, stop_s = -bench.trigger.pre_s, bench.trigger.post_s
+    result: dict[str, tuple[float, float]] = {}
+    for message, t_ns in _messages(bench.channels, window).items():
+        time_s = np.sort(t_ns - window.bump_ns) * 1e-9
+        cycle_s = float(np.median(np.diff(time_s))) if len(time_s) > 2 else 0.0
+        limit_s = max(STALE_S, STALE_CYCLES * cycle_s)
+        edges = np.concatenate([[start_s], np.clip(time_s, start_s, stop_s), [stop_s]])
+        result[message] = (float(np.max(np.diff(edges))), limit_s)
+    return result
+
+
+def _messages(channels: tuple[Channel, ...], window: RunWindow) -> dict[str, NDArray[np.int64]]:
+    """Return the time stamps of each message, none for one that is absent."""
+    nothing = (np.empty(0, np.int64), np.empty(0))
+    result: dict[str, NDArray[np.int64]] = {}
+    for channel in channels:
+        message = channel.signal.partition(".")[0] or channel.name
+        t_ns, value = window.channels.get(channel.name, nothing)
+        good = t_ns[np.isfinite(value)]
+        if len(good) >= len(result.get(message, ())):
+            result[message] = good
+    return result
+
+
+def lost_frames(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Compare what is missing with what came; a gap in the wheels' motion counts by itself."""
+    lost = window.losses.measured
+    came = sum(len(t_ns) for t_ns in _messages(bench.channels, window).values())
+    share = lost / max(lost + came, 1)
+    text = f"{lost} frames lost or unusable, {share:.1%} (limit {LOST_SHARE:.0%})"
+    gap_s, limit_s, name = _early_gap(seen)
+    if gap_s > limit_s and share <= LOST_SHARE:
+        text = (
+            f"no sample of {name} for {gap_s * 1e3:.0f} ms (limit {limit_s * 1e3:.0f}) while the "
+            "wheels moved"
+        )
+        yield finding("lost_frames", False, gap_s, limit_s, "s", text, name)
+        return
+    yield finding("lost_frames", share <= LOST_SHARE, share, LOST_SHARE, "", text)
+
+
+def _early_gap(seen: tuple[Trace, ...]) -> tuple[float, float, str]:
+    worst = (0.0, GAP_S, "")
+    for trace in seen:
+        period_s = float(np.median(np.diff(trace.time_s)))
+        limit_s = max(GAP_S, GAP_CYCLES * period_s)
+        first, last = np.searchsorted(trace.time_s, [0.0, WHEEL_MOTION_S])
+        times = trace.time_s[max(first - 1, 0) : last + 1]
+        gap_s = float(np.max(np.diff(times))) if len(times) > 1 else 0.0
+        worst = max(worst, (gap_s, limit_s, trace.channel.name), key=lambda w: w[0] / w[1])
+    return worst
+
+
+def overload(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Find tops that were cut; on the bump itself they do no harm."""
+    free_s = bench.bump_s
+    cut = _cut_tops(window, seen)
+    late = {name: times[times > free_s] for name, times in cut.items() if (times > free_s).any()}
+    for name, times in late.items():
+        text = (
+            f"{name} was at the end of its range in {len(times)} samples after the bump, the last "
+            f"at +{times[-1]:.2f} s"
+        )
+        yield finding("overload", False, len(times), 0.0, "", text, name)
+    if not late:
+        text = "no sensor at the end of its range"
+        if cut:
+            text = f"{', '.join(cut)}: at the end of the range on the bump only, which is harmless"
+        yield finding("overload", True, 0.0, 0.0, "", text)
+
+
+def _cut_tops(window: RunWindow, seen: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
+    """Return when each channel was at the end of its range, s since the bump."""
+    result = {}
+    for trace in seen:
+        fewest = 1 if trace.channel.name in window.saturated else FLAT_SAMPLES
+        flat = _flat(trace.value, fewest)
+        times = trace.time_s[flat & (trace.time_s > 0.0)]
+        if len(times):
+            result[trace.channel.name] = times
+    return result
+
+
+def _flat(value: NDArray[np.float64], fewest: int) -> NDArray[np.bool_]:
+    """Return which samples stand at an extreme of the run and look cut, (n,)."""
+    flat = np.zeros(len(value), bool)
+    levels = np.diff(np.unique(value))
+    if not len(levels):
+        return flat
+    for extreme in (value.max(), value.min()):
+        change = np.diff(np.concatenate([[0], (value == extreme).astype(np.int8), [0]]))
+        for first, stop in zip(
+            np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True
+        ):
+            beside = np.concatenate([value[max(first - 1, 0) : first], value[stop : stop + 1]])
+            steep = np.all(np.abs(beside - extreme) > STEEP * levels.min())
+            if stop - first >= fewest and (fewest < FLAT_SAMPLES or steep):
+                flat[first:stop] = True
+    return flat

@@ -1,0 +1,104 @@
+"""One damped wave through the body's motion, for the operator's eyes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..channels import Quantity
+from .window import Trace
+
+_STEP_S = 0.02
+_FREQUENCY_HZ = (0.4, 5.0)
+_DAMPING = (0.01, 0.7)
+_TURNS = 3
+"""Each turn of the search narrows the grid to two of its cells."""
+_CLEAR = 5.0
+"""Peak over noise from which on a wave is looked for."""
+
+
+def body_wave(seen: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
+    """Fit a damped wave to the strongest motion of the body after the bump.
+
+    Parameters
+    ----------
+    seen : tuple of Trace
+        Of one run.
+    bump_s : float
+        Duration of the bump; the wave begins when the wheels are at rest again.
+
+    Returns
+    -------
+    frequency_hz, damping : float
+        Undamped natural frequency and damping ratio; None if nothing shows the body.
+    """
+    record = _record(seen, bump_s + 0.2)
+    if record is None:
+        return None
+    time_s = np.arange(record.shape[1]) * _STEP_S
+    frequencies = np.geomspace(*_FREQUENCY_HZ, 24)
+    dampings = np.linspace(*_DAMPING, 12)
+    for turn in range(_TURNS):
+        misfit = _misfit(record, time_s, frequencies, dampings)
+        i, j = divmod(int(np.argmin(misfit)), len(dampings))
+        if turn < _TURNS - 1:
+            frequencies, dampings = _finer(frequencies, i), _finer(dampings, j)
+    return float(frequencies[i]), float(dampings[j])
+
+
+def _finer(grid: NDArray[np.float64], place: int) -> NDArray[np.float64]:
+    """Return nine points between the neighbours of the best one."""
+    low, high = grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)]
+    return np.asarray(np.linspace(low, high, 9), dtype=np.float64)
+
+
+def _record(seen: tuple[Trace, ...], start_s: float) -> NDArray[np.float64] | None:
+    """Return the clearest record of the body, (1, n), on an even grid."""
+    for quantities in (
+        (Quantity.SUSPENSION_TRAVEL,),
+        (Quantity.PITCH_RATE, Quantity.ROLL_RATE, Quantity.BODY_ACCELERATION),
+        (Quantity.BODY_DISPLACEMENT,),
+        (Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION),
+    ):
+        found = [t for t in seen if t.channel.quantity in quantities]
+        clear = [t for t in found if t.peak > _CLEAR * t.noise and t.time_s[-1] > start_s + 1.0]
+        if not clear:
+            continue
+        stop_s = min(t.time_s[-1] for t in clear)
+        edges = np.arange(start_s, stop_s, _STEP_S)
+        rows = np.array([_means(trace, edges) for trace in clear])
+        if quantities[0] is Quantity.SUSPENSION_TRAVEL:
+            u, _, _ = np.linalg.svd(rows, full_matrices=False)
+            return np.asarray(u[:, :1].T @ rows)
+        noise = np.array([max(t.noise, 1e-12) for t in clear])
+        return rows[[int(np.argmax(np.std(rows, axis=1) / noise))]]
+    return None
+
+
+def _means(trace: Trace, edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    first = np.searchsorted(trace.time_s, edges)
+    last = np.append(first[1:], np.searchsorted(trace.time_s, edges[-1] + _STEP_S))
+    total = np.concatenate([[0.0], np.cumsum(trace.value)])
+    straight = np.interp(edges + _STEP_S / 2, trace.time_s, trace.value)
+    mean = (total[last] - total[first]) / np.maximum(last - first, 1)
+    return np.where(last > first, mean, straight)
+
+
+def _misfit(
+    record: NDArray[np.float64],
+    time_s: NDArray[np.float64],
+    frequencies: NDArray[np.float64],
+    dampings: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the squares left by each wave with the best amplitude, phase and level."""
+    omega = 2 * np.pi * frequencies[:, None]
+    rate = omega * dampings
+    turn = omega * np.sqrt(1.0 - dampings**2)
+    envelope = np.exp(-rate[..., None] * time_s)
+    phase = turn[..., None] * time_s
+    ones = np.ones_like(envelope)
+    basis = np.stack([envelope * np.cos(phase), envelope * np.sin(phase), ones], axis=-1)
+    normal = np.einsum("fdti,fdtj->fdij", basis, basis) + 1e-12 * np.eye(3)
+    seen = np.einsum("fdti,t->fdi", basis, record[0])
+    solution = np.linalg.solve(normal, seen[..., None])[..., 0]
+    return np.asarray(np.sum(record**2) - np.einsum("fdi,fdi->fd", seen, solution))

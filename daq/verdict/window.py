@@ -1,0 +1,170 @@
+"""What is judged of a run, and what is remembered of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import read_only
+
+from ..channels import Channel, Quantity
+from ..runs import Losses
+
+Column = tuple[NDArray[np.int64], NDArray[np.float64]]
+"""Time stamps, ns, and values, SI, of one channel."""
+
+BEFORE_S = 0.03
+"""The last of the rest before the trigger, left out: a slow bump begins below the level."""
+_FEWEST = 8
+"""With fewer samples a channel says nothing."""
+
+ANGULAR = frozenset(
+    {
+        Quantity.PITCH_RATE,
+        Quantity.ROLL_RATE,
+        Quantity.PITCH_ACCELERATION,
+        Quantity.ROLL_ACCELERATION,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RunWindow:
+    """A run as it was received: `pre_s` before to `post_s` after the bump.
+
+    Parameters
+    ----------
+    bump_ns : int
+        Time stamp of the bump.
+    channels : mapping of channel name to (t_ns (n,) int64, value (n,) float64)
+        SI, NaN where a sample cannot be used; channels may be empty or absent.
+    losses : Losses
+        Within the run.
+    stale : tuple of str
+        Messages that were silent for long during it, where that is known otherwise than by the
+        samples.
+    saturated : tuple of str
+        Channels of which samples touched the end of the signal's range.
+    """
+
+    bump_ns: int
+    channels: Mapping[str, Column]
+    losses: Losses = field(default_factory=Losses)
+    stale: tuple[str, ...] = ()
+    saturated: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RunMeasure:
+    """What was measured of a run: for the operator's eyes, and to compare later runs with.
+
+    Parameters
+    ----------
+    peak_m_s2, peak_m : float or None
+        Largest deviation from rest of any acceleration and any displacement; None without such.
+    frequency_hz, damping : float or None
+        Of the body's motion after the bump, taken as one damped wave; None if it shows none.
+    shares : mapping of pattern to float
+        Share of bounce, pitch, roll and warp in what the corners did, 0..1; empty if unknown.
+    purity : float or None
+        How well the corners moved as this excitation should move them, 0..1.
+    peaks : mapping of channel name to float
+        Largest deviation from rest, SI.
+    waves : mapping of channel name to (n,) float64
+        The slow motion after the bump on a common time axis (`daq.verdict.repeats`), SI.
+    """
+
+    peak_m_s2: float | None = None
+    peak_m: float | None = None
+    frequency_hz: float | None = None
+    damping: float | None = None
+    shares: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    purity: float | None = None
+    peaks: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    waves: Mapping[str, NDArray[np.float64]] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One channel of a run, as deviation from rest.
+
+    Parameters
+    ----------
+    channel : Channel
+        What it measures.
+    time_s : (n,) float64
+        Since the bump.
+    value : (n,) float64
+        Deviation from the level before the bump, SI.
+    noise : float
+        Standard deviation of white noise, told from neighbouring samples before the bump: slow
+        motion does not show in it.
+    moved : float
+        RMS before the bump.
+    """
+
+    channel: Channel
+    time_s: NDArray[np.float64]
+    value: NDArray[np.float64]
+    noise: float
+    moved: float
+
+    def part(self, start_s: float, stop_s: float) -> NDArray[np.float64]:
+        """Return the values between two times."""
+        first, last = np.searchsorted(self.time_s, [start_s, stop_s])
+        return self.value[first:last]
+
+    def rms(self, start_s: float, stop_s: float) -> float:
+        """Return the RMS between two times, less the noise; 0 without samples."""
+        part = self.part(start_s, stop_s)
+        power = float(np.mean(part**2)) if len(part) else 0.0
+        return float(np.sqrt(max(power - self.noise**2, 0.0)))
+
+    @property
+    def peak(self) -> float:
+        """Largest deviation from the bump on."""
+        after = self.part(0.0, np.inf)
+        return float(np.max(np.abs(after))) if len(after) else 0.0
+
+
+def traces(channels: tuple[Channel, ...], window: RunWindow) -> tuple[Trace, ...]:
+    """Return the channels that say something about a run, those that are not used left out."""
+    return tuple(_traces(channels, window))
+
+
+def _traces(channels: tuple[Channel, ...], window: RunWindow) -> Iterator[Trace]:
+    for channel in channels:
+        if channel.quantity is Quantity.UNUSED or channel.name not in window.channels:
+            continue
+        t_ns, value = window.channels[channel.name]
+        good = np.isfinite(value)
+        time_s = (t_ns[good] - window.bump_ns) * 1e-9
+        order = np.argsort(time_s, kind="stable")
+        time_s, value = time_s[order], value[good][order]
+        before = value[time_s < -BEFORE_S]
+        if len(value) < _FEWEST or not len(before):
+            continue
+        deviation = np.asarray(value - np.median(before), dtype=np.float64)
+        before = before - np.mean(before)
+        noise = float(np.std(np.diff(before)) / np.sqrt(2.0)) if len(before) > 2 else 0.0
+        moved = float(np.sqrt(np.mean(before**2)))
+        yield Trace(channel, read_only(time_s), read_only(deviation), noise, moved)
+
+
+def kin(trace: Trace, others: tuple[Trace, ...]) -> tuple[Trace, ...]:
+    """Return the traces whose size can be compared with this one's."""
+    own = trace.channel.quantity
+    alike = {own} if own not in ANGULAR else ANGULAR & {own, *_SAME_ORDER[own]}
+    return tuple(other for other in others if other.channel.quantity in alike)
+
+
+_SAME_ORDER = {
+    Quantity.PITCH_RATE: {Quantity.ROLL_RATE},
+    Quantity.ROLL_RATE: {Quantity.PITCH_RATE},
+    Quantity.PITCH_ACCELERATION: {Quantity.ROLL_ACCELERATION},
+    Quantity.ROLL_ACCELERATION: {Quantity.PITCH_ACCELERATION},
+}

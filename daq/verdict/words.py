@@ -1,0 +1,103 @@
+"""What each finding means and what to do: one table for terminal, report and manual."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+
+class Words(NamedTuple):
+    """A finding in plain words.
+
+    Parameters
+    ----------
+    title : str
+        Its name.
+    meaning : str
+        What is wrong with the run then, and why it matters.
+    advice : str
+        What to do, in one line.
+    """
+
+    title: str
+    meaning: str
+    advice: str
+
+
+WORDS: Mapping[str, Words] = MappingProxyType(
+    {
+        "stale": Words(
+            "sensor silent",
+            "A sensor sent nothing for a part of the run. What it would have shown is missing.",
+            "check its plug and power, then bump again",
+        ),
+        "lost_frames": Words(
+            "frames lost",
+            "Frames that were sent never arrived, by the counters in them or by the interface. A "
+            "few cost little; many, or a gap while the wheels move, take away what tells of them.",
+            "check bus load, cable and plugs, then bump again",
+        ),
+        "overload": Words(
+            "overload",
+            "A sensor reached the end of its range while the car swung freely: the tops are cut "
+            "off, and the true motion was larger. On the bump itself that does no harm.",
+            "use a lower bump or a sensor with a wider range",
+        ),
+        "not_at_rest": Words(
+            "not at rest before",
+            "The car still moved when the bump came. The motion before mixes with the one after.",
+            "keep off the car and wait until it is still, then bump again",
+        ),
+        "too_weak": Words(
+            "too weak",
+            "The bump hardly stands out of the noise, or barely reached the trigger's level. "
+            "Frequencies and damping cannot be told well from it.",
+            "use a higher bump, or take it faster",
+        ),
+        "double_bump": Words(
+            "bumped twice",
+            "A wheel was struck again while the car was to swing freely. The decay after a bump "
+            "must be left alone.",
+            "bump once, then keep off the car until the run has ended",
+        ),
+        "wrong_mode": Words(
+            "wrong bump",
+            "The wheels or the body moved as another kind of bump moves them.",
+            "check which wheels stand before the boards, then bump again",
+        ),
+        "not_decayed": Words(
+            "not decayed",
+            "Much of the motion was left when the run ended: somebody kept the car moving, or the "
+            "run is too short for this car.",
+            "keep off the car; if it stays so, set a longer post_s in bench.toml",
+        ),
+        "not_repeatable": Words(
+            "unlike the others",
+            "The motion differs from the accepted runs of the same kind in size or in course.",
+            "bump as before: same speed, same boards, nobody on the car",
+        ),
+        "rest_changed": Words(
+            "rest position changed",
+            "The car stood differently after the run than before: friction held it, or a weight "
+            "slipped.",
+            "rock the car and let it settle; check that every weight is bolted",
+        ),
+        "motion": Words(
+            "motion",
+            "Size, frequency and damping of what was seen, for the eye.",
+            "",
+        ),
+        "no_data": Words(
+            "nothing to judge",
+            "No channel has samples before and after the bump.",
+            "check the sensors and their plugs, then bump again",
+        ),
+        "cut": Words(
+            "cut",
+            "The recorder was stopped in mid-run.",
+            "bump again",
+        ),
+    }
+)
+"""By code of the finding, in the order in which they are judged: causes before what they cause."""
