@@ -15,9 +15,7 @@ if TYPE_CHECKING:
 
     from daq.config import Bench
     from daq.runs import Session
-    from identify.plan import Advice, Plan, Sensor
-
-_USUAL_RATE_HZ = 200.0  # where neither the DBC nor the command line has one
+    from identify.plan import Advice, Plan
 
 
 def plan(
@@ -39,10 +37,10 @@ def plan(
 ) -> int:
     """Say how well a campaign will determine each parameter, and what to do next."""
     import daq
-    from identify.plan import Plan, Runs, advise
-    from identify.simulate import Bump
+    from identify.plan import advise
 
     from ..output import print_json, progress
+    from ..planning import planned
 
     with progress("plan") as stage:
         stage(0.1, "reading")
@@ -51,26 +49,12 @@ def plan(
         stage(0.2, "expecting the vehicle")
         vehicle, whose = _expected_vehicle(session, held)
         stage(0.6, "weighing the next steps")
-        planned = Plan(
-            vehicle=vehicle,
-            sensors=_sensors(described, rate),
-            mass_states=described.mass_states,
-            runs=tuple(
-                Runs(state, excitation, described.campaign.repeats)
-                for state in described.campaign.mass_states
-                for excitation in dict.fromkeys(described.campaign.excitations)
-            ),
-            bump=Bump(bump_mm * 1e-3, 0.0, described.bump_s),
-            decay_s=max(described.trigger.post_s - described.bump_s, 0.2),
-            geometry=described.vehicle.geometry,
-            structure=described.vehicle.structure,
-            facts=described.vehicle.facts,
-        )
-        advice = advise(planned)
+        campaign = planned(described, vehicle, rate, bump_mm * 1e-3)
+        advice = advise(campaign)
     if json:
-        print_json(_document(planned, advice, whose))
+        print_json(_document(campaign, advice, whose))
     else:
-        _print(planned, advice, whose)
+        _print(campaign, advice, whose)
     return ExitCode.ANSWER_IS_NO if advice.outlook.undetermined else ExitCode.OK
 
 
@@ -82,21 +66,6 @@ def _bench(path: Path | None, session: Path | None, held: Session | None) -> Ben
         return load_bench(path)
     where = f"bench.toml in {session}"
     return parse_bench(text, where, session.parent, held.provenance.get("dbc"))
-
-
-def _sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
-    from daq.channels import Quantity
-    from daq.config import bench_codec
-    from daq.mapping import map_channels
-    from identify.plan import sensor
-
-    codec = bench_codec(bench)
-    found = []
-    for mapped in map_channels(bench.channels, codec.messages, bench.dbc_name):
-        if mapped.channel.quantity is not Quantity.UNUSED:
-            cycle_s = mapped.message.cycle_s or 1.0 / _USUAL_RATE_HZ
-            found.append(sensor(mapped.channel, rate_hz or 1.0 / cycle_s))
-    return tuple(found)
 
 
 def _expected_vehicle(
