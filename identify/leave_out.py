@@ -68,6 +68,7 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
         One for each run; empty if there is but one.
     """
     box, fit, sigma = estimation.box, estimation.fit, estimation.sigma
+    noise = estimation.noise
     if len(estimation.decays) < 2:
         return ()
     parts = shares(box, estimation.decays, sigma, fit.eta)
@@ -79,7 +80,7 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
         part = parts[decay.label]
         covariance = covariance_of(whole - part.information)
         freedom = sum(own.freedom.values())
-        fitted = _chi2(own.values, estimation.noise) / freedom
+        fitted = _chi2(own.values, noise) / freedom
         if not np.isfinite(np.diag(covariance)[:n]).all():
             result.append(Prediction(decay.label, fitted, np.nan, np.nan, "", np.nan))
             continue
@@ -94,7 +95,7 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
         moves = step[:n] / np.sqrt(np.maximum(gain, 1e-300))
         moves[gain <= 1e-9 * np.diag(kept)[:n]] = 0.0  # the run says nothing of it
         most = int(np.argmax(np.abs(moves)))
-        predicted = _chi2(left.values, estimation.noise) / freedom
+        predicted = _chi2(left.values, noise) / freedom
         result.append(
             Prediction(
                 decay.label, fitted, predicted, limit, box.parameters[most], float(moves[most])

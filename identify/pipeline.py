@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from math import nan
 
 import numpy as np
@@ -13,7 +15,7 @@ from daq.runs import RunStatus, Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 
-from .decay import Record, record_of
+from .decay import FreeDecay, Record, record_of
 from .display import identification_html
 from .estimation import Estimation, estimate, generic_vehicles
 from .greybox import GreyBox
@@ -107,6 +109,15 @@ class Identification:
         return identification_html(self)
 
 
+@dataclass(frozen=True, slots=True)
+class _Svm:
+    """What the State Variable Method and the paper's chain say, as in `Identification`."""
+
+    sensed: Mapping[str, SensedModes]
+    parameters: dict[str, float]
+    corner_damping: dict[str, dict[str, float]]
+
+
 _SENSED_RATE_HZ = 250.0  # of what is reported beside the estimate
 
 
@@ -114,7 +125,9 @@ def _silent(done: float, text: str) -> None:
     """Tell nobody."""
 
 
-def identify(session: Session, progress: Progress = _silent) -> Identification:
+def identify(
+    session: Session, progress: Progress = _silent, executor: Executor | None = None
+) -> Identification:
     """Identify the physical parameters of a session's vehicle.
 
     Maximum likelihood on the free decays gives the parameters, from generic vehicles to start
@@ -127,6 +140,8 @@ def identify(session: Session, progress: Progress = _silent) -> Identification:
         Accepted runs in two mass states, or in one with scales among the facts.
     progress : callable, optional
         Told how far the work is.
+    executor : concurrent.futures.Executor, optional
+        Finds the sensed modes while the result is judged; the numbers are the same.
 
     Returns
     -------
@@ -147,13 +162,16 @@ def identify(session: Session, progress: Progress = _silent) -> Identification:
     physical = {state.name: loaded_model(full, state.added) for state in states}
     modal = {name: modes_of(model.A) for name, model in physical.items()}
     first, *others = modal
-    progress(0.6, "modes")
-    sensed = _sensed(records, estimation, states)
     geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
-    chain, damping = _closed_form(sensed, states, geometry, session.vehicle.geometry)
-    progress(0.8, "judging")
+    thinned = [decay.thinned(_SENSED_RATE_HZ) for decay in estimation.decays]
+    beside = (records, thinned, states, geometry, session.vehicle.geometry)
+    svm = executor.submit(_by_svm, *beside).result if executor else partial(_by_svm, *beside)
+    progress(0.7, "judging")
+    quality = judge(session, estimation)
+    progress(0.8, "modes")
+    by_svm = svm()
     return Identification(
-        quality=judge(session, estimation),
+        quality=quality,
         provenance=session.provenance,
         parameters=estimates(box, fit),
         derived=derived_estimates(box, fit),
@@ -163,9 +181,9 @@ def identify(session: Session, progress: Progress = _silent) -> Identification:
         modes={name: mode_estimates(box, fit, name) for name in modal},
         mode_names={name: mode_names(model, geometry) for name, model in modal.items()},
         pairings={name: pair_modes(modal[first], modal[name]) for name in others},
-        sensed={name: modes.model for name, modes in sensed.items()},
-        closed_form=chain,
-        closed_form_damping=damping,
+        sensed={name: modes.model for name, modes in by_svm.sensed.items()},
+        closed_form=by_svm.parameters,
+        closed_form_damping=by_svm.corner_damping,
         physical=physical,
         noise=estimation.sigma,
         residuals=estimation.residuals,
@@ -189,19 +207,23 @@ def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
     )
 
 
-def _sensed(
-    records: Sequence[Record], estimation: Estimation, states: Sequence[MassState]
-) -> dict[str, SensedModes]:
-    """Return the modes by the State Variable Method, of the states where it has an answer."""
-    result = {}
+def _by_svm(
+    records: Sequence[Record],
+    decays: Sequence[FreeDecay],
+    states: Sequence[MassState],
+    geometry: VehicleGeometry,
+    known: VehicleGeometry | None,
+) -> _Svm:
+    """Return what the State Variable Method and the paper's chain say, where they have an answer.
+
+    `geometry` is the estimated one, `known` that of the tape measure.
+    """
+    sensed = {}
     for state in states:
         mine = [i for i, record in enumerate(records) if record.mass_state == state.name]
         with suppress(InputError):  # too short, no common channel: the likelihood needs neither
-            result[state.name] = sensed_modes(
-                [records[i] for i in mine],
-                [estimation.decays[i].thinned(_SENSED_RATE_HZ) for i in mine],
-            )
-    return result
+            sensed[state.name] = sensed_modes([records[i] for i in mine], [decays[i] for i in mine])
+    return _Svm(sensed, *_closed_form(sensed, states, geometry, known))
 
 
 def _closed_form(

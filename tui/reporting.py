@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from importlib import import_module
 from importlib.metadata import version
+from multiprocessing import get_context
 from pathlib import Path
 
 from dbc.errors import InputError
-from identify.report.blocks import Gallery, MovingCars, Picture, Report, Source
+from identify.report.blocks import MovingCars, Picture, Report, Source
 from identify.report.panels import ShapePanel
 
 _LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
@@ -55,16 +62,25 @@ def write_file(path: Path, data: bytes) -> None:
 
 def pictures_of(report: Report) -> tuple[Picture, ...]:
     """Return every picture of a report, mode shapes as stills."""
-    found: list[Picture] = []
-    for block in (block for section in report.sections for block in section.blocks):
-        match block:
-            case Picture():
-                found.append(block)
-            case Gallery():
-                found += block.pictures
-            case MovingCars():
-                found.append(Picture(block.key, block.title, "", ShapePanel(block.shapes)))
-    return tuple(found)
+    cars = [b for section in report.sections for b in section.blocks if isinstance(b, MovingCars)]
+    stills = (Picture(b.key, b.title, "", ShapePanel(b.shapes)) for b in cars)
+    return (*report.pictures, *stills)
+
+
+@contextmanager
+def helpers() -> Iterator[Executor]:
+    """Give processes that share the work of one report, ready to draw when there is something."""
+    with ProcessPoolExecutor(
+        min(2, os.cpu_count() or 1), get_context("spawn"), initializer=_made_ready
+    ) as pool:
+        pool.submit(_made_ready)  # starts one now; another as there is work
+        yield pool
+
+
+def _made_ready() -> None:
+    """Ignore Ctrl-C, which the parent answers; load what is slow to load."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    import_module("identify.report.html")
 
 
 def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:

@@ -152,3 +152,15 @@ class Report:
     highlights: tuple[tuple[str, Cell], ...]
     sections: tuple[Section, ...]
     data: Mapping[str, object]
+
+    @property
+    def pictures(self) -> tuple[Picture, ...]:
+        """Every picture that stands still, in order."""
+        blocks = [block for section in self.sections for block in section.blocks]
+        found: list[Picture] = []
+        for block in blocks:
+            if isinstance(block, Picture):
+                found.append(block)
+            elif isinstance(block, Gallery):
+                found += block.pictures
+        return tuple(found)

@@ -50,11 +50,12 @@ def _picture(estimation: Estimation, record: Record, decay: FreeDecay, left: Res
 
 def _telling(estimation: Estimation, decay: FreeDecay, left: Residuals) -> tuple[Channel, ...]:
     """Choose the channel of the body and that of the wheels whose fit stands out most."""
+    noise = estimation.noise
     strength: dict[str, tuple[float, Channel]] = {}
     for recording in decay.recordings:
         for c, channel in enumerate(recording.clock.channels):
             fitted = recording.values[:, c] - left.values[channel.name]
-            size = float(np.std(fitted)) / estimation.noise[channel.name]
+            size = float(np.std(fitted)) / noise[channel.name]
             place = "body" if channel.corner is None else "travel"
             place = "hub" if channel.quantity in _HUBS else place
             if size > strength.get(place, (-1.0, channel))[0]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from importlib.resources import files
 from math import isfinite
 
@@ -22,7 +23,9 @@ _WIDE = 9
 """Columns beyond which a table is set small."""
 
 
-def html_of(report: Report, document: Mapping[str, object]) -> str:
+def html_of(
+    report: Report, document: Mapping[str, object], executor: Executor | None = None
+) -> str:
     """Set a report as HTML.
 
     Parameters
@@ -32,10 +35,14 @@ def html_of(report: Report, document: Mapping[str, object]) -> str:
     document : mapping
         The identification as `identify --json` prints it; it goes into the page as data, and
         numbers in the tables name their place in it.
+    executor : concurrent.futures.Executor, optional
+        Draws the pictures, all at once.
     """
+    ahead = {p.key: executor.submit(drawing, p) for p in report.pictures} if executor else {}
     return _page(
         "report.jinja",
         {"identification": document, "report-data": report.data},
+        drawing=lambda p: ahead[p.key].result() if p.key in ahead else drawing(p),
         sections=report.sections,
         report=report,
         symbol=SYMBOL,
@@ -52,6 +59,7 @@ def comparison_html(comparison: Comparison, document: Mapping[str, object]) -> s
     return _page(
         "comparison.jinja",
         {"comparison": document},
+        drawing=drawing,
         sections=comparison_sections(comparison),
         comparison=comparison,
         differing=[row.name for row in rows if any(d.significant for d in row.differences)],
@@ -72,7 +80,6 @@ def _page(name: str, documents: Mapping[str, Mapping[str, object]], **content: o
         css=Markup((room / "report.css").read_text("utf-8")),
         documents={key: _json(document) for key, document in documents.items()},
         kind=_kind,
-        drawing=_drawing,
         moving=moving_car,
         small=lambda table: len(table.columns) > _WIDE,
         **content,
@@ -110,7 +117,7 @@ def _kind(block: Block) -> str:
             return "cars"
 
 
-def _drawing(picture: Picture) -> Markup:
+def drawing(picture: Picture) -> Markup:
     """Draw a picture for a page that holds others: no prologue, no rule for all, own names."""
     svg = panel_svg(picture.panel, picture.title)
     svg = svg[svg.index("<svg") :]

@@ -19,9 +19,10 @@ _LATE_S = 0.015
 
 def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
     """Return the mean square residual in units of the noise for each run and channel."""
+    noise = estimation.noise
     return {
         decay.label: {
-            name: float(values @ values) / estimation.noise[name] ** 2 / decay.freedom[name]
+            name: float(values @ values) / noise[name] ** 2 / decay.freedom[name]
             for name, values in decay.values.items()
         }
         for decay in estimation.residuals

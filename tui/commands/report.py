@@ -36,20 +36,20 @@ def report(
     from identify.report.html import html_of
 
     from ..output import print_line, progress
-    from ..reporting import make_room, source_of, write_figures, write_file
+    from ..reporting import helpers, make_room, source_of, write_figures, write_file
     from ..result import identification_document
 
     out = session.with_suffix(".html") if out is None else out
-    with progress("report") as stage:
+    with progress("report") as stage, helpers() as pool:
         stage(0.02, "reading")
         recorded = daq.read_foreign_session(session)
         for path in (out, *([] if pdf is None else [pdf])):
             make_room(path)
-        result = method.identify(recorded, lambda done, text: stage(0.6 * done, text))
+        result = method.identify(recorded, lambda done, text: stage(0.6 * done, text), pool)
         stage(0.6, "gathering")
         page = report_of(recorded, result, source_of(session))
         stage(0.7, "drawing")
-        write_file(out, html_of(page, identification_document(result)).encode())
+        write_file(out, html_of(page, identification_document(result), pool).encode())
         print_line(str(out))
         if pdf is not None:
             from identify.report.pdf import pdf_of
