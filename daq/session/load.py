@@ -7,7 +7,8 @@ file that is made to crash or to hang libhdf5 itself is dealt with in `guard`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,27 @@ def load_tree(path: Path | str) -> Group:
     """
     path = Path(path)
     where = str(path)
+    try:
+        with open_session(path) as file:
+            _Survey(max_total_bytes(path.stat().st_size)).visit(file, 0)
+            return _group(file)
+    except InputError:
+        raise
+    except _WHAT_H5PY_RAISES as error:
+        what = f"is damaged: {str(error) or type(error).__name__}"
+        raise InputError(where, what, DAMAGED_ADVICE) from error
+
+
+@contextmanager
+def open_session(path: Path) -> Iterator[h5py.File]:
+    """Open a session file; nothing below its root has been looked at yet.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is no session, or of a newer schema.
+    """
+    where = str(path)
     if path.is_dir():
         raise InputError(where, "is a directory", ADVICE)
     if not path.exists():
@@ -68,27 +90,15 @@ def load_tree(path: Path | str) -> Group:
         raise InputError(where, "may not be read", "ask for the right to read it") from error
     except (OSError, RuntimeError) as error:
         raise InputError(where, "is not an HDF5 file, or is cut off", ADVICE) from error
-    try:
-        with file:
-            return _checked_root(file, where, path.stat().st_size)
-    except InputError:
-        raise
-    except _WHAT_H5PY_RAISES as error:
-        what = f"is damaged: {str(error) or type(error).__name__}"
-        raise InputError(where, what, DAMAGED_ADVICE) from error
-
-
-def _checked_root(file: h5py.File, where: str, size: int) -> Group:
-    about = _attributes(file)
-    if about.get("schema") != SCHEMA:
-        raise InputError(where, "is HDF5, but not a bench session", ADVICE)
-    version = about.get("schema_version")
-    if version != VERSION:
-        what = f"has schema version {version}, this program reads {VERSION}"
-        raise InputError(where, what, "use a newer bumpbench")
-    survey = _Survey(max_total_bytes(size))
-    survey.visit(file, 0)
-    return _group(file)
+    with file:
+        about = plain_attributes(file)
+        if about.get("schema") != SCHEMA:
+            raise InputError(where, "is HDF5, but not a bench session", ADVICE)
+        version = about.get("schema_version")
+        if version != VERSION:
+            what = f"has schema version {version}, this program reads {VERSION}"
+            raise InputError(where, what, "use a newer bumpbench")
+        yield file
 
 
 class _Survey:
@@ -154,17 +164,17 @@ class _Survey:
 def _group(group: h5py.Group) -> Group:
     items = {name: group[name] for name in sorted(group)}
     return Group(
-        _attributes(group),
+        plain_attributes(group),
         {name: _group(item) for name, item in items.items() if isinstance(item, h5py.Group)},
         {
-            name: Dataset(np.asarray(item[()]), _attributes(item))
+            name: Dataset(np.asarray(item[()]), plain_attributes(item))
             for name, item in items.items()
             if isinstance(item, h5py.Dataset)
         },
     )
 
 
-def _attributes(item: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
+def plain_attributes(item: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
     """Return the attributes of simple types; others are none of ours."""
     result: dict[str, Attribute] = {}
     for name in item.attrs:
