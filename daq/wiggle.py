@@ -1,7 +1,7 @@
 """The guided wiggle: push one corner of the car down, and the sensors prove place and sign.
 
-A push on a corner presses its suspension together (travel first positive), sinks the body (body
-acceleration first negative), and turns it: nose down at the front (pitch rate first positive), the
+A push on a corner presses its suspension together (travel first positive), sinks the body there
+(displacement first negative), and turns it: nose down at the front (pitch rate first positive), the
 pushed side down (positive roll lifts the left side, so first negative on the left).
 """
 
@@ -28,21 +28,16 @@ _WORDS = {
 _LEAST = {
     Quantity.SUSPENSION_TRAVEL: 3e-3,
     Quantity.BODY_DISPLACEMENT: 3e-3,
-    Quantity.BODY_ACCELERATION: 0.3,
-    Quantity.PITCH_RATE: 0.02,
-    Quantity.ROLL_RATE: 0.02,
-    Quantity.PITCH_ACCELERATION: 0.2,
-    Quantity.ROLL_ACCELERATION: 0.2,
+    Quantity.PITCH_RATE: 0.01,
+    Quantity.ROLL_RATE: 0.01,
 }
-"""What a hand does at least, SI; hubs hardly feel it."""
-_OVER_NOISE = 4.0
+"""What a hand does at least, SI.  Accelerations have no part: in them what comes back is stronger
+than what came first, and gravity has proved their signs already."""
+_OVER_NOISE = 6.0
 _FIRST_SHARE = 0.4
 """Of the peak: where the first excursion is told from noise and from what comes back."""
 _SETTLED_S = 0.6
 _LONGEST_S = 5.0
-_PITCH = (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION)
-_ROLL = (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION)
-_BODY = (Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT)
 _SURE = 0.4
 
 Envelope = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -140,8 +135,9 @@ def _deviation(
     seen = middle[np.isfinite(middle)]
     if not len(seen):
         return None
-    noise = float(np.median((high - low)[np.isfinite(middle)]))
-    away = np.nan_to_num(middle - float(np.median(seen)))[begin:]
+    rest = float(np.median(seen))
+    noise = 1.48 * float(np.median(np.abs(seen - rest)))  # a push does not move a median
+    away = np.nan_to_num(middle - rest)[begin:]
     return away, max(_LEAST[channel.quantity], _OVER_NOISE * noise)
 
 
@@ -207,8 +203,8 @@ def _elsewhere(corner: Corner, own: Channel, most: _Move, moves: Sequence[_Move]
 
 def _corner_of_turn(moves: Sequence[_Move]) -> Corner | None:
     """Return the corner that went down by pitch and roll; None if either did not move."""
-    pitch = next((m.first for m in moves if m.channel.quantity in _PITCH), 0)
-    roll = next((m.first for m in moves if m.channel.quantity in _ROLL), 0)
+    pitch = next((m.first for m in moves if m.channel.quantity is Quantity.PITCH_RATE), 0)
+    roll = next((m.first for m in moves if m.channel.quantity is Quantity.ROLL_RATE), 0)
     if not (pitch and roll):
         return None
     return next(c for c in Corner if (c.front, c.side) == (pitch > 0, -roll))
@@ -219,11 +215,11 @@ def _expected(corner: Corner, channel: Channel, channels: Sequence[Channel]) -> 
     quantity = channel.quantity
     if quantity is Quantity.SUSPENSION_TRAVEL:
         return 1 if channel.corner is corner else 0
-    if quantity in _PITCH:
+    if quantity is Quantity.PITCH_RATE:
         return 1 if corner.front else -1
-    if quantity in _ROLL:
+    if quantity is Quantity.ROLL_RATE:
         return -corner.side
-    return -1 if quantity in _BODY and _sinks(corner, channel) else 0
+    return -1 if quantity is Quantity.BODY_DISPLACEMENT and _sinks(corner, channel) else 0
 
 
 def _sinks(corner: Corner, channel: Channel) -> bool:

@@ -1,0 +1,94 @@
+"""What weights do to a car, against the simulated car's balance of forces."""
+
+import numpy as np
+import pytest
+
+from daq.loading import axle_loads, expected_car, loading, sag_stiffness
+from daq.sim.imperfections import NONE
+from daq.sim.plant import contact, corner_motion, inertia_forces, load_car, static_pose
+from daq.vehicle import (
+    FORD_GRANADA,
+    AddedMass,
+    BodyWeight,
+    Corner,
+    Fact,
+    FactQuantity,
+    HubWeight,
+    Vehicle,
+    VehicleGeometry,
+)
+
+WEIGHTS = (
+    BodyWeight(40.0, 0.2, 0.5, 0.3),
+    BodyWeight(25.0, -2.5, -0.6),
+    HubWeight(5.0, Corner.FRONT_LEFT),
+    HubWeight(7.0, Corner.REAR_RIGHT),
+)
+
+
+def test_inertia_is_that_of_the_balance_of_forces() -> None:
+    unit = np.eye(7)
+    loaded = -inertia_forces(FORD_GRANADA, AddedMass(WEIGHTS), NONE, unit)
+    bare = -inertia_forces(FORD_GRANADA, AddedMass(), NONE, unit)
+    told = loading(WEIGHTS, FORD_GRANADA)
+    added = loaded - bare
+    assert told.body_kg == pytest.approx(added[0, 0])
+    assert (told.I_yy, told.I_xx) == pytest.approx((added[1, 1], added[2, 2]))
+    assert told.hub_kg == pytest.approx(np.trace(added[3:, 3:]))
+    # The CG of the whole body is where its first moments vanish.
+    assert told.x_shift_m == pytest.approx(-loaded[0, 1] / loaded[0, 0])
+    assert told.y_shift_m == pytest.approx(loaded[0, 2] / loaded[0, 0])
+
+
+def test_axle_loads_are_those_of_the_car_at_rest() -> None:
+    def scales(added: AddedMass) -> np.ndarray:
+        plant = load_car(FORD_GRANADA, added)
+        still = np.zeros((4, 1))
+        load = contact(plant, static_pose(plant), np.zeros((7, 1)), still, still).tyre_n[:, 0]
+        return np.array([load[:2].sum(), load[2:].sum()]) / 9.80665
+
+    more = scales(AddedMass(WEIGHTS)) - scales(AddedMass())
+    told = loading(WEIGHTS, FORD_GRANADA)
+    assert (told.front_kg, told.rear_kg) == pytest.approx(tuple(more), abs=1e-6)
+
+
+def test_the_springs_are_known_from_how_far_the_body_sank() -> None:
+    def travel(added: AddedMass) -> dict[Corner, float]:
+        plant = load_car(FORD_GRANADA, added)
+        pose = static_pose(plant)
+        moved = (pose[3:] - corner_motion(plant, pose[:3]))[:, 0]
+        return dict(zip(Corner, moved.tolist(), strict=True))
+
+    before, after = travel(AddedMass()), travel(AddedMass(WEIGHTS))
+    wheelbase_m = FORD_GRANADA.a + FORD_GRANADA.b
+    found = sag_stiffness(WEIGHTS, wheelbase_m, before, after)
+    assert found == pytest.approx((FORD_GRANADA.k_sf, FORD_GRANADA.k_sr), rel=1e-6)
+    front_only = {c: after[c] for c in (Corner.FRONT_LEFT, Corner.FRONT_RIGHT)}
+    assert sag_stiffness(WEIGHTS, wheelbase_m, before, front_only)[1] is None
+    assert sag_stiffness(WEIGHTS, wheelbase_m, before, before) == (None, None)
+    assert sag_stiffness((), wheelbase_m, before, after) == (None, None)
+
+
+def test_a_weight_on_an_axle_loads_that_axle_alone() -> None:
+    assert axle_loads([BodyWeight(10.0, 0.0, 0.0)], 2.5) == pytest.approx((10.0, 0.0))
+    assert axle_loads([BodyWeight(10.0, -2.5, 0.0)], 2.5) == pytest.approx((0.0, 10.0))
+
+
+def test_the_expected_car_has_the_loads_and_lengths_that_were_measured() -> None:
+    usual = expected_car(Vehicle("car"))
+    np.testing.assert_allclose(usual.to_array(), FORD_GRANADA.to_array(), rtol=1e-12)
+    facts = {
+        FactQuantity.TOTAL_MASS: 1000.0,
+        FactQuantity.FRONT_AXLE: 600.0,
+        FactQuantity.REAR_AXLE: 400.0,
+        FactQuantity.WHEELBASE: 2.4,
+        FactQuantity.FRONT_TRACK: 1.4,
+        FactQuantity.REAR_TRACK: 1.5,
+    }
+    told = tuple(Fact(quantity, value, 1.0) for quantity, value in facts.items())
+    car = expected_car(Vehicle("car", facts=told))
+    assert car.m_s + 2 * car.m_uf + 2 * car.m_ur == pytest.approx(1000.0)
+    assert car.m_s * car.b / (car.a + car.b) + 2 * car.m_uf == pytest.approx(600.0)
+    assert (car.a + car.b, 2 * car.t_f, 2 * car.t_r) == pytest.approx((2.4, 1.4, 1.5))
+    geometry = VehicleGeometry(1.1, 1.3, 0.7, 0.75)
+    assert expected_car(Vehicle("car", geometry, facts=told)).geometry == geometry

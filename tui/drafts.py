@@ -1,0 +1,45 @@
+"""Drafts of forms: what was typed survives a screen change and a crash.
+
+A draft is a small JSON file beside the recording, replaced as a whole.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+_LARGEST = 1_000_000
+
+
+def read_draft(path: Path) -> dict[str, Any]:
+    """Return the draft; empty if there is none that can be read."""
+    try:
+        if path.stat().st_size > _LARGEST:
+            return {}
+        told = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return told if isinstance(told, dict) else {}
+
+
+def write_draft(path: Path, values: Mapping[str, Any]) -> str:
+    """Write the draft in one step; return why it could not be written, or nothing."""
+    half = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with half.open("w", encoding="utf-8") as file:
+            json.dump(values, file)
+            file.flush()
+            os.fsync(file.fileno())
+        half.replace(path)
+    except OSError as error:
+        half.unlink(missing_ok=True)
+        return f"draft {path.name} cannot be written: {error.strerror or error}"
+    return ""
+
+
+def remove_draft(path: Path) -> None:
+    """Remove the draft, if there is one."""
+    path.unlink(missing_ok=True)
