@@ -1,0 +1,37 @@
+"""A comparison of two sessions as lines of text of 80 columns; made in the worker."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from identify.compare import Compared, Comparison
+from identify.report.numbers import number
+
+
+def comparison_lines(comparison: Comparison) -> Iterator[str]:
+    """Yield what the second session differs in from the first, parameters before modes."""
+    first, second = comparison.labels[:2]
+    differing = [row.name for row in comparison.quantities if row.differences[0].significant]
+    yield f"1  {first}: {comparison.verdicts[0]}"
+    yield f"2  {second}: {comparison.verdicts[1]}"
+    yield ""
+    if differing:
+        yield f"They differ, at 95 % among all quantities, in {len(differing)}:"
+        yield f"  {', '.join(differing)}"
+    else:
+        yield "Nothing differs beyond what noise alone would give."
+    for title, rows in (("Parameters", comparison.parameters), ("Modes", comparison.modes)):
+        yield ""
+        yield f"{title:<24}{'1':>12}{'2':>12}{'2 less 1':>11}{'z':>8}"
+        yield from (_row(row) for row in rows)
+    yield ""
+    common = f"; in common are {', '.join(comparison.common)}" if comparison.common else ""
+    yield f"Errors of the sessions are taken as independent{common}."
+
+
+def _row(row: Compared) -> str:
+    a, b = (number(e.value) for e in row.estimates[:2])
+    value, difference = row.estimates[0].value, row.differences[0]
+    share = f"{difference.value / abs(value) * 100:+.2f} %" if value else ""
+    word = "  differs" if difference.significant else ""
+    return f"{row.name:<24}{a:>12}{b:>12}{share:>11}{difference.z:>+8.2f}{word}"

@@ -1,0 +1,162 @@
+"""What the terminal shows of an identification: plain numbers and words, made in the worker.
+
+`outcome_of` makes it there; here it is only read, so that the terminal needs neither SciPy nor the
+session itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import TypeAdapter
+
+Row = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """A quantity with its 95 % interval.
+
+    Parameters
+    ----------
+    name, words : str
+        Symbol, and what it is.
+    value, low, high : float
+        In `unit`; the ends equal the value where it was given.
+    rests_on : str
+        Which runs or facts most of its precision comes from.
+    """
+
+    name: str
+    words: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    rests_on: str = ""
+
+    @property
+    def half_percent(self) -> float | None:
+        """Half of the interval as a share of the value, %; None where that says nothing."""
+        half = (self.high - self.low) / 2.0
+        if not self.value or not half:
+            return None
+        return half / abs(self.value) * 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class ModeRow:
+    """One mode: frequency in Hz and damping ratio with half of their 95 % intervals."""
+
+    name: str
+    frequency_hz: float
+    frequency_half_hz: float
+    damping_ratio: float
+    damping_ratio_half: float
+
+
+@dataclass(frozen=True, slots=True)
+class StateOutcome:
+    """One mass state: modes, and M, C, K in the order of `daq.vehicle.DOF`."""
+
+    name: str
+    modes: tuple[ModeRow, ...]
+    mass: tuple[Row, ...]
+    damping: tuple[Row, ...]
+    stiffness: tuple[Row, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One channel of a decay: times in s and values in `unit`, measured and fitted."""
+
+    channel: str
+    unit: str
+    measured_s: Row
+    measured: Row
+    fitted_s: Row
+    fitted: Row
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """One run: what became of it, and its decay where it was used.
+
+    Parameters
+    ----------
+    status : str
+        `accepted`, `rejected`, or `left out`.
+    reasons : tuple of str
+        Why it was not used.
+    chi2_per_n : float
+        Mean over its channels; NaN where it was not used.
+    """
+
+    label: str
+    status: str
+    reasons: tuple[str, ...]
+    chi2_per_n: float
+    curves: tuple[Curve, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A finding: severity `refused`, `doubtful` or `ok` (a note)."""
+
+    gate: str
+    severity: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """All that the screens show of one identification.
+
+    Parameters
+    ----------
+    session, vehicle, created : str
+        The file; whom and when it is of.
+    without : tuple of str
+        Runs left out for a trial; the file is not changed by that.
+    verdict, headline, meaning : str
+        `ok`, `doubtful` or `refused`, and that in words.
+    findings : tuple of Told
+        The worst first.
+    overrides : tuple of str
+        Warnings that a person answered for, with reason and name.
+    """
+
+    session: str
+    vehicle: str
+    created: str
+    without: tuple[str, ...]
+    verdict: str
+    headline: str
+    meaning: str
+    chi2_per_n: float
+    findings: tuple[Told, ...]
+    overrides: tuple[str, ...]
+    parameters: tuple[Estimated, ...]
+    derived: tuple[Estimated, ...]
+    states: tuple[StateOutcome, ...]
+    runs: tuple[RunOutcome, ...]
+
+    @property
+    def used(self) -> int:
+        """How many runs the result is of."""
+        return sum(run.status == "accepted" for run in self.runs)
+
+
+_OUTCOME = TypeAdapter(Outcome)
+
+
+def parse_outcome(body: dict[str, Any]) -> Outcome:
+    """Return the outcome that a worker sent.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    return _OUTCOME.validate_python(body)
