@@ -1,0 +1,66 @@
+"""What the terminal's tests share: an app on a fake recorder, and its screen as text."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from textual.app import App
+
+from tui.app import BenchApp
+from tui.glyphs import Glyphs, GlyphSet, choose_glyphs
+
+from .fake_recorder import FakeRecorder
+
+SNAPSHOTS = Path(__file__).parent / "snapshots"
+REWRITE = "BUMPBENCH_REWRITE_SNAPSHOTS"
+SIZES = {"80x24": (80, 24), "140x40": (140, 40), "200x50": (200, 50)}
+
+
+def screen_text(app: App[None]) -> str:
+    """Return what is on the screen: the only place that knows Textual's compositor."""
+    strips = app.screen._compositor.render_strips()
+    return "\n".join("".join(s.text for s in strip).rstrip() for strip in strips) + "\n"
+
+
+@pytest.fixture(autouse=True)
+def _same_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "UTC")
+    monkeypatch.setenv("TEXTUAL_ANIMATIONS", "none")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+
+
+@pytest.fixture
+def make_app(tmp_path: Path) -> Callable[..., BenchApp]:
+    """Return an app on a recorder; `held` makes the lock-out see time pass by itself."""
+
+    def make(
+        recorder: FakeRecorder,
+        glyphs: GlyphSet = GlyphSet.BRAILLE,
+        clock: Callable[[], float] | None = None,
+        **options: object,
+    ) -> BenchApp:
+        ticks = iter(range(1_000_000))
+        chosen: Glyphs = choose_glyphs(glyphs, {}, "utf-8")
+        return BenchApp(
+            recorder, tmp_path, chosen, "MK", clock=clock or (lambda: float(next(ticks))), **options
+        )  # type: ignore[arg-type]
+
+    return make
+
+
+@pytest.fixture
+def snapshot() -> Callable[[App[None], str], None]:
+    """Compare the screen with a text file; `BUMPBENCH_REWRITE_SNAPSHOTS=1` writes it anew."""
+
+    def compare(app: App[None], name: str) -> None:
+        path = SNAPSHOTS / f"{name}.txt"
+        seen = screen_text(app)
+        if os.environ.get(REWRITE):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(seen, "utf-8")
+        assert seen == path.read_text("utf-8"), f"{name}: look, then set {REWRITE}=1"
+
+    return compare

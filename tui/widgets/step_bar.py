@@ -1,0 +1,33 @@
+"""The seven steps in one line: done, here, to come."""
+
+from __future__ import annotations
+
+from textual.content import Content
+from textual.widgets import Static
+
+from daq.messages import Status
+
+from ..glyphs import Glyphs
+from ..steps import BenchStep, progress
+
+
+class StepBar(Static):
+    """Which steps are done, and on which the screen is (in reverse, between bars)."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__(markup=False)
+        self._glyphs = glyphs
+
+    def show(self, status: Status | None, here: BenchStep) -> None:
+        """Show how far the campaign is."""
+        far = progress(status)
+        parts: list[tuple[str, str] | str] = []
+        for step in BenchStep:
+            mark = f"{self._glyphs.good} " if step in far.done else "  "
+            if step is here:
+                parts += [(f"[{step.title}]", "bold reverse"), " "]
+            elif far.reached(step):
+                parts += [(f"{mark}{step.title} ", "bold $success" if step in far.done else "bold")]
+            else:
+                parts += [(f"{mark}{step.title} ", "$foreground")]
+        self.update(Content.assemble(*parts))
