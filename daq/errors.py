@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dbc.errors import BumpbenchError, InputError, printable
 
-__all__ = ["BumpbenchError", "BusError", "InputError", "printable"]
+__all__ = ["BumpbenchError", "BusError", "FolderLockedError", "InputError", "printable"]
 
 
 class BusError(BumpbenchError, OSError):
     """A CAN bus that cannot be opened or has gone."""
+
+
+class FolderLockedError(BumpbenchError):
+    """Another recorder writes to this folder."""

@@ -9,8 +9,6 @@ from prometheus_client import CollectorRegistry, Gauge, write_to_textfile
 
 from .messages import BusState, Status
 
-EVERY_S = 5.0
-
 
 def write_figures(path: Path, status: Status) -> None:
     """Write the figures of a status; the file is replaced as a whole.

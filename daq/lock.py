@@ -9,13 +9,9 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from .errors import BumpbenchError, InputError
+from .errors import FolderLockedError, InputError
 
 _LOCK, _HOLDER = "recorder.lock", "recorder.pid"
-
-
-class FolderLockedError(BumpbenchError):
-    """Another recorder writes to this folder."""
 
 
 @contextmanager

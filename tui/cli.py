@@ -27,6 +27,7 @@ from .commands.redecode import redecode
 from .commands.replay import replay
 from .commands.report import report as write_report
 from .commands.simulate import simulate
+from .commands.status import status
 from .commands.study import study
 from .commands.validate import validate
 from .diagnostics import ExitCode, report, report_usage
@@ -41,6 +42,7 @@ for command in (
     demo,
     simulate,
     record,
+    status,
     check,
     recover,
     redecode,
@@ -66,13 +68,15 @@ def main() -> None:
     sys.exit(run(sys.argv[1:]))
 
 
-def run(arguments: list[str]) -> int:
+def run(arguments: list[str], commands: typer.Typer = app) -> int:
     """Run one command.
 
     Parameters
     ----------
     arguments : list of str
         As after `bumpbench` in a shell.
+    commands : typer.Typer
+        What there is to run.
 
     Returns
     -------
@@ -80,7 +84,7 @@ def run(arguments: list[str]) -> int:
         The exit code (`tui.diagnostics.ExitCode`).
     """
     try:
-        code = app(arguments, standalone_mode=False, prog_name="bumpbench")
+        code = commands(arguments, standalone_mode=False, prog_name="bumpbench")
         sys.stdout.flush()
     except typer.exceptions.TyperException as error:
         message = error.format_message()

@@ -24,6 +24,8 @@ class ExitCode(IntEnum):
     DATA_LOST = 3
     """Done, but data was lost on the way."""
     NO_BUS = 4
+    LOCKED = 75
+    """Another recorder writes to this folder."""
     INTERRUPTED = 130
 
 
@@ -42,9 +44,11 @@ def say_left_out(codec: Codec) -> None:
 
 def report(error: BumpbenchError) -> ExitCode:
     """Write an error as one line and return its exit code."""
-    from daq.errors import BusError
+    from daq.errors import BusError, FolderLockedError
 
     say(f"error: {error}")
+    if isinstance(error, FolderLockedError):
+        return ExitCode.LOCKED
     return ExitCode.NO_BUS if isinstance(error, BusError) else ExitCode.BAD_INPUT
 
 

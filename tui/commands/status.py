@@ -1,0 +1,43 @@
+"""`bumpbench status`: how the recorder of a folder is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..diagnostics import ExitCode
+
+
+def status(
+    folder: Annotated[Path, typer.Argument(help="The folder it records into.")] = Path(),
+    json: Annotated[bool, typer.Option("--json", help="Print the whole status as JSON.")] = False,
+) -> int:
+    """Ask the recorder of a folder how it is; exit 1 if none runs there."""
+    from daq.address import control_address
+    from daq.client import Client, OrderRefused, RecorderGone
+    from daq.messages import STATUS, AskStatus
+
+    from ..diagnostics import say
+    from ..output import print_json, print_line
+    from ..recorder_lines import status_lines
+
+    try:
+        client = Client(control_address(folder), "status", control=False)
+        try:
+            told = client.ask(AskStatus()).status
+        finally:
+            client.close()
+    except (RecorderGone, OrderRefused) as error:
+        say(f"{folder}: {error.what if isinstance(error, RecorderGone) else error}")
+        return ExitCode.ANSWER_IS_NO
+    if told is None:
+        say(f"{folder}: the recorder has only just started")
+        return ExitCode.ANSWER_IS_NO
+    if json:
+        print_json(STATUS.dump_python(told, mode="json"))
+    else:
+        for line in status_lines(told):
+            print_line(line)
+    return ExitCode.OK
