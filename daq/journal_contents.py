@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ class JournalLoss:
         Blocks whose checksum does not fit.
     blocks_missing : int
         Blocks that should lie between others and do not.
+    frames_dropped : int
+        Frames that the recorder itself reported as lost: disk and memory were full, or a file was
+        deleted while it was written.
     segments_unclosed : int
         Segments that end without the mark of a proper end: the writer was killed or its disk full.
         By itself no loss.
@@ -36,13 +40,16 @@ class JournalLoss:
     bytes_cut: int = 0
     blocks_corrupt: int = 0
     blocks_missing: int = 0
+    frames_dropped: int = 0
     segments_unclosed: int = 0
     notes: tuple[str, ...] = ()
 
     @property
     def any(self) -> bool:
         """Whether something that was written is missing."""
-        return bool(self.bytes_cut or self.blocks_corrupt or self.blocks_missing)
+        return bool(
+            self.bytes_cut or self.blocks_corrupt or self.blocks_missing or self.frames_dropped
+        )
 
     @property
     def text(self) -> str:
@@ -98,8 +105,69 @@ class HopCounts:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingInfo:
+    """A recording in a folder, without its frames.
+
+    Parameters
+    ----------
+    recording : str
+        Its identity.
+    segments : tuple of Path
+        In order.
+    bytes, frames : int
+        In all segments.
+    first_ns, last_ns : int
+        Time stamps of the first frame and the latest; 0 if there is none.
+    bumps : int
+        Bumps that are runs.
+    ended : bool
+        Whether its recorder ended it; else it may be taken up again.
+    """
+
+    recording: str
+    segments: tuple[Path, ...]
+    bytes: int
+    frames: int
+    first_ns: int
+    last_ns: int
+    bumps: int
+    ended: bool
+
+
+@dataclass(frozen=True, slots=True)
+class JournalTail:
+    """Where a recording stands, for a recorder that takes it up again.
+
+    Parameters
+    ----------
+    head : JournalHead
+        Of its first segment.
+    next_number : int
+        Of the next block.
+    t_ns : int
+        Latest time stamp; 0 if there is none.
+    frames : int
+        Recorded so far.
+    events : tuple of Event
+        All of them: the book is a fold over them.
+    ended : bool
+        Whether it was ended, so that nothing is to be added.
+    segments : tuple of Path
+        In order.
+    """
+
+    head: JournalHead
+    next_number: int
+    t_ns: int
+    frames: int
+    events: tuple[Event, ...]
+    ended: bool
+    segments: tuple[Path, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class JournalContents:
-    """A whole journal in memory.
+    """A journal in memory: all of its frames, or those around the bumps.
 
     Parameters
     ----------

@@ -29,6 +29,8 @@ _CRC = struct.Struct("<I")
 _BLOCK = struct.Struct("<QII4Q")  # number, frames, payload width, HopLosses
 _COLUMNS = (("t_ns", "<i8"), ("can_id", "<u4"), ("flags", "<u2"), ("bus", "u1"), ("length", "u1"))
 _COLUMN_BYTES = sum(np.dtype(form).itemsize for _, form in _COLUMNS)
+BLOCK_HEAD = _CRC.size + _BLOCK.size
+"""Bytes of a message of frames before its first column, which is `t_ns`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +44,10 @@ class JournalHead:
     software : str
         Name and version of the writer.
     wall_ns, monotonic_ns : int
-        The host's two clocks, read together when the recording began.
+        The host's two clocks, read together when the recording began, or was taken up again.
+    recording : str
+        Identity of the recording (a uuid4 as 32 hex digits), kept when it is taken up again; empty
+        in journals of older versions, where the clocks are the identity.
     """
 
     bench_text: str
@@ -50,6 +55,12 @@ class JournalHead:
     software: str
     wall_ns: int
     monotonic_ns: int
+    recording: str = ""
+
+    @property
+    def identity(self) -> str:
+        """What the segments of one recording have in common."""
+        return self.recording or f"{self.wall_ns}+{self.monotonic_ns}"
 
 
 def head_record(head: JournalHead, segment: int) -> dict[str, str]:
@@ -59,6 +70,7 @@ def head_record(head: JournalHead, segment: int) -> dict[str, str]:
         "wall_ns": str(head.wall_ns),
         "monotonic_ns": str(head.monotonic_ns),
         "segment": str(segment),
+        "recording": head.recording,
         "bench_crc32": str(zlib.crc32(head.bench_text.encode())),
         "dbc_crc32": str(zlib.crc32(head.dbc_text.encode())),
     }
@@ -83,6 +95,7 @@ def parse_head(
         record["software"],
         int(record["wall_ns"]),
         int(record["monotonic_ns"]),
+        record.get("recording", ""),
     )
     return head, int(record["segment"])
 
@@ -108,12 +121,12 @@ def unpack_frames(message: bytes) -> tuple[int, FrameBatch, HopLosses]:
     ValueError
         If a single bit differs from what was written.
     """
-    if len(message) < _CRC.size + _BLOCK.size:
+    if len(message) < BLOCK_HEAD:
         raise ValueError("too short for a block")
     if _CRC.unpack_from(message)[0] != zlib.crc32(memoryview(message)[_CRC.size :]):
         raise ValueError("checksum does not fit")
     number, n, width, *counts = _BLOCK.unpack_from(message, _CRC.size)
-    offset = _CRC.size + _BLOCK.size
+    offset = BLOCK_HEAD
     if len(message) != offset + n * (_COLUMN_BYTES + width):
         raise ValueError("length does not fit the number of frames")
     columns = {}
@@ -122,6 +135,12 @@ def unpack_frames(message: bytes) -> tuple[int, FrameBatch, HopLosses]:
         offset += columns[name].nbytes
     data = np.frombuffer(message, np.uint8, n * width, offset).reshape(n, width)
     return number, FrameBatch(**columns, data=data), HopLosses(*counts)
+
+
+def block_head(message: bytes) -> tuple[int, int]:
+    """Return number and frames of a block, unchecked, from the first `BLOCK_HEAD` bytes."""
+    number, frames, *_ = _BLOCK.unpack_from(message, _CRC.size)
+    return number, frames
 
 
 def pack_events(number: int, events: Sequence[Event]) -> bytes:

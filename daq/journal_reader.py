@@ -3,38 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
-from mcap.exceptions import InvalidMagic
-from mcap.records import Attachment, Channel, DataEnd, McapRecord, Message, Metadata
+from mcap.records import Channel, DataEnd, McapRecord, Message
 from mcap.stream_reader import StreamReader
+from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, read_only
 
 from .errors import InputError
 from .journal_contents import HopCounts, JournalBlock, JournalContents, JournalLoss
 from .journal_format import (
-    BENCH_NAME,
-    DBC_NAME,
     EVENTS_TOPIC,
     FRAMES_TOPIC,
-    HEAD_RECORD,
     JournalHead,
-    parse_head,
     unpack_events,
     unpack_frames,
 )
+from .journal_gaps import DISK_GAP, FILE_GONE, RETENTION, Gap, parse_gap
+from .journal_scan import LARGEST_RECORD_BYTES, read_head
 from .runs import Event
 from .source import HopLosses
 
-LARGEST_RECORD_BYTES = 256 << 20
-"""A length beyond this is a torn or foreign file, not a block."""
+_TOLD = {
+    DISK_GAP: "found no room on the disk nor in memory",
+    FILE_GONE: "gone: the file was taken away while it was written",
+    RETENTION: "between the runs given up to make room",
+}
 
 
-def read_journal(paths: Sequence[Path]) -> JournalContents:
+def read_journal(
+    paths: Sequence[Path], spans: Sequence[tuple[int, int]] | None = None
+) -> JournalContents:
     """Read all segments of a recording.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        As for `JournalReader`.
+    spans : sequence of (int, int), optional
+        Keep only frames with time stamps in these spans, start <= t < stop, ns: memory grows with
+        the spans then, not with the recording.  Without it all frames are kept.
 
     Raises
     ------
@@ -42,28 +53,60 @@ def read_journal(paths: Sequence[Path]) -> JournalContents:
         As `JournalReader`.
     """
     reader = JournalReader(paths)
-    blocks = list(reader)
-    t_ns = [int(b.frames.t_ns.max()) if len(b.frames) else 0 for b in blocks]
-    counts = [[getattr(b.losses, f.name) for f in fields(HopLosses)] for b in blocks]
+    frames: list[FrameBatch] = []
+    events: list[Event] = []
+    hops = _HopTable()
+    for block in reader:
+        hops.add(block)
+        events += block.events
+        if len(block.frames):
+            kept = block.frames if spans is None else _within(block.frames, spans)
+            if len(kept):
+                frames.append(kept)
     return JournalContents(
-        reader.head,
-        FrameBatch.concatenate([block.frames for block in blocks]),
-        tuple(event for block in blocks for event in block.events),
-        HopCounts(
-            read_only(np.maximum.accumulate(np.array(t_ns, np.int64))),
-            read_only(np.array(counts, np.int64).reshape(-1, len(fields(HopLosses)))),
-        ),
-        reader.lost,
+        reader.head, FrameBatch.concatenate(frames), tuple(events), hops.counts(), reader.lost
     )
 
 
+def _within(frames: FrameBatch, spans: Sequence[tuple[int, int]]) -> FrameBatch:
+    first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
+    wanted: NDArray[np.bool_] = np.zeros(len(frames), bool)
+    for start_ns, stop_ns in spans:
+        if start_ns <= last_ns and first_ns < stop_ns:
+            wanted |= (frames.t_ns >= start_ns) & (frames.t_ns < stop_ns)
+    return frames.select(wanted)
+
+
+class _HopTable:
+    """Losses block by block; of a stretch without any only the ends are kept."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[int, ...]] = []
+        self._t_ns = 0
+
+    def add(self, block: JournalBlock) -> None:
+        if len(block.frames):
+            self._t_ns = max(self._t_ns, int(block.frames.t_ns.max()))
+        row = (self._t_ns, *astuple(block.losses))
+        # `HopCounts.between` asks for the row before a span and the first one behind it: with
+        # both ends of every level kept, it gets the same answer.
+        if len(self._rows) >= 2 and self._rows[-1][1:] == row[1:] == self._rows[-2][1:]:
+            self._rows[-1] = row
+        else:
+            self._rows.append(row)
+
+    def counts(self) -> HopCounts:
+        table = np.array(self._rows, np.int64).reshape(-1, 5)
+        return HopCounts(read_only(table[:, 0]), read_only(table[:, 1:]))
+
+
 class JournalReader:
-    """The blocks of a journal, one at a time: iterate once, then ask what was lost.
+    """The blocks of a recording, one at a time: iterate once, then ask what was lost.
 
     Parameters
     ----------
     paths : sequence of Path
-        The segments of one recording, in any order.
+        The segments of one recording, in any order, whichever process wrote them.
 
     Raises
     ------
@@ -74,18 +117,23 @@ class JournalReader:
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._lost = JournalLoss()
-        heads = {path: _read_head(path) for path in paths}
+        self._missing: list[tuple[str, int, int]] = []  # file, first number, number behind
+        self._gaps: list[tuple[str, Gap]] = []
+        self._open: list[JournalLoss] = []  # may have been written again in the next segment
+        heads = {path: read_head(path) for path in paths}
         found = {path: head for path, head in heads.items() if head is not None}
         for path in heads.keys() - found.keys():
             # Killed while it was created: nothing in it was ever reported as written.
-            self._note(f"{path.name}: has no complete beginning", cut=path.stat().st_size)
+            note = f"{path.name}: has no complete beginning"
+            self._lost = _plus(self._lost, JournalLoss(notes=(note,)))
         if not found:
             where = ", ".join(str(path) for path in paths) or "journal"
             raise InputError(where, "holds no recording", "name the files journal_*.mcap")
         self._paths = sorted(found, key=lambda path: found[path][1])
-        self.head: JournalHead = found[self._paths[0]][0]
-        for path in self._paths:
-            if found[path][0] != self.head:
+        self._heads = {path: found[path][0] for path in self._paths}
+        self.head: JournalHead = self._heads[self._paths[0]]
+        for path, head in self._heads.items():
+            if head.identity != self.head.identity:
                 raise InputError(
                     str(path),
                     f"belongs to another recording than {self._paths[0].name}",
@@ -94,13 +142,29 @@ class JournalReader:
 
     @property
     def lost(self) -> JournalLoss:
-        """What was found missing so far."""
-        return self._lost
+        """What was found missing so far; exact once all blocks have been read."""
+        lost = self._lost
+        gaps = [gap for _, gap in self._gaps]
+        for name, first, stop in self._missing:
+            missing = stop - first - _overlap(first, stop, gaps)
+            if missing > 0:
+                note = f"{name}: {missing} blocks missing before it"
+                lost = _plus(lost, JournalLoss(blocks_missing=missing, notes=(note,)))
+        for code, gap in self._gaps:
+            text = f"{gap.file}: {gap.frames}" if gap.file else f"{gap.frames}"
+            dropped = 0 if code == RETENTION else gap.frames
+            note = f"{text} frames {_TOLD[code]}"
+            lost = _plus(lost, JournalLoss(frames_dropped=dropped, notes=(note,)))
+        return lost
 
     def __iter__(self) -> Iterator[JournalBlock]:
         expected = 0
-        losses = HopLosses()
+        losses = before = HopLosses()
+        head = self.head
         for path in self._paths:
+            if self._heads[path] != head:  # another process: it wrote nothing again
+                self._settle()
+                before, head = losses, self._heads[path]
             topics: dict[int, str] = {}
             for record in self._records(path):
                 if isinstance(record, Channel):
@@ -111,22 +175,32 @@ class JournalReader:
                 events: tuple[Event, ...] = ()
                 try:
                     if topics.get(record.channel_id) == FRAMES_TOPIC:
-                        number, frames, counted = unpack_frames(record.data)
+                        number, frames, own = unpack_frames(record.data)
+                        counted = _sum(before, own)
                     elif topics.get(record.channel_id) == EVENTS_TOPIC:
                         number, events = unpack_events(record.data)
                     else:
                         raise ValueError("no such channel")
                 except ValueError as error:
-                    self._note(f"{path.name}: block {expected} corrupt: {error}", corrupt=1)
-                    expected += 1
+                    note = f"{path.name}: block after {expected} is corrupt: {error}"
+                    self._open.append(JournalLoss(blocks_corrupt=1, notes=(note,)))
                     continue
                 if number < expected:
                     continue  # written twice: the first time its fdatasync failed
-                if number > expected:
-                    missing = number - expected
-                    self._note(f"{path.name}: {missing} blocks missing", missing=missing)
+                if number == expected:
+                    self._open.clear()  # what broke off before was this block
+                corrupt = sum(lost.blocks_corrupt for lost in self._open)
+                if number > expected + corrupt:
+                    self._missing.append((path.name, expected + corrupt, number))
+                self._settle()
                 expected, losses = number + 1, counted
+                self._gaps += [
+                    (event.code, gap)
+                    for event in events
+                    if (gap := parse_gap(event)) and gap.recording == self.head.identity
+                ]
                 yield JournalBlock(frames, losses, events)
+        self._settle()
 
     def _records(self, path: Path) -> Iterator[McapRecord]:
         size = path.stat().st_size
@@ -138,27 +212,45 @@ class JournalReader:
                     in_body |= isinstance(record, Message | DataEnd)
                     if in_body and file.tell() - good != _whole_bytes(record):
                         # The library steps over records of a kind it does not know.
-                        self._note(f"{path.name}: a block is not one any more", corrupt=1)
+                        note = f"{path.name}: a block is not one any more"
+                        self._open.append(JournalLoss(blocks_corrupt=1, notes=(note,)))
                     if isinstance(record, DataEnd):
                         return  # what follows is a summary that we do not need
                     good = file.tell()
                     yield record
             except Exception:  # torn bytes raise whatever the parser stumbles over
-                self._note(f"{path.name}: not closed", unclosed=1)
+                self._lost = _plus(self._lost, _unclosed(path))
                 if size > good:
-                    self._note(f"{path.name}: last {size - good} bytes torn", cut=size - good)
+                    note = f"{path.name}: last {size - good} bytes torn"
+                    self._open.append(JournalLoss(bytes_cut=size - good, notes=(note,)))
 
-    def _note(
-        self, text: str, cut: int = 0, corrupt: int = 0, missing: int = 0, unclosed: int = 0
-    ) -> None:
-        lost = self._lost
-        self._lost = JournalLoss(
-            lost.bytes_cut + cut,
-            lost.blocks_corrupt + corrupt,
-            lost.blocks_missing + missing,
-            lost.segments_unclosed + unclosed,
-            (*lost.notes, text),
-        )
+    def _settle(self) -> None:
+        """Count what broke off and was not written again."""
+        for lost in self._open:
+            self._lost = _plus(self._lost, lost)
+        self._open.clear()
+
+
+def _unclosed(path: Path) -> JournalLoss:
+    return JournalLoss(segments_unclosed=1, notes=(f"{path.name}: not closed",))
+
+
+def _plus(a: JournalLoss, b: JournalLoss) -> JournalLoss:
+    return JournalLoss(*(x + y for x, y in zip(astuple(a), astuple(b), strict=True)))
+
+
+def _sum(a: HopLosses, b: HopLosses) -> HopLosses:
+    return HopLosses(*(x + y for x, y in zip(astuple(a), astuple(b), strict=True)))
+
+
+def _overlap(first: int, stop: int, gaps: Sequence[Gap]) -> int:
+    """Return how many numbers of a span lie in gaps."""
+    covered = 0
+    for gap in sorted(gaps, key=lambda gap: gap.first):
+        begin = max(first, gap.first)
+        covered += max(0, min(stop, gap.stop) - begin)
+        first = max(first, gap.stop)
+    return covered
 
 
 def _whole_bytes(record: McapRecord) -> int:
@@ -166,33 +258,3 @@ def _whole_bytes(record: McapRecord) -> int:
     if isinstance(record, Message):
         return 9 + 22 + len(record.data)
     return 9 + 4 if isinstance(record, DataEnd) else 0
-
-
-def _read_head(path: Path) -> tuple[JournalHead, int] | None:
-    """Return head and segment number, None if the file ends before they do."""
-    metadata: dict[str, str] | None = None
-    texts: dict[str, bytes] = {}
-    try:
-        with path.open("rb") as file:
-            for record in StreamReader(file, record_size_limit=LARGEST_RECORD_BYTES).records:
-                if isinstance(record, Metadata) and record.name == HEAD_RECORD:
-                    metadata = record.metadata
-                elif isinstance(record, Attachment):
-                    texts[record.name] = record.data
-                if metadata is not None and texts.keys() >= {BENCH_NAME, DBC_NAME}:
-                    return parse_head(metadata, texts[BENCH_NAME], texts[DBC_NAME])
-                if isinstance(record, Message | DataEnd):
-                    break
-    except OSError as error:
-        raise InputError(
-            str(path), error.strerror or str(error), "name the files journal_*.mcap"
-        ) from error
-    except (InvalidMagic, ValueError, KeyError) as error:
-        if path.stat().st_size >= 8:
-            raise InputError(
-                str(path), f"is no journal: {error}", "name the files journal_*.mcap"
-            ) from error
-        return None
-    except Exception:  # torn bytes raise whatever the parser stumbles over
-        return None
-    raise InputError(str(path), "is an MCAP file of another program", "name journal_*.mcap")

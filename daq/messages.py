@@ -355,6 +355,11 @@ class DiskStatus:
         Kept in memory because the disk refuses.
     failed : str
         Why the disk refuses; empty if it does not.
+    dropped_frames : int
+        Lost because neither disk nor memory had room; `disk_gap` events tell where.
+    warning : str
+        What is wrong with the disk although it takes everything: little room, nothing that may be
+        deleted, a file that was taken away.
     """
 
     free_bytes: int
@@ -363,6 +368,8 @@ class DiskStatus:
     lag_s: float
     held_frames: int = 0
     failed: str = ""
+    dropped_frames: int = 0
+    warning: str = ""
 
 
 @dataclass(frozen=True, slots=True)

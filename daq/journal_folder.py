@@ -1,0 +1,110 @@
+"""The recordings in a folder of segments, told apart without reading their frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import groupby
+from pathlib import Path
+
+from .book import Code
+from .errors import InputError
+from .journal_contents import JournalTail, RecordingInfo
+from .journal_gaps import ENDED
+from .journal_scan import SegmentInfo, read_head, scan
+from .runs import Event
+
+PATTERN = "journal_*.mcap"
+
+
+def segments_in(folder: Path) -> tuple[Path, ...]:
+    """Return the segments in a folder by their numbers, also those that hold nothing."""
+    return tuple(sorted(folder.glob(PATTERN), key=segment_number))
+
+
+def segment_number(path: Path) -> int:
+    """Return the number in a segment's name, 0 if there is none."""
+    digits = path.stem.rpartition("_")[2]
+    return int(digits) if digits.isdecimal() else 0
+
+
+def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
+    """Return the recordings in a folder, the oldest first.
+
+    Files that are no segment, or that end before their head does, are left out.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files `journal_*.mcap` are.
+    """
+    infos = [info for path in segments_in(folder) if (info := _scanned(path))]
+    grouped: dict[str, list[SegmentInfo]] = {}
+    for info in infos:
+        grouped.setdefault(info.recording, []).append(info)
+    return tuple(_recording(group) for group in grouped.values())
+
+
+def last_recording(folder: Path) -> JournalTail | None:
+    """Return where the newest recording in a folder stands; None if there is none.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files `journal_*.mcap` are.
+    """
+    newest: list[SegmentInfo] = []
+    for path in reversed(segments_in(folder)):
+        info = _scanned(path)
+        if info is None:
+            continue
+        if newest and info.recording != newest[0].recording:
+            break
+        newest.append(info)
+    if not newest:
+        return None
+    newest.reverse()
+    found = read_head(newest[0].path)
+    assert found is not None  # it was scanned
+    events = _events(newest)
+    return JournalTail(
+        found[0],
+        max(info.stop for info in newest),
+        max(info.last_ns for info in newest),
+        sum(info.frames for info in newest),
+        events,
+        any(event.code == ENDED for event in events),
+        tuple(info.path for info in newest),
+    )
+
+
+def _recording(infos: list[SegmentInfo]) -> RecordingInfo:
+    events = _events(infos)
+    return RecordingInfo(
+        infos[0].recording,
+        tuple(info.path for info in infos),
+        sum(info.bytes for info in infos),
+        sum(info.frames for info in infos),
+        next((info.first_ns for info in infos if info.frames), 0),
+        max(info.last_ns for info in infos),
+        sum(event.code == Code.BUMP for event in events),
+        any(event.code == ENDED for event in events),
+    )
+
+
+def _events(infos: Iterable[SegmentInfo]) -> tuple[Event, ...]:
+    """Return all events once: a segment whose sync failed has its last ones in the next too."""
+    events: list[Event] = []
+    stop = 0
+    for info in infos:
+        for number, told in groupby(info.events, key=lambda numbered: numbered[0]):
+            if number >= stop:
+                events += (event for _, event in told)
+                stop = number + 1
+    return tuple(events)
+
+
+def _scanned(path: Path) -> SegmentInfo | None:
+    try:
+        return scan(path)
+    except (InputError, OSError):
+        return None  # of another program, or just deleted
