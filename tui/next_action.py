@@ -44,8 +44,10 @@ def next_action(status: Status | None) -> NextAction:
             return NextAction("SPACE = go on", arm)
         case Phase.REJECTED:
             return NextAction("SPACE = again", arm)
-        case Phase.ACCEPTED:
-            return NextAction("SPACE = next run now", arm)
+        case Phase.ACCEPTED if status.countdown_s is not None:
+            return NextAction("SPACE = now", arm)
+        case Phase.ACCEPTED:  # the boards have to be moved: IDLE follows, and says how
+            return NextAction()
     if status.due is None:
         return NextAction(f"SPACE = step {due.title}", step=due)
     return NextAction("SPACE starts", arm)

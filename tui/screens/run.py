@@ -5,36 +5,65 @@ from __future__ import annotations
 from typing import ClassVar
 
 from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
 
 from daq.messages import Status
 
+from ..banner import banner
 from ..next_action import next_action
-from ..widgets.next_panel import NextPanel
-from .base import BenchScreen
+from ..widgets.banner_bar import BannerBar
+from ..widgets.lists import AlarmList, Journal, RunList, TallyList
+from ..widgets.progress_line import ProgressLine
+from .bumping import BumpingScreen
+from .live import draw_lanes, live_chart
+from .news import LiveArrived, RecorderLost
 
 
-class RunScreen(BenchScreen):
-    """The run under way."""
+class RunScreen(BumpingScreen):
+    """Banner and lanes; on a wide terminal progress, runs and journal beside them."""
 
     HELP_PAGE: ClassVar[str] = "run"
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._page = 0
+
     def compose_body(self) -> ComposeResult:
         """Lay out the run."""
-        yield NextPanel(self.bench_app.glyphs)
-
-    @property
-    def ready(self) -> bool:
-        """Whether SPACE would do something."""
-        return bool(next_action(self.bench_app.status).words)
+        glyphs = self.bench_app.glyphs
+        yield BannerBar(glyphs)
+        with Horizontal(id="body"):
+            yield live_chart(glyphs)
+            with Vertical(id="right"):
+                yield TallyList(glyphs)
+                yield RunList(glyphs)
+                yield Journal()
+        yield AlarmList(glyphs)
+        yield ProgressLine(glyphs)
 
     def show_status(self, status: Status) -> None:
         """Show the run."""
-        self.query_one(NextPanel).show(status)
+        self._show_banner()
+        for kind in (TallyList, RunList, Journal, AlarmList, ProgressLine):
+            self.query_one(kind).show(status)
+        self.refresh_bindings()
 
-    async def action_next(self) -> None:
-        """Arm, or go to the step that is due."""
-        action = next_action(self.bench_app.status)
-        if action.step is not None:
-            await self.bench_app.go_to(action.step)
-        elif action.order is not None:
-            await self.bench_app.ask(action.order)
+    def on_live_arrived(self, _: LiveArrived) -> None:
+        """Draw the newest samples."""
+        draw_lanes(self, self.bench_app, self._page)
+
+    def on_recorder_lost(self, message: RecorderLost) -> None:
+        """Say in the banner what to do."""
+        super().on_recorder_lost(message)
+        self._show_banner()
+        self.refresh_bindings()
+
+    def action_view(self) -> None:
+        """Begin with the lanes of the wheels, of another quantity there, of the body again."""
+        self._page += 1
+        draw_lanes(self, self.bench_app, self._page)
+
+    def _show_banner(self) -> None:
+        app = self.bench_app
+        said = banner(app.status, app.lost, next_action(app.status), app.glyphs)
+        self.query_one(BannerBar).show(said)

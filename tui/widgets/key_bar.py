@@ -7,8 +7,13 @@ from textual.screen import Screen
 from textual.widgets import Static
 
 
+_FIRST, _LAST = "press('next')", "help"
+_DROPPED = ("app.sessions", "more", "view", "press('redo')", "app.step(1)", "app.note")
+"""What is left out first where the line is too short; help and palette tell all keys."""
+
+
 class KeyBar(Static):
-    """Every binding of the screen that is to be shown, in the order in which it was bound."""
+    """Every binding of the screen that does something now: SPACE first, help last."""
 
     def __init__(self) -> None:
         super().__init__(markup=False)
@@ -18,13 +23,27 @@ class KeyBar(Static):
         self.screen.bindings_updated_signal.subscribe(self, self._changed)
         self._changed(self.screen)
 
+    def on_resize(self) -> None:
+        """Fill the new width."""
+        self._changed(self.screen)
+
     def _changed(self, screen: Screen[object]) -> None:
         shown: dict[str, tuple[str, str]] = {}
         for _, binding, enabled, _ in screen.active_bindings.values():
             if binding.show and enabled and binding.action not in shown:
                 key = binding.key_display or self.app.get_key_display(binding)
                 shown[binding.action] = (key, binding.description)
+        # What only one screen has is more to the point there than what all have.
+        common = ("app.step(1)", "app.note", "app.sessions")
+        order = sorted(
+            shown, key=lambda action: (action != _FIRST, action == _LAST, action in common)
+        )
+        for action in _DROPPED:
+            if sum(len(" ".join(shown[a])) + 2 for a in order) <= self.size.width + 2:
+                break
+            order = [a for a in order if a != action]
         parts: list[tuple[str, str]] = []
-        for key, words in shown.values():
+        for action in order:
+            key, words = shown[action]
             parts += [(key, "bold $accent"), (f" {words}  ", "$foreground")]
         self.update(Content.assemble(*parts))

@@ -49,7 +49,7 @@ from daq.messages import (
 from daq.runs import Event, Losses
 from tui.feed import News, Refused, Role
 
-WALL_NS = 1_795_267_320_000_000_000  # 2026-11-21 10:42 UTC
+WALL_NS = 1_795_267_320_000_000_000  # 2026-11-21 13:22 UTC
 BIN_S = 0.02
 DOUBLE_BUMP = Finding(
     "double_bump", False, "", 0.84, 0.0, "s", "second bump at +0.84 s", "bump once, keep hands off"

@@ -1,0 +1,31 @@
+"""Lanes on a screen: the chart in its frame, and what is drawn in it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from textual.screen import Screen
+
+from ..glyphs import Glyphs
+from ..lane_view import lane_specs, window
+from ..widgets.lane_chart import LaneChart
+
+if TYPE_CHECKING:
+    from ..app import BenchApp
+
+
+def live_chart(glyphs: Glyphs) -> LaneChart:
+    """Return a chart in a frame."""
+    chart = LaneChart(glyphs)
+    chart.add_class("framed")
+    return chart
+
+
+def draw_lanes(screen: Screen[None], app: BenchApp, page: int = 0) -> None:
+    """Draw the newest samples on the chart of a screen, if it is seen."""
+    chart = screen.query_one(LaneChart)
+    if not chart.display or not chart.size.height:
+        return
+    specs = lane_specs(app.bench, app.lanes, page, chart.room)
+    overloaded = app.status.overloaded if app.status else ()
+    chart.show(app.lanes, specs, window(app.status, app.lanes), overloaded)

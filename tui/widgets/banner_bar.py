@@ -1,0 +1,49 @@
+"""The banner: three rows over the full width, to be read from three metres."""
+
+from __future__ import annotations
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal
+from textual.content import Content
+from textual.widgets import Digits, Static
+
+from ..banner import Banner
+from ..glyphs import Glyphs, GlyphSet
+
+KINDS = ("armed", "moving", "good", "bad", "quiet")
+_WORD = 13
+
+
+class BannerBar(Horizontal):
+    """State as symbol, word and digits; the colour only adds to it."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__()
+        self._plain = glyphs.name is GlyphSet.ASCII
+        self._shown: Banner | None = None
+
+    def compose(self) -> ComposeResult:
+        """Words on the left, digits on the right."""
+        yield Static(markup=False)
+        yield Digits() if not self._plain else Static(markup=False, id="figures")
+
+    def show(self, banner: Banner) -> None:
+        """Show a banner."""
+        if banner == self._shown:
+            return
+        self._shown = banner
+        for kind in KINDS:
+            self.set_class(kind == banner.kind, f"-{kind}")
+        indent = " " * 3
+        lines = [
+            Content.assemble(
+                (f" {banner.symbol} {banner.word:<{_WORD}}", "bold"), (banner.title, "bold")
+            ),
+            Content(f"{indent}{banner.first}"),
+            Content(f"{indent}{banner.second}"),
+        ]
+        self.query_one(Static).update(Content("\n").join(lines))
+        if self._plain:
+            self.query_one("#figures", Static).update(f"\n{banner.digits:>5} ")
+        else:
+            self.query_one(Digits).update(banner.digits)

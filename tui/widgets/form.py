@@ -1,0 +1,188 @@
+"""A form of one-line fields: labels, brackets, values; the keyboard alone is enough."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, VerticalScroll
+from textual.message import Message
+from textual.widget import Widget
+from textual.widgets import Input, Static
+
+from ..forms import Field, FieldError
+
+
+class TextField(Input):
+    """A field that is typed into."""
+
+    def __init__(self, field: Field, width: int) -> None:
+        super().__init__(compact=True, select_on_focus=False, max_length=max(field.most, 60))
+        self.field = field
+        self.styles.width = width
+
+
+class ChoiceField(Static, can_focus=True):
+    """A field that is one of a few words: left, right and SPACE go through them."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("right,space", "turn(1)", "Change", show=False),
+        Binding("left", "turn(-1)", "Change", show=False),
+    ]
+
+    class Changed(Message):
+        """Another word was chosen."""
+
+    class Submitted(Message):
+        """Enter was pressed."""
+
+        def __init__(self, widget: ChoiceField) -> None:
+            self.widget = widget
+            super().__init__()
+
+    def __init__(self, field: Field) -> None:
+        super().__init__(markup=False)
+        self.field = field
+        self._value = ""
+        self.styles.width = max(map(len, field.choices))
+
+    @property
+    def value(self) -> str:
+        """The word."""
+        return self._value
+
+    @value.setter
+    def value(self, value: str) -> None:
+        self._value = value
+        self.update(value)
+
+    def action_turn(self, by: int) -> None:
+        """Take the next word, or the one before."""
+        words = self.field.choices
+        now = words.index(self._value) if self._value in words else -1
+        self.value = words[(now + by) % len(words)]
+        self.post_message(self.Changed())
+
+    def key_enter(self) -> None:
+        """Go on to the next field."""
+        self.post_message(self.Submitted(self))
+
+
+FieldWidget = TextField | ChoiceField
+
+
+class Form(VerticalScroll, can_focus=False):
+    """Fields in rows; what is typed stays, be it right or wrong.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of Field
+        Fields that stand side by side.
+    label_width : int
+        Cells of the first label of a row.
+    """
+
+    DEFAULT_CSS = """
+    Form { height: 1fr; }
+    Form Horizontal { height: 1; }
+    Form .label, Form .unit { width: auto; height: 1; }
+    Form TextField, Form ChoiceField { height: 1; background: $surface; }
+    Form TextField:focus, Form ChoiceField:focus { text-style: bold reverse; }
+    Form .bad { color: $error; text-style: bold; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("down", "screen.focus_next", "Next field", show=False),
+        Binding("up", "screen.focus_previous", "Field before", show=False),
+    ]
+
+    class Changed(Message):
+        """Something was typed."""
+
+    class Submitted(Message):
+        """Enter was pressed in the last field."""
+
+    def __init__(self, rows: Sequence[Sequence[Field]], label_width: int = 13) -> None:
+        super().__init__()
+        self._rows, self._label_width = rows, label_width
+        self._fields: dict[str, FieldWidget] = {}
+        self._labels: dict[str, Static] = {}
+
+    def compose(self) -> ComposeResult:
+        """Lay out the rows."""
+        for row in self._rows:
+            yield Horizontal(*self._row(row))
+
+    def _row(self, row: Sequence[Field]) -> Iterable[Widget]:
+        for position, field in enumerate(row):
+            short = "±" if field.name.endswith(".sigma") else field.label
+            label = f" {short}".ljust(self._label_width) if position == 0 else f"  {short} "
+            self._labels[field.name] = Static(label, classes="label", markup=False)
+            yield self._labels[field.name]
+            yield Static("[", classes="unit", markup=False)
+            widget = ChoiceField(field) if field.choices else TextField(field, _width(field))
+            self._fields[field.name] = widget
+            yield widget
+            yield Static(f"] {field.unit:<4}", classes="unit", markup=False)
+
+    @property
+    def values(self) -> dict[str, str]:
+        """What stands in the fields."""
+        return {name: widget.value for name, widget in self._fields.items()}
+
+    def fill(self, values: Mapping[str, str]) -> None:
+        """Put values in; fields that are not named stay."""
+        with self.prevent(Input.Changed):
+            for name, value in values.items():
+                if name in self._fields:
+                    self._fields[name].value = value
+
+    def mark(self, errors: Sequence[FieldError]) -> None:
+        """Show which fields are wrong: by a mark before the label, and in colour."""
+        bad = {error.field for error in errors}
+        for name, label in self._labels.items():
+            label.set_class(name in bad, "bad")
+            text = str(label.content)
+            label.update(("!" if name in bad else " ") + text[1:])
+
+    def enter(self, name: str = "") -> None:
+        """Put the cursor into a field; into the first one without a name."""
+        widget = self._fields.get(name) or next(iter(self._fields.values()))
+        widget.focus()
+
+    @property
+    def current(self) -> Field | None:
+        """The field with the cursor."""
+        focused = self.screen.focused
+        return focused.field if isinstance(focused, (TextField, ChoiceField)) else None
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Tell it on."""
+        event.stop()
+        self.post_message(self.Changed())
+
+    def on_choice_field_changed(self, event: ChoiceField.Changed) -> None:
+        """Tell it on."""
+        event.stop()
+        self.post_message(self.Changed())
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Go to the next field, or be done."""
+        event.stop()
+        self._submitted(event.input)
+
+    def on_choice_field_submitted(self, event: ChoiceField.Submitted) -> None:
+        """Go to the next field, or be done."""
+        event.stop()
+        self._submitted(event.widget)
+
+    def _submitted(self, widget: Widget) -> None:
+        if widget is list(self._fields.values())[-1]:
+            self.post_message(self.Submitted())
+        else:
+            self.screen.focus_next()
+
+
+def _width(field: Field) -> int:
+    return 9 if field.is_number else min(field.most, 48)

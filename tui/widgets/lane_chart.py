@@ -1,0 +1,121 @@
+"""The live traces: all lanes in one widget, one strip a row."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from rich.segment import Segment
+from textual.geometry import Region
+from textual.strip import Strip
+from textual.widget import Widget
+
+from ..glyphs import Glyphs
+from ..lane_view import LaneSpec, Window
+from ..lanes import Lanes
+from ..tracing import full_scale, pooled, trace
+
+LANE_ROWS = 4
+"""With fewer rows a decay looks like noise."""
+_LABEL, _SCALE = 11, 12
+
+
+class LaneChart(Widget):
+    """A chart recorder.
+
+    Parameters
+    ----------
+    glyphs : Glyphs
+        What the traces are drawn with.
+    """
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__()
+        self._glyphs = glyphs
+        self._rows: list[str] = []
+        self._ranges: dict[str, float] = {}
+        self._rest: dict[str, float] = {}
+
+    @property
+    def room(self) -> int:
+        """How many lanes have room."""
+        return max(1, self.size.height // LANE_ROWS)
+
+    def show(
+        self, lanes: Lanes, specs: Sequence[LaneSpec], window: Window, overloaded: Collection[str]
+    ) -> None:
+        """Draw lanes; only rows that differ are sent to the terminal."""
+        height, width = self.size.height, self.size.width
+        columns = width - _LABEL - _SCALE - 1
+        rows: list[str] = []
+        if specs and columns > 8 and lanes.end:
+            tall = min(height // len(specs), 3 * LANE_ROWS)
+            mark = None if window.trigger is None else int(window.trigger * columns)
+            for spec in specs:
+                rows += self._lane(lanes, spec, window, columns, tall, mark, overloaded)
+        elif height:
+            rows = ["", "  no samples yet"]
+        rows = [row.ljust(width)[:width] for row in rows[:height]]
+        rows += [" " * width] * (height - len(rows))
+        before, self._rows = self._rows, rows
+        if len(before) != len(rows):
+            self.refresh()
+            return
+        changed = [y for y, row in enumerate(rows) if row != before[y]]
+        if changed:
+            self.refresh(*(Region(0, y, width, 1) for y in changed))
+
+    def render_line(self, y: int) -> Strip:
+        """Return one row as a single segment."""
+        row = self._rows[y] if y < len(self._rows) else ""
+        return Strip([Segment(row.ljust(self.size.width), self.rich_style)], self.size.width)
+
+    def _lane(
+        self,
+        lanes: Lanes,
+        spec: LaneSpec,
+        window: Window,
+        columns: int,
+        tall: int,
+        mark: int | None,
+        overloaded: Collection[str],
+    ) -> list[str]:
+        low, high = lanes.window(spec.channel, window.first_bin, window.count)
+        middle = (low + high)[np.isfinite(low + high)] / 2.0
+        rest = self._at_rest(spec, float(np.median(middle)) if len(middle) else 0.0)
+        low, high = (low - rest) * spec.factor, (high - rest) * spec.factor
+        peak = float(max(np.nanmax(high), -np.nanmin(low))) if len(middle) else 0.0
+        scale = full_scale(peak, spec.least, self._ranges.get(spec.channel, 0.0))
+        self._ranges[spec.channel] = scale
+        wide = self._glyphs.dots[0]
+        drawn = trace(*pooled(low, high, columns * wide), scale, tall, self._glyphs)
+        label, figure = [""] * tall, [""] * tall
+        label[tall // 2] = spec.label
+        figure[tall // 2] = f"{peak:.{_digits(scale)}f} {spec.unit}" if len(middle) else "no data"
+        figure[0] = f"+{scale:g}"
+        if spec.channel in overloaded:
+            label[0] = f"{self._glyphs.overload} OVERLOAD"
+        rows = []
+        for name, cells, words in zip(label, drawn, figure, strict=True):
+            if mark is not None:
+                cells = _marked(cells, mark, self._glyphs.trigger)
+            rows.append(f"{name[:_LABEL].ljust(_LABEL)}{self._glyphs.axis}{cells} {words}")
+        return rows
+
+    def _at_rest(self, spec: LaneSpec, median: float) -> float:
+        """Return the value at rest; it follows slowly, or the whole trace would tremble."""
+        rest = self._rest.get(spec.channel)
+        if rest is None or abs(median - rest) * spec.factor > 0.1 * spec.least:
+            self._rest[spec.channel] = rest = median
+        return rest
+
+
+def _marked(cells: str, column: int, sign: str) -> str:
+    """Return a row with the trigger's sign where the trace leaves it free."""
+    if cells[column] != " ":
+        return cells
+    return f"{cells[:column]}{sign}{cells[column + 1 :]}"
+
+
+def _digits(scale: float) -> int:
+    return 0 if scale >= 100 else 1 if scale >= 5 else 2 if scale >= 0.5 else 3

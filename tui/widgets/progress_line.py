@@ -1,0 +1,40 @@
+"""Progress in one line, for terminals without room for lists."""
+
+from __future__ import annotations
+
+from textual.content import Content
+from textual.widgets import Static
+
+from daq.errors import printable
+from daq.messages import Status
+
+from ..glyphs import Glyphs
+
+
+class ProgressLine(Static):
+    """`bounce ■■▶··  pitch ·····   1 rejected │ no overload`."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__(markup=False)
+        self._glyphs = glyphs
+
+    def show(self, status: Status) -> None:
+        """Show the tallies of the mass state that is due."""
+        glyphs = self._glyphs
+        due = status.due.step if status.due else None
+        states = [tally.mass_state for tally in status.tallies]
+        state = due.mass_state if due else (states[-1] if states else "")
+        parts = []
+        rejected = 0
+        for tally in status.tallies:
+            if tally.mass_state != state:
+                continue
+            rejected += tally.rejected
+            bar = glyphs.full * min(tally.accepted, tally.planned)
+            if due is not None and due.excitation is tally.excitation and len(bar) < tally.planned:
+                bar += glyphs.now
+            parts.append(f"{tally.excitation.value} {bar.ljust(tally.planned, glyphs.empty)}")
+        lamps = printable(", ".join(status.overloaded), 30)
+        lamp = f"{glyphs.overload} OVERLOAD {lamps}" if lamps else "no overload"
+        words = f" {state}: {'  '.join(parts)}   {rejected} rejected {glyphs.axis} {lamp}"
+        self.update(Content(words))

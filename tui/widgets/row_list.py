@@ -1,0 +1,46 @@
+"""Lines of which one is marked; they scroll so that the marked one is always seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+from textual.containers import VerticalScroll
+from textual.content import Content
+from textual.geometry import Region
+from textual.widgets import Static
+
+
+class RowList(VerticalScroll, can_focus=False):
+    """Lines with a cursor: a mark before the line, and bold."""
+
+    DEFAULT_CSS = """
+    RowList { height: 1fr; scrollbar-size-vertical: 1; }
+    RowList Static { height: auto; text-wrap: nowrap; text-overflow: ellipsis; }
+    """
+
+    def __init__(self, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self.cursor = 0
+        self._lines: tuple[Content, ...] = ()
+        self._body = Static(markup=False)
+
+    def compose(self) -> ComposeResult:
+        """Lay out the lines."""
+        yield self._body
+
+    def show(self, lines: Sequence[Content]) -> None:
+        """Show lines; the cursor stays where it is."""
+        self._lines = tuple(lines)
+        self.move_to(self.cursor)
+
+    def move_to(self, row: int) -> None:
+        """Mark a line and bring it into sight."""
+        self.cursor = max(0, min(row, len(self._lines) - 1))
+        shown = [
+            Content.assemble(">", line.stylize("bold")) if i == self.cursor else " " + line
+            for i, line in enumerate(self._lines)
+        ]
+        self._body.update(Content("\n").join(shown))
+        region = Region(0, self.cursor, max(1, self.size.width), 1)
+        self.call_after_refresh(self.scroll_to_region, region, animate=False, immediate=True)
