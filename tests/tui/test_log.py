@@ -1,0 +1,95 @@
+"""Logging that holds nothing up: a full pipe, a storm of lines, a reader that has gone."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+import threading
+import warnings
+from pathlib import Path
+
+import pytest
+
+from daq.errors import InputError
+from tui.log import BURST, MAX_FILE_BYTES, Log
+
+STORM = """
+import logging, sys, threading, warnings
+from tui.log import Log
+with Log(None) as log:
+    for i in range(50_000):
+        log.line("x" * 100)
+        logging.getLogger("can").warning("y %d", i)
+        warnings.warn(f"z {i}")
+print("went on", flush=True)
+"""
+
+
+def test_a_full_pipe_holds_nothing_up() -> None:
+    """R15: plain logging froze the process after 700 lines."""
+    reader, writer = os.pipe()
+    with subprocess.Popen(
+        [sys.executable, "-c", STORM], stdout=subprocess.PIPE, stderr=writer
+    ) as process:
+        os.close(writer)
+        out, _ = process.communicate(timeout=60)
+    os.close(reader)
+    assert out == b"went on\n"
+    assert process.returncode == 0
+
+
+def test_a_reader_that_has_gone_holds_nothing_up() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with subprocess.Popen(
+        [sys.executable, "-c", STORM], stdout=subprocess.PIPE, stderr=writer
+    ) as process:
+        os.close(writer)
+        out, _ = process.communicate(timeout=60)
+    assert out == b"went on\n"
+
+
+def test_what_repeats_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("tui.log.time.monotonic", lambda: clock[0])
+    path = tmp_path / "logs" / "recorder.log"
+    with Log(path) as log:
+        for _ in range(100):
+            log.line("bus silent\x1b[2J", "silent")
+        log.line("another")
+        clock[0] = 61.0
+        log.line("bus silent", "silent")
+    lines = path.read_text().splitlines()
+    assert len(lines) == BURST + 2
+    assert lines[0] == "bumpbench: bus silent\\x1b[2J"
+    assert lines[-2:] == [
+        "bumpbench: another",
+        f"bumpbench: bus silent (and {100 - BURST} more of these)",
+    ]
+
+
+@pytest.mark.filterwarnings("always")
+def test_libraries_warnings_and_dying_threads_come_here(tmp_path: Path) -> None:
+    path = tmp_path / "recorder.log"
+    with Log(path):
+        logging.getLogger("can.slcan").error("no answer")
+        warnings.warn("old", DeprecationWarning, stacklevel=1)
+        thread = threading.Thread(target=lambda: 1 / 0, name="reader can0")
+        thread.start()
+        thread.join()
+    text = path.read_text()
+    assert "can.slcan: no answer" in text
+    assert "DeprecationWarning" in text
+    assert "reader can0 ended: ZeroDivisionError" in text
+
+
+def test_a_file_stays_small(tmp_path: Path) -> None:
+    path = tmp_path / "recorder.log"
+    path.write_bytes(b"x" * (MAX_FILE_BYTES + 1))
+    with Log(path) as log:
+        log.line("begun anew")
+    assert path.read_text() == "bumpbench: begun anew\n"
+    with pytest.raises(InputError, match="another file for the log"):
+        Log(tmp_path)
