@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,9 @@ from ..errors import InputError
 from ..runs import BASELINE, Excitation
 from .car import ClockTruth, SimulatedCar, Truth, message_of, signal_of, truth
 from .excitation import Bump
-from .motion import Motion, drive
-from .plant import load_car
-from .sensors import Installation, install, low_passed_reading, signal_values, true_reading
+from .motion import Motion, Moving, drive
+from .plant import Array, Plant, load_car
+from .sensors import Installation, install, low_passed, signal_values, true_reading
 from .wire import frame_time_ns, priority, transmit
 
 _MAX_CLASSIC_BYTES = 8
@@ -54,17 +55,52 @@ class Sender:
 
 
 @dataclass(frozen=True, slots=True)
-class _Rig:
-    """What stays the same through a campaign."""
+class Rig:
+    """What stays the same through a campaign.
+
+    Parameters
+    ----------
+    codec : Codec
+        The bench's DBC.
+    car, drawn : SimulatedCar, Truth
+        The car and what was drawn for it.
+    installation : Installation
+        How the sensors were put on it.
+    senders : tuple of Sender
+        Who sends what.
+    plants : mapping of mass state to Plant
+        The car in each state of loading.
+    """
 
     codec: Codec
     car: SimulatedCar
     drawn: Truth
     installation: Installation
+    senders: tuple[Sender, ...]
+    plants: Mapping[str, Plant]
 
 
 @dataclass(frozen=True, slots=True)
-class _Burst:
+class Scene:
+    """What the car does for a while.
+
+    Parameters
+    ----------
+    motion : Moving
+        Its motion.
+    begins_s : float
+        When the motion's time 0 is, s since the start of the campaign.
+    low_passed : mapping of channel name to (t_s, value)
+        What sensors with a low-pass make of it, on the motion's time (`sensors.low_passed`).
+    """
+
+    motion: Moving
+    begins_s: float
+    low_passed: Mapping[str, tuple[Array, Array]]
+
+
+@dataclass(frozen=True, slots=True)
+class Burst:
     """The frames of one message in one run; releases count from the start of the campaign."""
 
     message: MessageLayout
@@ -104,14 +140,7 @@ def campaign_frames(
         classic CAN, its unit does not fit, a fault has no channel, or the weights would tip the
         car over.
     """
-    drawn = truth(bench, car, seed)
-    senders = bench_senders(bench, codec, drawn)
-    plants = {
-        name: load_car(car.parameters, added, car.imperfections)
-        for name, added in drawn.mass_states.items()
-    }
-    installation = install(plants[BASELINE], car)
-    rig = _Rig(codec, car, drawn, installation)
+    rig = rig_of(bench, codec, car, seed)
     # Repeats are the same motion with other noise: the car is driven once for all of them.
     motions: dict[tuple[str, Excitation], Motion] = {}
     free_ns = start_ns
@@ -120,16 +149,16 @@ def campaign_frames(
         bump = Bump(step.excitation, car.bump_height_m, car.lead_s, bench.bump_s)
         try:
             if kind not in motions:
-                motions[kind] = drive(plants[step.mass_state], bump, car.run_s)
+                motions[kind] = drive(rig.plants[step.mass_state], bump, car.run_s)
         except ValueError as error:
             raise InputError(
                 "bench.toml", f"mass state {step.mass_state}: {error}", "move the weights inwards"
             ) from error
         rng = np.random.default_rng([seed, 1, number])
-        bursts = [
-            _sample(rig, sender, motions[kind], number * car.run_s, rng) for sender in senders
-        ]
-        batch = _on_the_wire(bursts, bench.bus.bitrate, start_ns, free_ns)
+        start_s = number * car.run_s
+        scene = scene_of(rig, motions[kind], start_s, car.run_s)
+        bursts = [sample(rig, s, scene, (start_s, start_s + car.run_s), rng) for s in rig.senders]
+        batch = on_the_wire(bursts, bench.bus.bitrate, start_ns, free_ns)
         free_ns = int(batch.t_ns[-1])
         yield batch
 
@@ -173,32 +202,74 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
     return tuple(senders)
 
 
-def _sample(
-    rig: _Rig, sender: Sender, motion: Motion, start_s: float, rng: np.random.Generator
-) -> _Burst:
-    """Sample, encode and release all frames of one message in one run."""
-    counter, tick_s = sender.ticks(start_s, start_s + rig.car.run_s)
-    sensors = {channel.name: rig.drawn.sensors[channel.name] for channel in sender.channels}
+def rig_of(bench: Bench, codec: Codec, car: SimulatedCar, seed: int) -> Rig:
+    """Put a drawn car on a bench; errors are those of `campaign_frames`."""
+    drawn = truth(bench, car, seed)
+    plants = {
+        name: load_car(car.parameters, added, car.imperfections)
+        for name, added in drawn.mass_states.items()
+    }
+    senders = bench_senders(bench, codec, drawn)
+    return Rig(codec, car, drawn, install(plants[BASELINE], car), senders, plants)
+
+
+def scene_of(rig: Rig, motion: Moving, begins_s: float, length_s: float) -> Scene:
+    """Return a motion as it is sampled from `begins_s` on, for `length_s`."""
+    smooth = {}
+    for channel in (channel for sender in rig.senders for channel in sender.channels):
+        sensor = rig.drawn.sensors[channel.name]
+        if sensor.low_pass_hz:
+            span_s = (-sensor.delay_s, length_s - sensor.delay_s)
+            smooth[channel.name] = low_passed(channel, sensor, rig.installation, motion, span_s)
+    return Scene(motion, begins_s, smooth)
+
+
+def sample(
+    rig: Rig,
+    sender: Sender,
+    scene: Scene,
+    span_s: tuple[float, float],
+    rng: np.random.Generator,
+    limits: Mapping[str, float] = MappingProxyType({}),
+) -> Burst:
+    """Sample, encode and release the frames of one message in a span of time.
+
+    Parameters
+    ----------
+    rig, sender, scene
+        Who samples what.
+    span_s : (float, float)
+        Begin and end, s since the start of the campaign; spans that meet lose and repeat nothing.
+    rng : numpy.random.Generator
+        Source of the noise.
+    limits : mapping of channel name to float
+        Where a sensor saturates, if not where its truth says.
+    """
+    counter, tick_s = sender.ticks(*span_s)
+    sensors = {
+        channel.name: replace(sensor, limit=limits.get(channel.name, sensor.limit))
+        for channel in sender.channels
+        for sensor in [rig.drawn.sensors[channel.name]]
+    }
     delays = {sensor.delay_s for sensor in sensors.values()}
-    seen = {delay_s: motion.at(tick_s - start_s - delay_s) for delay_s in delays}
+    seen = {delay_s: scene.motion.at(tick_s - scene.begins_s - delay_s) for delay_s in delays}
     values = {}
     for channel in sender.channels:
         sensor = sensors[channel.name]
         signal = sender.message.signal(signal_of(channel))
-        car, delay_s = rig.installation, sensor.delay_s
-        if sensor.low_pass_hz:
-            seen_s = tick_s - start_s - delay_s
-            reading = low_passed_reading(channel, sensor, car, motion, seen_s)
+        if channel.name in scene.low_passed:
+            seen_s = tick_s - scene.begins_s - sensor.delay_s
+            reading = np.interp(seen_s, *scene.low_passed[channel.name])
         else:
-            reading = true_reading(channel, sensor, car, seen[delay_s])
+            reading = true_reading(channel, sensor, rig.installation, seen[sensor.delay_s])
         values[signal.name] = signal_values(channel, signal, sensor, rig.car.noise, reading, rng)
     payload = rig.codec.encode(sender.message.name, values, counter)
     # Less than half a cycle late, or frames of one message would overtake each other.
     late_s = np.minimum(rng.exponential(rig.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
-    return _Burst(sender.message, tick_s + late_s, payload)
+    return Burst(sender.message, tick_s + late_s, payload)
 
 
-def _on_the_wire(bursts: list[_Burst], bitrate: int, start_ns: int, free_ns: int) -> FrameBatch:
+def on_the_wire(bursts: list[Burst], bitrate: int, start_ns: int, free_ns: int) -> FrameBatch:
     """Merge the frames of all messages in the order in which the bus carries them."""
     messages = [burst.message for burst in bursts]
     owner = np.repeat(np.arange(len(bursts)), [len(burst.release_s) for burst in bursts])

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from ..vehicle import Corner
 from .excitation import Bump, road_height, road_speed
 from .plant import Array, Plant, forces, static_pose
 
@@ -46,6 +47,13 @@ class Kinematics:
     pose: Array
     velocity: Array
     acceleration: Array
+
+
+class Moving(Protocol):
+    """Any motion of the car, as it can be sampled."""
+
+    def at(self, t_s: Array) -> Kinematics:
+        """Return the motion at the times `t_s`, (n,) ascending, s; at rest before 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +96,74 @@ class Motion:
         return Kinematics(pose, velocity, self.plant.mobility @ total)
 
 
-def drive(plant: Plant, bump: Bump, end_s: float) -> Motion:
-    """Drive a car that stands still over a bump.
+@dataclass(frozen=True, slots=True)
+class TwoBumps:
+    """A car that meets a second bump before it has come to rest.
+
+    Parameters
+    ----------
+    first, second : Motion
+        On the same axis of time; the second takes over when its bump begins.
+    """
+
+    first: Motion
+    second: Motion
+
+    def at(self, t_s: Array) -> Kinematics:
+        """Return the motion at the times `t_s`, (n,) ascending, s."""
+        split = int(np.searchsorted(t_s, self.second.bump.start_s, side="right"))
+        early, late = self.first.at(t_s[:split]), self.second.at(t_s[split:])
+        return Kinematics(
+            np.hstack([early.pose, late.pose]),
+            np.hstack([early.velocity, late.velocity]),
+            np.hstack([early.acceleration, late.acceleration]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A hand that presses the body down, so slowly that every spring follows, and lets go again.
+
+    Parameters
+    ----------
+    rest : (7, 1) float64
+        The pose before and after.
+    sink : (7, 1) float64
+        What is added to it at the lowest point.
+    length_s : float
+        How long it takes, s.
+    """
+
+    rest: Array
+    sink: Array
+    length_s: float
+
+    def at(self, t_s: Array) -> Kinematics:
+        """Return the motion at the times `t_s`, (n,) ascending, s; at rest outside the push."""
+        turn = 2 * np.pi / self.length_s
+        phase = np.clip(t_s / self.length_s, 0.0, 1.0) * 2 * np.pi
+        pushing = (phase > 0.0) & (phase < 2 * np.pi)
+        return Kinematics(
+            self.rest + self.sink * (1.0 - np.cos(phase)) / 2,
+            self.sink * turn * np.sin(phase) / 2,
+            self.sink * turn**2 * np.cos(phase) / 2 * pushing,
+        )
+
+
+def pushed(plant: Plant, corner: Corner, force_n: float, length_s: float) -> Push:
+    """Press the body down at a corner with a force that rises and falls as a cosine."""
+    rest, still, flat = static_pose(plant), np.zeros((7, 1)), np.zeros((4, 1))
+    step = 1e-3 * np.eye(7)
+    stiffness = -(forces(plant, rest + step, still, flat) - forces(plant, rest, still, flat)) / 1e-3
+    i = corner.position
+    load = np.zeros((7, 1))
+    load[:3, 0] = [1.0, -plant.corner_x_m[i, 0], plant.corner_y_m[i, 0]]
+    sink = np.asarray(np.linalg.solve(stiffness, -force_n * load), dtype=np.float64)
+    return Push(rest, sink, length_s)
+
+
+def drive(plant: Plant, bump: Bump, end_s: float, state: Array | None = None) -> Motion:
+    """Drive a car over a bump.
 
     Parameters
     ----------
@@ -99,6 +173,8 @@ def drive(plant: Plant, bump: Bump, end_s: float) -> Motion:
         The road; it must begin at or after time 0.
     end_s : float
         Until when the free decay is followed, s.
+    state : (14,) float64, optional
+        Pose and velocity at the beginning of the bump; without it the car stands still.
 
     Raises
     ------
@@ -136,7 +212,8 @@ def drive(plant: Plant, bump: Bump, end_s: float) -> Motion:
 
     # The road has corners where the bump begins and ends; a step across one loses its order, and so
     # does one that ends at it and already feels the other side.
-    at_rest = np.concatenate([rest[:, 0], np.zeros(7)])
-    on_bump, off_bump = solve(bumpy, bump.start_s, bump.end_s, at_rest)
+    if state is None:
+        state = np.concatenate([rest[:, 0], np.zeros(7)])
+    on_bump, off_bump = solve(bumpy, bump.start_s, bump.end_s, state)
     decay, _ = solve(level, bump.end_s, end_s, off_bump)
     return Motion(plant, bump, rest, on_bump, decay)

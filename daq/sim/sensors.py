@@ -14,7 +14,7 @@ from ..channels import Channel, Quantity
 from ..errors import InputError
 from .car import SensorTruth, SimulatedCar, Spread
 from .faults import low_pass
-from .motion import Kinematics, Motion
+from .motion import Kinematics, Moving
 from .plant import GRAVITY_M_S2, Array, Plant, corner_motion, static_pose
 
 _FINE_S = 1e-4
@@ -138,29 +138,33 @@ def _body_point(motion: Array, x_m: float, y_m: float) -> Array:
     return np.asarray(motion[0] - x_m * motion[1] + y_m * motion[2])
 
 
-def low_passed_reading(
-    channel: Channel, sensor: SensorTruth, car: Installation, motion: Motion, t_s: Array
-) -> Array:
-    """Return what the electronics of a sensor with a low-pass make of a run.
+def low_passed(
+    channel: Channel,
+    sensor: SensorTruth,
+    car: Installation,
+    motion: Moving,
+    span_s: tuple[float, float],
+) -> tuple[Array, Array]:
+    """Return what the electronics of a sensor with a low-pass make of a motion.
 
     Parameters
     ----------
     channel, sensor, car
         As in `true_reading`.
-    motion : Motion
-        The run.
-    t_s : (n,) float64
-        Ascending, the first before the bump: the filter begins at rest.
+    motion : Moving
+        What the car does.
+    span_s : (float, float)
+        The part that is asked for; it begins at rest, and so does the filter.
 
     Returns
     -------
-    (n,) float64
-        At the times `t_s`, later by the filter but not by the sensor's delay.
+    t_s, value : (n,) float64
+        Close enough to be read in between by straight lines; later by the filter but not by the
+        sensor's delay.
     """
-    fine_s = np.arange(t_s[0], t_s[-1] + _FINE_S, _FINE_S)
+    fine_s = np.arange(span_s[0], span_s[1] + _FINE_S, _FINE_S)
     reading = true_reading(channel, sensor, car, motion.at(fine_s))
-    smooth = low_pass(reading, _FINE_S, sensor.low_pass_hz, sensor.low_pass_order)
-    return np.asarray(np.interp(t_s, fine_s, smooth), dtype=np.float64)
+    return fine_s, low_pass(reading, _FINE_S, sensor.low_pass_hz, sensor.low_pass_order)
 
 
 def measured(
@@ -200,7 +204,7 @@ def signal_values(
     noise : Spread
         Standard deviation of the white noise.
     reading : (n,) float64
-        From `true_reading` or `low_passed_reading`.
+        From `true_reading` or `low_passed`.
     rng : numpy.random.Generator
         Source of the noise.
 

@@ -149,9 +149,11 @@ def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
     if not risen.any():
         return 0.0, 0.0
     share = float(risen.max() / first)
-    # The envelope looks ahead by half its window.
-    onset = int(np.argmax(risen > 0.0))
-    return share, float(grid[first_stop + onset] + STRUCK_S / 2)
+    # The envelope looks ahead; the strike itself is where the signal is half as high as it gets.
+    highest = float(grid[first_stop + int(np.argmax(risen))])
+    lies = np.abs(trace.time_s - highest) < STRUCK_S
+    high = np.where(lies, np.abs(quick), 0.0)
+    return share, float(trace.time_s[np.argmax(high > high.max() / 2)])
 
 
 def _quick(trace: Trace) -> NDArray[np.float64]:

@@ -15,8 +15,8 @@ from ..channels import Quantity
 from .finding import finding
 from .window import RunMeasure, Trace, kin
 
-PEAK_SHARE = 0.35
-"""Change of a peak against the median of the accepted runs: a bump at another speed or height."""
+PEAK_RATIO = 1.4
+"""Of a peak to the median of the accepted runs: a bump at another speed or height."""
 LIKENESS = 0.85
 """Correlation of the slow motion with the median: below it, it is another motion."""
 MAIN = 0.3
@@ -65,19 +65,20 @@ def _main(seen: tuple[Trace, ...], accepted: Sequence[RunMeasure]) -> list[str]:
 
 
 def _by_peak(seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMeasure]) -> Finding:
-    worst, name = 0.0, ""
+    worst, name = 1.0, ""
     for channel in _main(seen, accepted):
         usual = float(np.median([measure.peaks[channel] for measure in accepted]))
-        change = own.peaks[channel] / max(usual, 1e-12) - 1.0
+        ratio = max(own.peaks[channel], 1e-12) / max(usual, 1e-12)
         # Half as much and twice as much are equally far.
-        if abs(np.log1p(change)) > abs(np.log1p(worst)):
-            worst, name = change, channel
-    far = abs(np.log1p(worst)) > np.log1p(PEAK_SHARE)
+        if abs(np.log(ratio)) > abs(np.log(worst)):
+            worst, name = ratio, channel
+    near = 1.0 / PEAK_RATIO <= worst <= PEAK_RATIO
+    limit = PEAK_RATIO if worst > 1.0 else 1.0 / PEAK_RATIO
     text = (
-        f"peak of {name or 'every channel'} {worst:+.0%} against the accepted runs (limit "
-        f"{PEAK_SHARE:.0%})"
+        f"peak of {name or 'every channel'} is {worst:.2f} times that of the accepted runs "
+        f"({1.0 / PEAK_RATIO:.2f} to {PEAK_RATIO:.2f} will do)"
     )
-    return finding("not_repeatable", not far, worst, PEAK_SHARE, "", text, name)
+    return finding("not_repeatable", near, worst, limit, "", text, name)
 
 
 def _by_course(

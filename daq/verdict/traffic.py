@@ -36,18 +36,23 @@ def stale(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[
     """Find messages that were silent for a part of the run."""
     silence = _silences(bench, window)
     for message in window.stale:
-        silence[message] = max(silence.get(message, (0.0, STALE_S)), (np.inf, STALE_S))
-    worst = max(silence, key=lambda name: silence[name][0] / silence[name][1], default="")
-    for message, (gap_s, limit_s) in silence.items():
-        if gap_s > limit_s:
-            told = f"for {gap_s:.2f} s" if np.isfinite(gap_s) else "during the run"
-            text = f"{message} was silent {told} (limit {limit_s:.2f} s)"
-            value = gap_s if np.isfinite(gap_s) else bench.trigger.post_s
-            yield finding("stale", False, value, limit_s, "s", text, message)
-    if worst and silence[worst][0] <= silence[worst][1]:
-        gap_s, limit_s = silence[worst]
+        gap_s, limit_s = silence.get(message, (0.0, STALE_S))
+        silence[message] = max(gap_s, limit_s + STALE_S), limit_s
+    if not silence:
+        return
+    worst = max(silence, key=lambda name: silence[name][0] / silence[name][1])
+    gap_s, limit_s = silence[worst]
+    silent = [name for name, (gap_s, limit_s) in silence.items() if gap_s > limit_s]
+    if not silent:
         text = f"all {len(silence)} messages came; longest silence {gap_s * 1e3:.0f} ms ({worst})"
         yield finding("stale", True, gap_s, limit_s, "s", text)
+        return
+    who = ", ".join(silent)
+    if len(silent) == len(silence) > 1:
+        who = f"all {len(silence)} messages"
+    were = "was" if len(silent) == 1 else "were"
+    text = f"{who} {were} silent for {gap_s:.2f} s (limit {limit_s:.2f} s)"
+    yield finding("stale", False, gap_s, limit_s, "s", text, worst)
 
 
 def _silences(bench: Bench, window: RunWindow) -> dict[str, tuple[float, float]]:

@@ -35,9 +35,9 @@ def body_wave(seen: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | N
     record = _record(seen, bump_s + 0.2)
     if record is None:
         return None
-    time_s = np.arange(record.shape[1]) * _STEP_S
-    frequencies = np.geomspace(*_FREQUENCY_HZ, 24)
-    dampings = np.linspace(*_DAMPING, 12)
+    time_s: NDArray[np.float64] = np.arange(record.shape[1]) * _STEP_S
+    frequencies = np.asarray(np.geomspace(*_FREQUENCY_HZ, 24), dtype=np.float64)
+    dampings: NDArray[np.float64] = np.linspace(*_DAMPING, 12)
     for turn in range(_TURNS):
         misfit = _misfit(record, time_s, frequencies, dampings)
         i, j = divmod(int(np.argmin(misfit)), len(dampings))

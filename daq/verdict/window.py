@@ -142,7 +142,7 @@ def _traces(channels: tuple[Channel, ...], window: RunWindow) -> Iterator[Trace]
             continue
         t_ns, value = window.channels[channel.name]
         good = np.isfinite(value)
-        time_s = (t_ns[good] - window.bump_ns) * 1e-9
+        time_s = np.asarray((t_ns[good] - window.bump_ns) * 1e-9, dtype=np.float64)
         order = np.argsort(time_s, kind="stable")
         time_s, value = time_s[order], value[good][order]
         before = value[time_s < -BEFORE_S]

@@ -24,7 +24,7 @@ from daq.sim.faults import SensorFault
 from daq.sim.imperfections import NONE, Imperfections
 from daq.sim.motion import Motion, drive
 from daq.sim.plant import GRAVITY_M_S2, Plant, load_car
-from daq.sim.sensors import Installation, install, low_passed_reading, measured, true_reading
+from daq.sim.sensors import Installation, install, low_passed, measured, true_reading
 from daq.vehicle import FORD_GRANADA, Corner, Vehicle
 
 Array = NDArray[np.float64]
@@ -305,5 +305,6 @@ def _reading(
     sensor = _sensor(channel, stress)
     seen_s = t_s - sensor.delay_s
     if sensor.low_pass_hz:
-        return low_passed_reading(channel, sensor, _installation(car), motion, seen_s)
+        span_s = (float(seen_s[0]), float(seen_s[-1]))
+        return np.interp(seen_s, *low_passed(channel, sensor, _installation(car), motion, span_s))
     return true_reading(channel, sensor, _installation(car), motion.at(seen_s))

@@ -1,0 +1,147 @@
+"""What the simulated bench does: rest, bumps as they are due, spoilt ones, pushes on a corner."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from ..campaign import Step
+from ..channels import Channel
+from ..config import Bench
+from ..runs import Excitation
+from ..trigger import trigger_channels
+from ..vehicle import Corner
+from .ecu import Rig, Scene, scene_of
+from .excitation import Bump
+from .motion import Motion, Moving, Push, TwoBumps, drive, pushed
+from .plant import GRAVITY_M_S2, Array, static_pose
+from .sensors import true_reading
+from .spoils import MIXED_UP, SECOND_BUMP_S, WEAK_LEVELS, Fault
+
+LEAD_S = 0.1
+"""Rest at the beginning of an act, longer than any sensor is late."""
+SWING_S = 6.0
+"""After so long a car with a damping of 0.15 at 1 Hz is at rest to a three-hundredth."""
+PUSH_N, PUSH_S = 400.0, 1.2
+"""A person on a corner, who lets go gently."""
+_MARGIN_S = 0.2
+"""An act ends with the piece that is being sampled."""
+_SEEN_S = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """Something that the car does.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its motion, beginning at 0.
+    length_s : float
+        After which the car is at rest.
+    bump_s : float
+        When the bump comes.
+    limits : mapping of channel name to float
+        Sensors that saturate, SI.
+    """
+
+    scene: Scene
+    length_s: float
+    bump_s: float
+    limits: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+
+class Acts:
+    """The acts of one bench; each is computed once, in a thread of its own, before it is due.
+
+    Parameters
+    ----------
+    bench : Bench
+        Channels, bump and trigger.
+    rig : Rig
+        The car on it.
+    """
+
+    def __init__(self, bench: Bench, rig: Rig) -> None:
+        self._bench = bench
+        self._rig = rig
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="simulated car")
+        self._known: dict[tuple[str, Excitation, Fault | None], Future[Act]] = {}
+
+    def close(self) -> None:
+        """Forget what is not yet computed."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def rest(self, mass_state: str) -> Act:
+        """Return a car that stands still for good."""
+        pose = static_pose(self._rig.plants[mass_state])
+        return Act(scene_of(self._rig, Push(pose, np.zeros((7, 1)), 1.0), 0.0, 0.0), np.inf, np.inf)
+
+    def push(self, mass_state: str, corner: Corner) -> Act:
+        """Return a push on a corner."""
+        push = pushed(self._rig.plants[mass_state], corner, PUSH_N, PUSH_S)
+        return Act(scene_of(self._rig, push, 0.0, PUSH_S), PUSH_S, np.inf)
+
+    def prepare(self, step: Step, fault: Fault | None) -> Future[Act]:
+        """Begin to compute a bump, if that has not been done, and return what it will be."""
+        kind = (step.mass_state, step.excitation, fault)
+        if kind not in self._known:
+            self._known[kind] = self._pool.submit(self._made, *kind)
+        return self._known[kind]
+
+    def _made(self, mass_state: str, excitation: Excitation, fault: Fault | None) -> Act:
+        if fault is Fault.WRONG_MODE:
+            excitation = MIXED_UP[excitation]
+        act = self._bump(mass_state, excitation, 1.0)
+        if fault is Fault.DOUBLE_BUMP:
+            return self._twice(act)
+        if fault is Fault.WEAK:
+            height = WEAK_LEVELS * self._bench.trigger.level / self._peak(act)
+            return self._bump(mass_state, excitation, height)
+        if fault is Fault.OVERLOAD:
+            return replace(act, limits=self._low_limit(act))
+        return act
+
+    def _bump(self, mass_state: str, excitation: Excitation, height: float) -> Act:
+        height_m = height * self._rig.car.bump_height_m
+        bump = Bump(excitation, height_m, LEAD_S, self._bench.bump_s)
+        length_s = LEAD_S + SWING_S
+        motion = drive(self._rig.plants[mass_state], bump, length_s + _MARGIN_S)
+        return self._act(motion, length_s)
+
+    def _twice(self, act: Act) -> Act:
+        first = act.scene.motion
+        assert isinstance(first, Motion)
+        again = replace(first.bump, start_s=first.bump.start_s + SECOND_BUMP_S)
+        state = first.decay(np.array([again.start_s]))[:, 0]
+        length_s = act.length_s + SECOND_BUMP_S
+        second = drive(first.plant, again, length_s + _MARGIN_S, state)
+        return self._act(TwoBumps(first, second), length_s)
+
+    def _act(self, motion: Moving, length_s: float) -> Act:
+        return Act(scene_of(self._rig, motion, 0.0, length_s + _MARGIN_S), length_s, LEAD_S)
+
+    def _peak(self, act: Act) -> float:
+        """Return what the trigger sees at most, m/s2 from rest."""
+        return max(float(np.max(np.abs(self._moved(act, c)))) for c in self._triggers())
+
+    def _low_limit(self, act: Act) -> Mapping[str, float]:
+        """Return the strongest trigger channel with a limit that halves its free motion."""
+        free = round((LEAD_S + self._bench.bump_s + 0.01) / _SEEN_S)
+        tops = [(float(np.max(self._moved(act, c)[free:])), c.name) for c in self._triggers()]
+        top, name = max(tops)
+        return {name: GRAVITY_M_S2 + top / 2}
+
+    def _triggers(self) -> tuple[Channel, ...]:
+        return trigger_channels(self._bench.channels)
+
+    def _moved(self, act: Act, channel: Channel) -> Array:
+        """Return what an accelerometer shows of an act beside gravity, every millisecond."""
+        sensor = self._rig.drawn.sensors[channel.name]
+        t_s = np.arange(0.0, LEAD_S + 1.0, _SEEN_S)
+        motion = act.scene.motion.at(t_s)
+        return true_reading(channel, sensor, self._rig.installation, motion) - GRAVITY_M_S2

@@ -1,0 +1,225 @@
+"""A simulated bench as a bus: it rests and is bumped when the recorder waits for it."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from dbc import Codec, FrameBatch
+
+from ..campaign import Step
+from ..config import Bench
+from ..errors import BusError
+from ..messages import Phase, Status
+from ..runs import BASELINE
+from ..source import GATHER_S, SourceLosses
+from ..vehicle import Corner
+from .acts import Act, Acts
+from .car import SimulatedCar
+from .ecu import on_the_wire, rig_of, sample
+from .spoils import LOST_S, SPOILT_BUMP, UNPLUG_AFTER_S, UNPLUGGED_S, Fault
+
+PIECE_S = 0.05
+"""The car is sampled in pieces of at most this length: a read takes some milliseconds."""
+PATIENCE_S = (1.0, 1.6)
+"""After arming somebody bumps the car between so early and so late."""
+WIGGLE_S = 3.0
+"""From one push on a corner to the next, while somebody checks the bench."""
+
+
+class SimulatedBench:
+    """A bench whose car is bumped as the campaign says, as a `daq.source.FrameSource`.
+
+    Frames carry the car's own time, which runs `speed` times as fast as the host's.  Counters,
+    clocks and noise run on through everything that happens, also while nobody reads.
+
+    Parameters
+    ----------
+    bench : Bench
+        Campaign, weights, channels, trigger and bit rate.
+    codec : Codec
+        The bench's DBC.
+    car : SimulatedCar
+        What is bumped.
+    seed : int
+        Decides every draw and all noise.
+    speed : float
+        Of the car's time; infinite: `read` waits for nothing and returns piece after piece.
+    wish : callable
+        Returns the recorder's status: the car is bumped when it is armed, as the step that is due
+        says.  None leaves the car alone.
+    fault : Fault or None
+        Spoils the second bump, and none after it.
+    start_ns : int
+        Time stamp of the start, ns since 1970 UTC.
+    wiggles : bool
+        Push corner after corner (FL FR RL RR) as long as there is no run and none is armed.
+
+    Raises
+    ------
+    InputError
+        As `daq.sim.ecu.campaign_frames`.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        codec: Codec,
+        car: SimulatedCar,
+        seed: int,
+        speed: float = 1.0,
+        wish: Callable[[], Status | None] = lambda: None,
+        fault: Fault | None = None,
+        start_ns: int = 0,
+        wiggles: bool = False,
+    ) -> None:
+        self._bench = bench
+        self._rig = rig_of(bench, codec, car, seed)
+        self._acts = Acts(bench, self._rig)
+        self._speed = speed
+        self._wish = wish
+        self._fault = fault
+        self._start_ns = self._free_ns = start_ns
+        self._rng = np.random.default_rng([seed, 2])
+        self._mass_state = BASELINE
+        self._act = self._acts.rest(BASELINE)
+        self._begun_s = 0.0  # the act
+        self._done_s = 0.0  # sampled until then
+        self._due_s = np.inf  # the next bump
+        self._bumps = 0
+        self._gap_s = (np.inf, np.inf)
+        self._unplug_s = np.inf
+        self._plugged_s = 0.0  # again
+        self._asked: deque[Corner] = deque()
+        self._corners = deque(Corner)
+        self._wiggle_s = WIGGLE_S if wiggles else np.inf
+        self._host_s = time.monotonic()
+
+    @property
+    def name(self) -> str:
+        """The bus, for messages to the operator."""
+        return "simulated bench"
+
+    def wiggle(self, corner: Corner) -> None:
+        """Push a corner down for a second as soon as the car is at rest; from any thread."""
+        self._asked.append(corner)
+
+    def open(self) -> SimulatedBench:
+        """Return the bench, its time gone on, as a bus that is opened again.
+
+        Raises
+        ------
+        BusError
+            While the adapter is unplugged.
+        """
+        if np.isfinite(self._speed):
+            self._done_s = max(self._done_s, self._now_s())
+        self._check_plug()
+        return self
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        """Return the frames of the car's time that has passed, at most `PIECE_S` of it.
+
+        Raises
+        ------
+        BusError
+            While the adapter is unplugged.
+        """
+        if np.isfinite(self._speed):
+            # In car time a block is GATHER_S times the speed: the host works as seldom at any.
+            wait_s = (self._done_s - self._now_s()) / self._speed + GATHER_S
+            time.sleep(min(max(wait_s, 0.0), timeout_s))
+        self._check_plug()
+        self._choose(self._wish())
+        stop_s = min(self._now_s(), self._done_s + PIECE_S)
+        if stop_s >= self._unplug_s:
+            self._unplug_s = np.inf
+            host = self._speed if np.isfinite(self._speed) else 1.0
+            self._plugged_s = stop_s + UNPLUGGED_S * host
+        return self._sampled(stop_s)
+
+    def losses(self) -> SourceLosses:
+        """Return nothing: what this bus loses is told by the counters in its frames."""
+        return SourceLosses()
+
+    def close(self) -> None:
+        """Leave the bus; the car stays where it is."""
+
+    def dismantle(self) -> None:
+        """End the thread that computes motions in advance."""
+        self._acts.close()
+
+    def _now_s(self) -> float:
+        if not np.isfinite(self._speed):
+            return self._done_s + PIECE_S
+        return (time.monotonic() - self._host_s) * self._speed
+
+    def _check_plug(self) -> None:
+        if self._done_s < self._plugged_s:
+            self._done_s = min(self._now_s(), self._plugged_s)  # what is sent now is lost
+            where, what = self.name, "the adapter is gone (a fault of the demo)"
+            raise BusError(where, what, "wait: it is plugged in again after 3 s")
+
+    def _choose(self, status: Status | None) -> None:
+        """Decide what the car does from now on."""
+        if self._done_s >= self._begun_s + self._act.length_s:
+            self._begin(self._acts.rest(self._mass_state))
+        if status is None or self._act.length_s < np.inf:
+            return
+        step = status.due.step if status.due else None
+        if step is not None and step.mass_state in self._rig.plants:
+            self._acts.prepare(step, self._next_fault)
+            if step.mass_state != self._mass_state:
+                self._mass_state, self._due_s = step.mass_state, np.inf
+                self._begin(self._acts.rest(step.mass_state))
+            elif status.phase is Phase.ARMED:
+                self._wait_and_bump(step)
+                return
+        self._due_s = np.inf
+        if self._asked:
+            self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
+        elif status.phase is Phase.IDLE and not status.runs and self._done_s >= self._wiggle_s:
+            self._wiggle_s = self._done_s + WIGGLE_S
+            self._begin(self._acts.push(self._mass_state, self._corners[0]))
+            self._corners.rotate(-1)
+
+    @property
+    def _next_fault(self) -> Fault | None:
+        return self._fault if self._bumps + 1 == SPOILT_BUMP else None
+
+    def _wait_and_bump(self, step: Step) -> None:
+        if self._due_s == np.inf:
+            self._due_s = self._done_s + self._rng.uniform(*PATIENCE_S)
+        if self._done_s < self._due_s:
+            return
+        fault = self._next_fault
+        self._due_s = np.inf
+        self._bumps += 1
+        self._begin(self._acts.prepare(step, fault).result())
+        bump_s = self._begun_s + self._act.bump_s
+        if fault is Fault.LOST_FRAMES:
+            self._gap_s = (bump_s + LOST_S[0], bump_s + LOST_S[1])
+        elif fault is Fault.UNPLUG:
+            self._unplug_s = bump_s + UNPLUG_AFTER_S
+
+    def _begin(self, act: Act) -> None:
+        self._act, self._begun_s = act, self._done_s
+
+    def _sampled(self, stop_s: float) -> FrameBatch:
+        scene = replace(self._act.scene, begins_s=self._begun_s)
+        span_s = (self._done_s, max(stop_s, self._done_s))
+        self._done_s = span_s[1]
+        bursts = [
+            sample(self._rig, sender, scene, span_s, self._rng, self._act.limits)
+            for sender in self._rig.senders
+        ]
+        batch = on_the_wire(bursts, self._bench.bus.bitrate, self._start_ns, self._free_ns)
+        if not len(batch):
+            return batch
+        self._free_ns = int(batch.t_ns[-1])
+        sent_s = (batch.t_ns - self._start_ns) * 1e-9
+        return batch.select((sent_s < self._gap_s[0]) | (sent_s >= self._gap_s[1]))
