@@ -43,3 +43,14 @@ def write_draft(path: Path, values: Mapping[str, Any]) -> str:
 def remove_draft(path: Path) -> None:
     """Remove the draft, if there is one."""
     path.unlink(missing_ok=True)
+
+
+def last_form(folder: Path, name: str, vehicle: str) -> dict[str, str]:
+    """Return the newest form of that vehicle among the folders beside this one; empty if none."""
+    found = []
+    for path in folder.resolve().parent.glob(f"*/{name}"):
+        told = read_draft(path)
+        if told.get("name") == vehicle and path.parent != folder.resolve():
+            found.append((path.stat().st_mtime, told))
+    newest = max(found, key=lambda pair: pair[0], default=(0.0, {}))[1]
+    return {key: value for key, value in newest.items() if isinstance(value, str)}

@@ -19,8 +19,8 @@ class RowList(VerticalScroll, can_focus=False):
     RowList Static { height: auto; text-wrap: nowrap; text-overflow: ellipsis; }
     """
 
-    def __init__(self, id: str | None = None) -> None:
-        super().__init__(id=id)
+    def __init__(self) -> None:
+        super().__init__()
         self.cursor = 0
         self._lines: tuple[Content, ...] = ()
         self._body = Static(markup=False)
