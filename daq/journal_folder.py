@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -60,20 +60,36 @@ def last_recording(folder: Path) -> JournalTail | None:
         if newest and info.recording != newest[0].recording:
             break
         newest.append(info)
-    if not newest:
-        return None
-    newest.reverse()
-    found = read_head(newest[0].path)
+    return _tail(newest[::-1]) if newest else None
+
+
+def recording_of(segments: Sequence[Path]) -> JournalTail:
+    """Return where the recording stands that these segments are of.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or is no journal, or none holds even its beginning.
+    """
+    infos = [info for path in segments if (info := scan(path))]
+    if not infos:
+        where = ", ".join(str(path) for path in segments) or "journal"
+        raise InputError(where, "holds no recording", "name the files journal_*.mcap")
+    return _tail(sorted(infos, key=lambda info: info.number))
+
+
+def _tail(infos: Sequence[SegmentInfo]) -> JournalTail:
+    found = read_head(infos[0].path)
     assert found is not None  # it was scanned
-    events = _events(newest)
+    events = _events(infos)
     return JournalTail(
         found[0],
-        max(info.stop for info in newest),
-        max(info.last_ns for info in newest),
-        sum(info.frames for info in newest),
+        max(info.stop for info in infos),
+        max(info.last_ns for info in infos),
+        sum(info.frames for info in infos),
         events,
         any(event.code == ENDED for event in events),
-        tuple(info.path for info in newest),
+        tuple(info.path for info in infos),
     )
 
 

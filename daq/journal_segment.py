@@ -173,6 +173,11 @@ class Segment:
         with suppress(OSError):
             self.file.close()
 
+    def forsake(self) -> None:
+        """Close the file and touch nothing else: what bears its name is another's."""
+        with suppress(OSError):
+            self.file.close()
+
     def discard(self) -> None:
         """Close and delete the file: there is nothing in it that was reported as written."""
         with suppress(OSError):
