@@ -107,7 +107,7 @@ def _raised(entry: _Entry | None, symptom: Symptom, now: Now) -> _Entry:
         symptom.text,
         symptom.advice or EXPLAINED[symptom.code].advice,
         entry.alarm.since_ns if entry and lasting else now.wall_ns,
-        symptom.new + (entry.alarm.count if entry and lasting else 0),
+        entry.alarm.count + symptom.new if entry and lasting else symptom.recent,
     )
     if entry is None:
         return _Entry(alarm, now.monotonic_s, None, True, False)

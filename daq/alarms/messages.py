@@ -28,6 +28,7 @@ _SHOWN_IDS = 6
 _KNOWN_IDS = 256
 """So many unknown identifiers are counted by name."""
 _RECENT_S = 2.0
+_STRANGERS_ONLY_S = 0.8
 _EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40
 
 
@@ -233,17 +234,18 @@ def message_symptoms(
         key: each for key, each in watch.strangers.items() if now_s - each.seen_s <= _RECENT_S
     }
     found = _stranger_symptoms(recent, codec, names)
-    heard = any(now_s - each.seen_s <= _RECENT_S for each in watch.known.values())
-    if recent and not heard:
+    if watch.began_s is None:
+        return found
+    waited_s = now_s - watch.began_s
+    if recent and not watch.known and waited_s >= _STRANGERS_ONLY_S:
         first = ", ".join(_id_text(key) for key in list(recent)[:_SHOWN_IDS])
-        text = f"no frame of a message of the DBC for {_RECENT_S:g} s, but {first}"
+        text = f"no frame of a message of the DBC in {waited_s:.1f} s, but {first}"
         return [Symptom("none_of_dbc", "", text), *found]
     for name, each in watch.known.items():
         found += _known_symptoms(name, each, name in expected, names, well, now_s)
-    if watch.began_s is not None and any(well):
+    if any(well):
         for name in expected:
             cycle_s = codec.message(name).cycle_s or _UNKNOWN_PERIOD_S / STALE_PERIODS
-            waited_s = now_s - watch.began_s
             if name not in watch.known and waited_s > max(STALE_PERIODS * cycle_s, 1.0):
                 text = f"no frame since the recorder listens ({waited_s:.0f} s)"
                 found.append(Symptom("stale", name, text))

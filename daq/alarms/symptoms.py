@@ -20,8 +20,9 @@ class Symptom:
     ----------
     code, subject, text : str
         As in `daq.messages.Alarm`.
-    new : int
-        How often it has happened since the last turn, where that is counted.
+    new, recent : int
+        How often it has happened since the last turn, and within the window, where that is
+        counted.
     advice : str
         Empty if the table's will do.
     """
@@ -30,6 +31,7 @@ class Symptom:
     subject: str
     text: str
     new: int = 0
+    recent: int = 0
     advice: str = ""
 
 
@@ -67,7 +69,8 @@ class Window:
                 text = f"{total} {COUNTED[code]} in the last second"
                 detail = details[code, subject]
                 new = current[code, subject].number if (code, subject) in current else 0
-                found.append(Symptom(code, subject, f"{text}: {detail}" if detail else text, new))
+                text = f"{text}: {detail}" if detail else text
+                found.append(Symptom(code, subject, text, new, total))
         return found
 
 

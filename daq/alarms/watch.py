@@ -164,7 +164,8 @@ def watch(
     symptoms += signal_symptoms(signals)
     if now_s - state.clock_stepped_s <= _CLOCK_SHOWN_S:
         text = f"the host's clock was set by {state.clock_step_s:+.3f} s"
-        symptoms.append(Symptom("clock_step", "", text, int(now_s == state.clock_stepped_s)))
+        new = int(now_s == state.clock_stepped_s)
+        symptoms.append(Symptom("clock_step", "", text, new, 1))
     ledger, told = state.ledger.advanced(_merged(symptoms, window.symptoms(now_s)), turn.now, t_ns)
     after = replace(
         state,
@@ -189,8 +190,11 @@ def acknowledged(state: AlarmState) -> AlarmState:
 
 def _merged(states: Sequence[Symptom], counted: Sequence[Symptom]) -> list[Symptom]:
     """Give a state that is counted, too (bus-off), its count."""
-    numbers = {(each.code, each.subject): each.new for each in counted}
-    kept = [replace(s, new=s.new + numbers.get((s.code, s.subject), 0)) for s in states]
+    numbers = {(each.code, each.subject): (each.new, each.recent) for each in counted}
+    kept = []
+    for state in states:
+        new, recent = numbers.get((state.code, state.subject), (state.new, state.recent))
+        kept.append(replace(state, new=new, recent=recent))
     return [*kept, *counted]
 
 

@@ -1,0 +1,207 @@
+"""A recorder's turns without a recorder: healthy traffic of the shipped bench, and what spoils it.
+
+Two buses: the bench is on the first, the second carries one foreign message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daq.alarms import AlarmState, Turn, watch
+from daq.config import RecorderConfig, load_bench
+from daq.error_frames import ErrorClass
+from daq.health import HealthState, advance
+from daq.mapping import MappedChannel, map_channels
+from daq.messages import Alarm, BusState, DiskStatus, QueueStatus
+from daq.now import Now
+from daq.runs import Event
+from daq.source import HopLosses, LinkFacts, SourceLosses
+from dbc import Codec, FrameBatch, FrameFlag, parse_codec
+
+START_NS = 1_800_000_000_000_000_000
+TURN_S = 0.1
+BENCH = load_bench(None)
+CODEC = parse_codec(BENCH.dbc_text, "shipped")
+MAPPED = map_channels(BENCH.channels, CODEC.messages, "shipped")
+ROOMY = DiskStatus(10**12, 0, 0, 0.0)
+IDLE = QueueStatus(0, 0, 600)
+FOREIGN_ID = 0x700
+
+
+def frames(
+    can_id: int, data: Sequence[bytes], t_ns: int, flags: int = 0, bus: int = 0
+) -> FrameBatch:
+    """Return frames 10 microseconds apart."""
+    n = len(data)
+    width = 8 if max(map(len, data), default=0) <= 8 else 64
+    padded = b"".join(each.ljust(width, b"\0") for each in data)
+    return FrameBatch(
+        t_ns + np.arange(n) * 10_000,
+        np.full(n, can_id, np.uint32),
+        np.full(n, flags, np.uint16),
+        np.full(n, bus, np.uint8),
+        np.array([len(each) for each in data], np.uint8),
+        np.frombuffer(padded, np.uint8).reshape(n, width),
+    )
+
+
+def error_frames(
+    classes: ErrorClass, data: bytes, t_ns: int, bus: int = 1, n: int = 1
+) -> FrameBatch:
+    """Return error frames as the kernel makes them."""
+    return frames(int(classes), [data] * n, t_ns, FrameFlag.ERROR, bus)
+
+
+Edit = Callable[[FrameBatch], FrameBatch]
+
+
+class WatchedBench:
+    """Turns, one after the other.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The buses.
+    codec, mapped : Codec, sequence of MappedChannel
+        Of the shipped bench if another is not given.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str] = ("can0", "can1"),
+        codec: Codec = CODEC,
+        mapped: Sequence[MappedChannel] = MAPPED,
+    ) -> None:
+        self._codec, self._mapped = codec, mapped
+        self.state = AlarmState()
+        self.events: list[tuple[float, Event]] = []
+        self.turns = 0
+        self.wall_step_ns = 0
+        self.links = [
+            LinkFacts(name, 1_000_000, True, "", "", 0.0, 0, SourceLosses()) for name in names
+        ]
+        self.hops = HopLosses()
+        self._health = HealthState()
+        self._counter = dict.fromkeys((m.name for m in CODEC.messages), 0)
+        self._rng = np.random.default_rng(4)
+
+    @property
+    def t_ns(self) -> int:
+        """Start of the next turn."""
+        return START_NS + self.turns * 100_000_000
+
+    @property
+    def now_s(self) -> float:
+        """Time since the start, s."""
+        return self.turns * TURN_S
+
+    def healthy(
+        self,
+        without: Sequence[str] = (),
+        values: Mapping[str, object] | None = None,
+        motion: float = 0.0,
+    ) -> FrameBatch:
+        """Return a turn's frames of the bench.
+
+        Parameters
+        ----------
+        without : sequence of str
+            Messages that are not sent.
+        values : mapping of `Message.signal` to float or array
+            Instead of noise.
+        motion : float
+            Amplitude of a slow oscillation of all signals, in the signals' units.
+        """
+        parts = []
+        for message in CODEC.messages:
+            assert message.cycle_s is not None
+            n = round(TURN_S / message.cycle_s)
+            start = self._counter[message.name]
+            self._counter[message.name] += n
+            if message.name in without:
+                continue
+            assert message.counter is not None
+            swing = motion * np.sin(2 * np.pi * 2.0 * (start + np.arange(n)) * message.cycle_s)
+            given = {
+                s.name: swing + 20 * s.factor * self._rng.standard_normal(n)
+                for s in message.signals
+                if s.name not in (message.counter.signal, message.crc)
+            }
+            for signal, value in (values or {}).items():
+                name, _, own = signal.partition(".")
+                if name == message.name:
+                    given[own] = np.broadcast_to(np.asarray(value, float), n)
+            part = CODEC.encode(message.name, given, start)
+            step_ns = round(message.cycle_s * 1e9)
+            parts.append(
+                replace(
+                    frames(message.can_id, [b""] * n, self.t_ns),
+                    t_ns=self.t_ns + np.arange(n) * step_ns,
+                    length=np.full(n, message.length, np.uint8),
+                    data=part,
+                )
+            )
+        merged = FrameBatch.concatenate(parts)
+        return merged.select(np.argsort(merged.t_ns, kind="stable"))
+
+    def turn(self, *batches: FrameBatch, **facts: object) -> tuple[Event, ...]:
+        """Take one turn; without batches, a healthy one."""
+        batch = FrameBatch.concatenate(batches) if batches else self.healthy()
+        decoded = self._codec.decode(batch)
+        self._health = advance(self._codec.messages, self._health, decoded)
+        self.turns += 1
+        now = Now(START_NS + self.turns * 100_000_000 + self.wall_step_ns, 5000.0 + self.now_s)
+        turn = Turn(now, batch, decoded, self._health, self.links, self.hops, ROOMY, IDLE)
+        self.state, events = watch(
+            RecorderConfig(),
+            self._codec,
+            self._mapped,
+            self.state,
+            replace(turn, **facts),  # type: ignore[arg-type]
+        )
+        self.events += [(self.now_s, event) for event in events]
+        return events
+
+    def link(self, number: int, **facts: object) -> None:
+        """Change the facts of a link."""
+        self.links[number] = replace(self.links[number], **facts)  # type: ignore[arg-type]
+
+    @property
+    def alarms(self) -> list[Alarm]:
+        """Those that last."""
+        return list(self.state.alarms)
+
+    def bus_state(self, number: int) -> BusState:
+        """Return how a bus is doing."""
+        return self.state.buses[number].state
+
+    def alarm(self, code: str, subject: str) -> Alarm | None:
+        """Return an alarm that lasts."""
+        for alarm in self.state.alarms:
+            if (alarm.code, alarm.subject) == (code, subject):
+                return alarm
+        return None
+
+    def told(self, code: str) -> list[str]:
+        """Return the texts of all events of a code, up to the colon."""
+        return [event.text.partition(":")[0] for _, event in self.events if event.code == code]
+
+
+def foreign(bench: WatchedBench, n: int = 5) -> FrameBatch:
+    """Return a turn of the second bus."""
+    return frames(FOREIGN_ID, [bytes(8)] * n, bench.t_ns, bus=1)
+
+
+def both(bench: WatchedBench) -> tuple[FrameBatch, FrameBatch]:
+    """Return a healthy turn of both buses."""
+    return bench.healthy(), foreign(bench)
+
+
+def saturating(bench: WatchedBench) -> FrameBatch:
+    """Return a turn of the bench in which four samples of the first hub reach 16.3835 g."""
+    values = np.zeros(100)
+    values[:4] = 16.3835
+    return bench.healthy(values={"HUB_Front.acc_fl": values})
