@@ -36,7 +36,12 @@ def start_recorder(
 
 
 def start_demo_recorder(
-    folder: Path, speed: float = 1.0, fault: str = "", seed: int = 1, bench: Path | None = None
+    folder: Path,
+    speed: float = 1.0,
+    fault: str = "",
+    seed: int = 1,
+    bench: Path | None = None,
+    wiggles: bool = False,
 ) -> subprocess.Popen[bytes]:
     """Start a recorder on a simulated bench, which bumps its car whenever a run is armed.
 
@@ -52,10 +57,14 @@ def start_demo_recorder(
         Draws noise and sensor errors.
     bench : Path or None
         bench.toml; the shipped one if None.
+    wiggles : bool
+        Push corner after corner while nothing is armed, for the check of the bench.
     """
     arguments = ["tui.demo_recorder", str(folder.resolve()), "--speed", f"{speed:g}"]
     arguments += ["--seed", f"{seed}", *(["--fault", fault] if fault else [])]
     arguments += ["--bench", str(bench.resolve())] if bench else []
+    arguments += ["--wiggles"] if wiggles else []
+    arguments += ["--log", str(folder.resolve() / LOG)]
     return _start(arguments, folder)
 
 
