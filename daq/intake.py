@@ -1,6 +1,6 @@
 """From logs to a session: the bumps are found and the runs cut as in a recording.
 
-A log goes through the recorder's own engine block by block.  Only what lies around the bumps is
+A log goes through the recorder's own trigger block by block.  Only what lies around the bumps is
 kept, so memory grows with the number of runs, not with the length of the log.
 """
 
@@ -25,7 +25,8 @@ from .campaign import Campaign, Step
 from .config import Bench
 from .errors import InputError
 from .journal_contents import HopCounts
-from .recorder import UNPLANNED, Recorder
+from .preparation import prepared
+from .recorder import UNPLANNED
 from .runs import Event, Excitation, Session
 from .source import HopLosses
 
@@ -75,12 +76,16 @@ class Intake:
     Raises
     ------
     InputError
-        As `Recorder`.
+        As `preparation.prepared`.
     """
 
     def __init__(self, bench: Bench, codec: Codec) -> None:
+        self._bench, self._codec = bench, codec
+        mapped, triggers = prepared(bench, codec)
+        self._feeds = tuple(m for m in mapped if m.channel.name in triggers)
         self._shelf = _Shelf(round(bench.trigger.pre_s * 1e9), round(bench.trigger.post_s * 1e9))
-        self._recorder = Recorder(bench, codec, self._shelf)
+        self._trigger = trigger.TriggerState()
+        self._unknown_id = 0
         self._end_ns: int | None = None
 
     def goes_on_with(self, batch: FrameBatch) -> bool:
@@ -91,22 +96,27 @@ class Intake:
 
     def take(self, batch: FrameBatch, hops: HopLosses) -> int:
         """Take in a block, and the losses counted up to it; return how many bumps were found."""
-        events = self._recorder.step(batch, hops)
+        self._shelf.append(batch, hops)
+        decoded = self._codec.decode(batch)
+        self._unknown_id += decoded.counts.unknown_id
+        block = {
+            feed.channel.name: (samples.t_ns, feed.values(samples))
+            for feed in self._feeds
+            if (samples := decoded.samples.get(feed.channel.signal)) is not None
+        }
+        self._trigger, events = trigger.advance(self._bench.trigger, self._trigger, block)
+        self._shelf.append_events(events)
         self._end_ns = int(batch.t_ns[-1])
-        return sum(event.code.endswith(trigger.BUMP) for event in events)
+        return sum(event.code == trigger.BUMP for event in events)
 
     def part(self) -> LogPart:
         """Return what was kept."""
         frames, hops = self._shelf.contents()
-        # The steps of the campaign are given to the bumps of all parts together, later.
-        events = [
-            replace(event, code=event.code.removeprefix(UNPLANNED)) for event in self._shelf.events
-        ]
-        return LogPart(frames, tuple(events), hops, self._recorder.losses.unknown_id)
+        return LogPart(frames, tuple(self._shelf.events), hops, self._unknown_id)
 
 
 class _Shelf:
-    """Where the recorder puts frames: those around a bump stay, the others are let go."""
+    """Where frames are put: those around a bump stay, the others are let go."""
 
     def __init__(self, pre_ns: int, post_ns: int) -> None:
         self.events: list[Event] = []
@@ -129,7 +139,7 @@ class _Shelf:
     def append_events(self, events: Sequence[Event]) -> None:
         self.events += events
         for event in events:
-            if event.code.endswith(trigger.BUMP):
+            if event.code == trigger.BUMP:
                 self._windows.append((event.t_ns - self._pre_ns, event.t_ns + self._post_ns))
 
     def contents(self) -> tuple[FrameBatch, HopCounts]:

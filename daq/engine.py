@@ -1,0 +1,409 @@
+"""A recorder with its threads: a reader for each bus, a bounded queue, one writer to the disk.
+
+The writer, in the caller's thread, gathers what the readers have read ten times a second, hands it
+to `Recorder.step`, carries out orders between two blocks and tells where it stands.  It ends when
+it is told to, never because of a bus or a disk.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+from dbc.frames import FrameBatch
+
+from .beats import Beats
+from .config import Bench, bench_codec
+from .derivation import Derivation
+from .guard import Guard
+from .journal_contents import JournalTail
+from .journal_folder import last_recording
+from .journal_segment import SyncedFile
+from .keeper import Keeper
+from .link import Link, OpenSource
+from .messages import (
+    AskBench,
+    AskCheck,
+    AskHistory,
+    AskStatus,
+    Build,
+    CheckItem,
+    Hello,
+    Live,
+    Order,
+    Reply,
+    ShutDown,
+    Start,
+    Status,
+    Stop,
+)
+from .now import Now
+from .opening import CreateFile, Recording, begin, resumable, session_path
+from .order_events import OrderError
+from .preparation import configured, prepared
+from .readers import PieceQueue, Readers
+from .recorder import NO_DISK, Recorder
+from .runs import Event
+from .source import HopLosses, LinkFacts
+from .standing import Host
+
+BLOCK_S = 0.1
+"""The journal gets a block so often; what was not yet in one is lost to a power cut."""
+BLOCK_FRAMES = 65_536
+HALT_S = 2.0
+"""A reader that hangs in its driver is waited for so long at the end."""
+JOURNAL_FOLDER = "journal"
+
+Publish = Callable[[Status, Live | None], None]
+
+
+class Engine:
+    """A recorder at work.
+
+    Parameters
+    ----------
+    bench : Bench
+        What is on the bench.
+    folder : Path
+        Session files go there, segments into the folder `journal` in it.
+    open_source : callable
+        Opens a bus, given its description and its number; may raise whatever it likes.
+    software : str
+        Name and version, for the journal.
+    resume : bool
+        Take up the newest recording in the folder again if it was not ended.
+    create : callable
+        Creates a file of the journal.
+    pieces : PieceQueue
+        Between readers and writer.
+
+    Raises
+    ------
+    InputError
+        If bench.toml and DBC do not fit together.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        folder: Path,
+        open_source: OpenSource,
+        *,
+        software: str,
+        resume: bool = True,
+        create: CreateFile = SyncedFile,
+        pieces: PieceQueue | None = None,
+    ) -> None:
+        prepared(bench, bench_codec(bench))
+        self._bench = bench
+        self._folder = folder
+        self._journal = folder / JOURNAL_FOLDER
+        self._open_source = open_source
+        self._software = software
+        self._resume = resume
+        self._create = create
+        self._pieces = pieces or PieceQueue()
+        self._readers = Readers(self._pieces)
+        self._orders: deque[tuple[Order | Bench, str, Future[Reply]]] = deque()
+        self._wake = threading.Event()
+        self._lock = threading.Lock()
+        self._ended = False
+        self._guard = Guard()
+        self._derivation = Derivation()
+        self._checks = ThreadPoolExecutor(1, "check")
+        self._recording: Recording | None = None
+        self._recorder = Recorder(bench, bench_codec(bench), _Nowhere(), guard=self._guard)
+        self._lag_s = 0.0
+        self._next_s = 0.0
+        self._beats = Beats((), time.monotonic(), 0.0)
+
+    def submit(self, order: Order, by: str) -> Future[Reply]:
+        """Have an order carried out between two blocks; from any thread, never blocks.
+
+        Returns
+        -------
+        Future of Reply
+            Fails with `OrderError` if the order is refused.
+        """
+        return self._put(order, by)
+
+    def reload(self, bench: Bench) -> Future[Reply]:
+        """Go on with a bench that was checked: as `Configure`, but buses and DBC may change."""
+        return self._put(bench, "reload")
+
+    def beats(self) -> Beats:
+        """Return when each part was last seen at work."""
+        return self._beats
+
+    def run(self, stop: threading.Event, publish: Publish) -> None:
+        """Record until `stop` is set or the order comes to shut down.
+
+        On return the readers have ended, all that they read is in the journal, and its file is
+        sealed; the recording can be taken up again unless it was stopped.
+
+        Parameters
+        ----------
+        stop : threading.Event
+            Set by the caller.
+        publish : callable
+            Called in this thread about ten times a second; must not block.
+
+        Raises
+        ------
+        JournalError
+            If there is no place for the journal.
+        """
+        try:
+            self._open()
+            self._start_readers()
+            self._turn(publish)
+            while not (stop.is_set() or self._ended):
+                self._turn(publish)
+        finally:
+            self._finish(publish)
+
+    # The writer's thread -----------------------------------------------------------------------
+
+    def _turn(self, publish: Publish) -> None:
+        """Wait for the next block, store it, carry out orders, tell."""
+        if not self._pieces.status.blocks or self._next_s > time.monotonic():
+            self._wake.wait(max(self._next_s - time.monotonic(), 0.0))
+        self._wake.clear()
+        self._next_s = max(self._next_s + BLOCK_S, time.monotonic())
+        self._store()
+        while self._orders:
+            self._carry_out(*self._orders.popleft())
+        self._derivation.poll()
+        self._publish(publish)
+
+    def _store(self, links: Sequence[LinkFacts] | None = None) -> bool:
+        """Store what was read as one block; return whether there was anything."""
+        now = _now()
+        pieces = self._readers.take(BLOCK_FRAMES)
+        batch = FrameBatch.concatenate([piece.frames for piece in pieces])
+        facts, keeper = links or self._readers.facts(), self._keeper
+        disk = keeper.status if keeper else NO_DISK
+        self._recorder.step(batch, self._readers.hops(), now, facts, disk, self._pieces.status)
+        if keeper is not None:
+            keeper.tend(now.monotonic_s)
+            disk = keeper.status
+        done_s = time.monotonic()
+        self._lag_s = max((done_s - piece.received_s for piece in pieces), default=0.0)
+        durable = not (disk.failed or disk.held_frames)
+        self._beats = Beats(
+            tuple((link.name, link.heartbeat_s) for link in facts),
+            done_s,
+            done_s if durable else self._beats.durable_s,
+        )
+        return bool(pieces)
+
+    def _publish(self, publish: Publish) -> None:
+        now = _now()
+        status = self._status(now)
+        live = self._guard.value("live", now, None, self._recorder.live)
+        self._guard.run("publish", now, lambda: publish(status, live))
+
+    def _status(self, now: Now) -> Status:
+        recording = self._recording
+        disk = recording.keeper.status if recording else NO_DISK
+        disk = replace(disk, lag_s=max(disk.lag_s, self._lag_s))
+        host = Host(
+            recording.identity if recording else "",
+            str(self._folder),
+            self._software,
+            disk,
+            self._pieces.status,
+            self._derivation.status,
+        )
+        return self._recorder.status(now, host)
+
+    def _carry_out(self, order: Order | Bench, by: str, answer: Future[Reply]) -> None:
+        if not answer.set_running_or_notify_cancel():
+            return
+        try:
+            reply = self._answer(order, by, answer)
+        except Exception as error:  # the one who asked is to hear of it; the recording goes on
+            answer.set_exception(error)
+            return
+        if reply is not None:
+            answer.set_result(reply)
+
+    def _answer(self, order: Order | Bench, by: str, answer: Future[Reply]) -> Reply | None:
+        """Carry out an order; None if the answer comes later."""
+        now = _now()
+        match order:
+            case Hello() | AskStatus():
+                pass
+            case AskHistory():
+                return Reply(0, live=self._recorder.history(order.seconds))
+            case AskBench():
+                return Reply(0, bench_text=self._recorder.bench.text)
+            case AskCheck():
+                frames = self._recorder.recent(order.seconds)
+                bench = self._recorder.bench
+                self._checks.submit(_check, bench, frames, answer)
+                return None
+            case Start():
+                bench = configured(self._bench, order.bench_text or self._recorder.bench.text)
+                self._end("a new recording was begun")
+                self._begin(bench, now)
+            case Stop():
+                self._required()
+                self._end("the recording was ended")
+            case Build():
+                recording = self._required()
+                self._derive(recording)
+            case ShutDown():
+                self._ended = True
+            case Bench():
+                self._reload(order, now)
+            case _:
+                self._required()
+                self._recorder.carry_out(order, by, now)
+        return Reply(0, status=self._status(now))
+
+    # Recordings --------------------------------------------------------------------------------
+
+    @property
+    def _keeper(self) -> Keeper | None:
+        return self._recording.keeper if self._recording else None
+
+    def _required(self) -> Recording:
+        if self._recording is None:
+            raise OrderError("nothing is being recorded: start a recording first")
+        return self._recording
+
+    def _open(self) -> None:
+        """Take up the last recording, or see to its session file and begin a new one."""
+        now = _now()
+        found = resumable(self._journal, self._bench) if self._resume else None
+        if found is not None:
+            tail, bench = found
+            self._use(self._opened(bench, now, tail))
+            return
+        with suppress(OSError, ValueError):
+            tail_before = last_recording(self._journal)
+            if tail_before is not None:
+                target = session_path(self._folder, tail_before.segments)
+                if not target.exists():
+                    self._derivation.begin(target, tail_before.segments)
+        self._begin(self._bench, now)
+
+    def _begin(self, bench: Bench, now: Now) -> None:
+        self._use(self._opened(bench, now))
+
+    def _use(self, recording: Recording) -> None:
+        self._recording, self._recorder = recording, recording.recorder
+        self._bench = recording.recorder.bench
+
+    def _opened(self, bench: Bench, now: Now, tail: JournalTail | None = None) -> Recording:
+        return begin(self._journal, bench, self._software, now, self._guard, self._create, tail)
+
+    def _end(self, why: str) -> None:
+        """End the recording and have its session file built."""
+        recording = self._recording
+        if recording is None:
+            return
+        self._store()
+        recording.recorder.cut(why)
+        recording.keeper.close(ended=True)
+        self._recording = None
+        bench = recording.recorder.bench
+        self._recorder = Recorder(bench, bench_codec(bench), _Nowhere(), guard=self._guard)
+        self._derive(recording)
+
+    def _derive(self, recording: Recording) -> None:
+        segments = recording.segments
+        self._derivation.begin(session_path(self._folder, segments), segments)
+
+    def _reload(self, bench: Bench, now: Now) -> None:
+        prepared(bench, bench_codec(bench))
+        if self._recorder.book.open is not None:
+            raise OrderError(f"{self._recorder.book.open.label} is being recorded: try again")
+        before = self._recorder.bench
+        if bench.buses != before.buses:
+            self._stop_readers()
+        if bench.dbc_text != before.dbc_text and self._recording is not None:
+            self._end("the DBC was changed")
+            self._begin(bench, now)
+        else:
+            self._recorder.reconfigure(bench, now)
+        self._bench = bench
+        if bench.buses != before.buses:
+            self._start_readers()
+
+    # Readers -----------------------------------------------------------------------------------
+
+    def _start_readers(self) -> None:
+        buses = enumerate(self._bench.buses)
+        self._readers.start([Link(bus, n, self._open_source) for n, bus in buses])
+
+    def _stop_readers(self) -> None:
+        """End the readers and store all that they have read."""
+        links = self._readers.facts()  # that they end now is no fault of theirs
+        self._readers.halt(HALT_S)
+        while self._store(links):
+            pass
+        self._readers.settle()
+        self._store(links)
+
+    def _finish(self, publish: Publish) -> None:
+        with self._lock:
+            self._ended = True
+        self._stop_readers()
+        while self._orders:
+            self._orders.popleft()[2].cancel()
+        self._derivation.poll()
+        self._publish(publish)
+        self._derivation.close()
+        self._checks.shutdown(wait=False, cancel_futures=True)
+        if self._recording is not None:
+            self._recording.keeper.close()
+
+    def _put(self, order: Order | Bench, by: str) -> Future[Reply]:
+        answer: Future[Reply] = Future()
+        with self._lock:
+            if self._ended:
+                answer.set_exception(OrderError("the recorder is ending"))
+                return answer
+            self._orders.append((order, by, answer))
+        self._wake.set()
+        return answer
+
+
+class _Nowhere:
+    """Where frames go while nothing is recorded: they are looked at, and let go."""
+
+    def append(self, frames: FrameBatch, losses: HopLosses) -> None:
+        """Do nothing."""
+
+    def append_events(self, events: Sequence[Event]) -> None:
+        """Do nothing."""
+
+
+def _now() -> Now:
+    return Now(time.time_ns(), time.monotonic())
+
+
+def _check(bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
+    """Check the bench, in a thread beside: seconds of a full bus take a while."""
+    from datetime import date
+
+    from .check import check_bench
+
+    try:
+        report = check_bench(bench, bench_codec(bench), frames, date.today())
+    except Exception as error:  # the one who asked is to hear of it
+        answer.set_exception(error)
+        return
+    lines = (
+        CheckItem(line.verdict.name, line.subject, line.reason, line.advice, dict(line.figures))
+        for line in report.lines
+    )
+    answer.set_result(Reply(0, check=tuple(lines)))

@@ -1,0 +1,67 @@
+"""The verdict on a run at its end, from the samples of the last seconds."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import fields
+
+from .book import Book, BookStatus, Finding
+from .campaign import Step
+from .config import Bench
+from .recent import Block, RecentSamples
+from .runs import Losses
+from .verdict import RunMeasure, RunWindow, judge, peak_left
+
+_SLACK_NS = 1_000_000_000
+
+
+class Judge:
+    """Keeps what a verdict takes; asked when a run has ended.
+
+    Parameters
+    ----------
+    bench : Bench
+        Channels, trigger and procedure.
+    measures : dict of label to RunMeasure
+        What was measured of the runs so far; later ones are added.
+    """
+
+    def __init__(self, bench: Bench, measures: dict[str, RunMeasure]) -> None:
+        self._bench = bench
+        self._measures = measures
+        self._samples = RecentSamples(bench.trigger.pre_s + bench.trigger.post_s)
+        self._losses: deque[tuple[int, Losses]] = deque([(0, Losses())])
+
+    def add(self, t_ns: int, block: Block, losses: Losses) -> None:
+        """Take in a block whose latest stamp is `t_ns`, and the losses counted up to it."""
+        self._samples.add(t_ns, block)
+        self._losses.append((t_ns, losses))
+        trigger = self._bench.trigger
+        kept_ns = round((trigger.pre_s + trigger.post_s) * 1e9) + _SLACK_NS
+        while len(self._losses) > 1 and not -_SLACK_NS <= t_ns - self._losses[1][0] <= kept_ns:
+            self._losses.popleft()
+
+    def verdict(self, step: Step, bump_ns: int, book: Book) -> tuple[Finding, ...]:
+        """Judge the run of a step."""
+        start_ns = bump_ns - round(self._bench.trigger.pre_s * 1e9)
+        stop_ns = bump_ns + round(self._bench.trigger.post_s * 1e9)
+        before = next((lost for t_ns, lost in reversed(self._losses) if t_ns < start_ns), None)
+        lost = _difference(self._losses[-1][1], before or self._losses[0][1])
+        window = RunWindow(bump_ns, self._samples.between(start_ns, stop_ns), lost)
+        accepted = [
+            self._measures[run.label]
+            for run in book.of(step.mass_state, step.excitation)
+            if run.status is BookStatus.ACCEPTED and run.label in self._measures
+        ]
+        findings, self._measures[step.label] = judge(self._bench, step, window, accepted)
+        return findings
+
+    def peak_left(self, bump_ns: int, t_ns: int) -> float | None:
+        """Return the share of the motion that is left; None as long as it cannot be told."""
+        start_ns = bump_ns - round(self._bench.trigger.pre_s * 1e9)
+        columns = dict(self._samples.between(start_ns, t_ns + 1))
+        return peak_left(self._bench.channels, bump_ns, columns, t_ns)
+
+
+def _difference(after: Losses, before: Losses) -> Losses:
+    return Losses(*(getattr(after, f.name) - getattr(before, f.name) for f in fields(Losses)))

@@ -1,0 +1,85 @@
+"""The last seconds, raw and decoded: for the bench check, and for the verdict on a run."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch
+
+Block = Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]]
+CHECK_S = 10.0
+_SLACK_NS = 1_000_000_000
+_MOST_BYTES = 64 << 20
+
+
+class RecentFrames:
+    """Raw frames of the last `CHECK_S`, of data time; at most `_MOST_BYTES`."""
+
+    def __init__(self) -> None:
+        self._batches: deque[tuple[int, FrameBatch]] = deque()
+        self._bytes = 0
+
+    def add(self, batch: FrameBatch) -> None:
+        """Take in a block, not empty."""
+        latest_ns = int(batch.t_ns.max())
+        self._batches.append((latest_ns, batch))
+        self._bytes += _size(batch)
+        horizon_ns = latest_ns - round(CHECK_S * 1e9)
+        # One of another time (the clock was set back) goes too: it would never grow old.
+        while self._batches[0][0] < horizon_ns or self._bytes > _MOST_BYTES:
+            self._bytes -= _size(self._batches.popleft()[1])
+            if not self._batches:
+                break
+        while self._batches and self._batches[0][0] > latest_ns + _SLACK_NS:
+            self._bytes -= _size(self._batches.popleft()[1])
+
+    def last(self, seconds: float) -> FrameBatch:
+        """Return the frames of the last seconds."""
+        if not self._batches:
+            return FrameBatch.empty()
+        since_ns = self._batches[-1][0] - round(seconds * 1e9)
+        found = FrameBatch.concatenate([b for t_ns, b in self._batches if t_ns >= since_ns])
+        return found.select(found.t_ns >= since_ns)
+
+
+class RecentSamples:
+    """Samples of all channels for as long as a run, and some more.
+
+    Parameters
+    ----------
+    kept_s : float
+        How long they are kept.
+    """
+
+    def __init__(self, kept_s: float) -> None:
+        self._kept_ns = round(kept_s * 1e9) + _SLACK_NS
+        self._blocks: deque[tuple[int, Block]] = deque()
+
+    def add(self, t_ns: int, block: Block) -> None:
+        """Take in a block whose latest stamp is `t_ns`."""
+        self._blocks.append((t_ns, block))
+        while self._blocks and not -_SLACK_NS <= t_ns - self._blocks[0][0] <= self._kept_ns:
+            self._blocks.popleft()
+
+    def between(self, start_ns: int, stop_ns: int) -> Block:
+        """Return the samples of a span, by channel, in order of arrival."""
+        pieces: dict[str, list[tuple[NDArray[np.int64], NDArray[np.float64]]]] = {}
+        for latest_ns, block in self._blocks:
+            if latest_ns >= start_ns:
+                for name, piece in block.items():
+                    pieces.setdefault(name, []).append(piece)
+        found: dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]] = {}
+        for name, parts in pieces.items():
+            t_ns = np.concatenate([part[0] for part in parts])
+            value = np.concatenate([part[1] for part in parts])
+            own = (t_ns >= start_ns) & (t_ns < stop_ns)
+            found[name] = (t_ns[own], value[own])
+        return found
+
+
+def _size(batch: FrameBatch) -> int:
+    return batch.data.nbytes + 16 * len(batch)
