@@ -37,11 +37,18 @@ def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
     folder : Path
         Where the files `journal_*.mcap` are.
     """
-    infos = [info for path in segments_in(folder) if (info := _scanned(path))]
-    grouped: dict[str, list[SegmentInfo]] = {}
-    for info in infos:
-        grouped.setdefault(info.recording, []).append(info)
-    return tuple(_recording(group) for group in grouped.values())
+    return _grouped(info for path in segments_in(folder) if (info := _scanned(path)))
+
+
+def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
+    """Return the recordings that these segments are of, the oldest first.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or is no journal, or none holds even its beginning.
+    """
+    return _grouped(_all_scanned(segments))
 
 
 def last_recording(folder: Path) -> JournalTail | None:
@@ -71,11 +78,22 @@ def recording_of(segments: Sequence[Path]) -> JournalTail:
     InputError
         If a file cannot be read or is no journal, or none holds even its beginning.
     """
+    return _tail(sorted(_all_scanned(segments), key=lambda info: info.number))
+
+
+def _all_scanned(segments: Sequence[Path]) -> list[SegmentInfo]:
     infos = [info for path in segments if (info := scan(path))]
     if not infos:
         where = ", ".join(str(path) for path in segments) or "journal"
         raise InputError(where, "holds no recording", "name the files journal_*.mcap")
-    return _tail(sorted(infos, key=lambda info: info.number))
+    return infos
+
+
+def _grouped(infos: Iterable[SegmentInfo]) -> tuple[RecordingInfo, ...]:
+    grouped: dict[str, list[SegmentInfo]] = {}
+    for info in sorted(infos, key=lambda info: info.number):
+        grouped.setdefault(info.recording, []).append(info)
+    return tuple(_recording(group) for group in grouped.values())
 
 
 def _tail(infos: Sequence[SegmentInfo]) -> JournalTail:

@@ -1,33 +1,92 @@
-"""`bumpbench recover`: a session file from a journal, after a crash or once more."""
+"""`bumpbench recover`: session files from a journal, after a crash or once more."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..diagnostics import ExitCode
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from daq.journal_contents import RecordingInfo
+
 
 def recover(
-    journal: Annotated[list[Path], typer.Argument(help="Segments of one recording, in order.")],
-    out: Annotated[Path, typer.Option(help="Session file to write.")],
+    journal: Annotated[
+        list[Path], typer.Argument(help="Segments journal_*.mcap, or a folder that has them.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Session file to write, or a folder; else session_NNNN.h5 beside the journal."
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
-    """Build the session file of a recording from its journal."""
+    """Build the session file of each recording from its journal, and say exactly what is lost."""
     from daq import read_session
+    from daq.derive import derive
+    from daq.journal_folder import recordings_of
 
     from ..diagnostics import say
     from ..output import print_json
-    from ..recording import build_session_file, print_summary, summary
+    from ..recording import print_summary, summary
 
-    lost = build_session_file(journal, out)
-    session = read_session(out)
+    segments = _segments(journal)
+    found = recordings_of(segments)
+    # A recording without a run gives an empty session: only on its own is that what is meant.
+    wanted = [info for info in found if info.bumps] or list(found)
+    documents: list[dict[str, Any]] = []
+    lost = False
+    for info, target in zip(wanted, _targets(wanted, out), strict=True):
+        derived = derive(info.segments, target)
+        session = read_session(target)
+        if json:
+            account = {"recording": info.recording, "frames_recorded": info.frames}
+            documents.append({**summary(target, session), **account, "loss": derived.loss})
+        else:
+            print_summary(target, session)
+        if derived.loss:
+            lost = True
+            say(f"{target.name}: the journal is not whole: {derived.loss}")
     if json:
-        print_json(summary(out, session))
-    else:
-        print_summary(out, session)
-    if lost:
-        say(f"the journal is not whole: {lost}")
+        print_json(documents[0] if len(documents) == 1 else {"sessions": documents})
     return ExitCode.DATA_LOST if lost else ExitCode.OK
+
+
+def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
+    """Return the segments that are named, and those of folders that are."""
+    from daq.errors import InputError
+    from daq.journal_folder import segments_in
+
+    segments: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            segments.append(path)
+            continue
+        inside = segments_in(path) or segments_in(path / "journal")
+        if not inside:
+            raise InputError(str(path), "has no journal_*.mcap", "name the recorder's folder")
+        segments += inside
+    return tuple(segments)
+
+
+def _targets(recordings: Sequence[RecordingInfo], out: Path | None) -> list[Path]:
+    """Return a session file for each recording."""
+    from daq.errors import InputError
+
+    if out is not None and not out.is_dir():
+        if len(recordings) == 1:
+            return [out]
+        what = f"there are {len(recordings)} recordings for one file"
+        raise InputError(str(out), what, "name a folder that is there, or segments of one")
+    targets = []
+    for info in recordings:
+        first = info.segments[0]
+        folder = first.parent.parent if first.parent.name == "journal" else first.parent
+        targets.append((out or folder) / f"session_{first.stem.rpartition('_')[2]}.h5")
+    return targets
