@@ -29,6 +29,7 @@ from .commands.report import report as write_report
 from .commands.simulate import simulate
 from .commands.status import status
 from .commands.study import study
+from .commands.tui import tui
 from .commands.validate import validate
 from .diagnostics import ExitCode, report, report_usage
 
@@ -41,6 +42,7 @@ app = typer.Typer(
 for command in (
     demo,
     simulate,
+    tui,
     record,
     status,
     check,

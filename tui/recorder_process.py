@@ -68,6 +68,24 @@ def start_demo_recorder(
     return _start(arguments, folder)
 
 
+def start_replay_recorder(
+    folder: Path, session: Path, speed: float = 1.0
+) -> subprocess.Popen[bytes]:
+    """Start a recorder on the frames of a recorded session.
+
+    Parameters
+    ----------
+    folder : Path
+        For journal, sessions and the log; not the session's own.
+    session : Path
+        What is played.
+    speed : float
+        How many seconds of it pass in one.
+    """
+    arguments = ["tui.replay_recorder", str(folder.resolve()), str(session.resolve())]
+    return _start([*arguments, "--speed", f"{speed:g}"], folder)
+
+
 def wait_for_recorder(process: subprocess.Popen[bytes], folder: Path) -> None:
     """Wait until a recorder that was started answers.
 

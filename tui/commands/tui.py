@@ -1,0 +1,142 @@
+"""`bumpbench tui`: the operator's terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..diagnostics import ExitCode
+from ..glyphs import GlyphSet
+
+if TYPE_CHECKING:
+    import subprocess
+    from collections.abc import Callable
+
+FAULTS = ("double-bump", "overload", "lost-frames", "weak", "wrong-mode", "unplug")
+
+
+def tui(
+    bench: Annotated[
+        Path | None, typer.Argument(help="bench.toml; the shipped bench if absent.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the recorder.")] = None,
+    interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
+    channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
+    demo: Annotated[bool, typer.Option("--demo", help="A simulated car instead of a bus.")] = False,
+    fault: Annotated[
+        str | None,
+        typer.Option(
+            help="With --demo: double-bump, overload, lost-frames, weak, wrong-mode or unplug."
+        ),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(min=0.1, max=20.0, help="With --demo or --replay: times real time.")
+    ] = 1.0,
+    replay: Annotated[
+        Path | None, typer.Option(help="Play a recorded session through the same screens.")
+    ] = None,
+    auto: Annotated[
+        bool, typer.Option("--auto", help="Press the next action whenever there is one.")
+    ] = False,
+    glyphs: Annotated[
+        GlyphSet, typer.Option(help="Characters the terminal can show.")
+    ] = GlyphSet.AUTO,
+    theme: Annotated[str, typer.Option(help="bench-dark, bench-light, ansi-dark, ...")] = (
+        "bench-dark"
+    ),
+    operator: Annotated[str, typer.Option(help="Your name or initials, for the journal.")] = "",
+    web: Annotated[
+        bool, typer.Option("--web", help="Serve it to a browser, on this machine only.")
+    ] = False,
+) -> int:
+    """Run a campaign at the bench: attach to the folder's recorder, or start one.
+
+    The recorder lives on when the terminal is closed; open it again and be where you were.
+    """
+    import os
+    import sys
+
+    from ..app import BenchApp
+    from ..feed import RecorderFeed
+    from ..glyphs import choose_glyphs
+
+    if web:
+        return _serve(sys.argv[1:])
+    folder = out or Path("bumpbench-demo" if demo else "bumpbench-replay" if replay else ".")
+    start = _starter(folder, bench, (interface, channel), demo, fault, speed, replay)
+    name = operator or os.environ.get("USER", "")
+    feed = RecorderFeed(folder, name, start)
+    attach(folder, start)
+    chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
+    app = BenchApp(feed, folder, chosen, name, theme, auto)
+    app.run()
+    return app.return_code or ExitCode.OK
+
+
+def attach(folder: Path, start: Callable[[], subprocess.Popen[bytes]]) -> None:
+    """Start a recorder in a folder unless one answers there."""
+    from daq.address import control_address
+    from daq.client import is_running
+
+    if not is_running(control_address(folder)):
+        start()
+
+
+def _starter(
+    folder: Path,
+    bench: Path | None,
+    bus: tuple[str | None, str | None],
+    demo: bool,
+    fault: str | None,
+    speed: float,
+    replay: Path | None,
+) -> Callable[[], subprocess.Popen[bytes]]:
+    """Return what starts the recorder that is wanted; what is wrong is said before."""
+    from daq.errors import InputError
+
+    from ..bench import shared_bench
+    from ..recorder_process import start_demo_recorder, start_recorder, start_replay_recorder
+
+    if demo and replay:
+        raise InputError("--demo", "does not go together with --replay", "leave one out")
+    if fault and not demo:
+        raise InputError("--fault", "spoils simulated runs only", "add --demo")
+    if fault and fault not in FAULTS:
+        raise InputError("--fault", f"{fault} is none", f"use one of {', '.join(FAULTS)}")
+    if demo:
+        return lambda: start_demo_recorder(folder, speed, fault or "", bench=bench)
+    if replay:
+        _check_is_there(replay)
+        return lambda: start_replay_recorder(folder, replay, speed)
+
+    def start() -> subprocess.Popen[bytes]:
+        shared_bench(bench, *bus)  # what is wrong with it is said here, not in a log
+        return start_recorder(bench, folder, *bus)
+
+    return start
+
+
+def _check_is_there(path: Path) -> None:
+    from daq.errors import InputError
+
+    if not path.is_file():
+        raise InputError(str(path), "is no file", "name a session file")
+
+
+def _serve(arguments: list[str]) -> int:
+    """Serve the same command to browsers of this machine: each tab is a terminal of its own."""
+    import shlex
+    import sys
+
+    from daq.errors import InputError
+
+    try:
+        from textual_serve.server import Server
+    except ImportError as error:
+        raise InputError("--web", "textual-serve is not there", "install bumpbench[web]") from error
+    rest = [argument for argument in arguments if argument != "--web"]
+    command = shlex.join([sys.executable, "-m", "tui", *rest])
+    Server(command, host="127.0.0.1", title="Bumpbench").serve()
+    return ExitCode.OK
