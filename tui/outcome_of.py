@@ -19,6 +19,7 @@ from identify.report.words import HEADLINE, MEANING, parameter_words, plain
 from .outcome import Curve, Estimated, ModeRow, Outcome, Row, RunOutcome, StateOutcome, Told
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from identify import Estimate, Identification
@@ -91,7 +92,7 @@ def _states(result: Identification) -> tuple[StateOutcome, ...]:
     )
 
 
-def _rows(matrix: NDArray) -> tuple[Row, ...]:
+def _rows(matrix: NDArray[np.float64]) -> tuple[Row, ...]:
     return tuple(tuple(row) for row in matrix.tolist())
 
 

@@ -111,7 +111,7 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
     """Return the newest recording of a folder's journal if no session file is made of it."""
     from daq.book import BookStatus, fold
     from daq.config import parse_bench
-    from daq.journal_reader import last_recording
+    from daq.journal_folder import last_recording
 
     try:
         tail = last_recording(folder / "journal")
@@ -123,7 +123,7 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
     except (InputError, OSError) as error:
         what = error.what if isinstance(error, InputError) else str(error)
         return SessionEntry("", str(folder), "", "", SessionState.DAMAGED, note=what)
-    if session_name(tail.paths[0]) in names:
+    if tail.ended and session_name(tail.segments[0]) in names:
         return None
     accepted = sum(run.status is BookStatus.ACCEPTED for run in book.runs)
     state = SessionState.CUT_OFF
@@ -159,7 +159,7 @@ def with_open(entry: SessionEntry, recording: str) -> SessionEntry:
 
 def heading(width: int) -> str:
     """Return the line above the entries."""
-    return _line("date", "vehicle", "  state", "runs", "rejected", "note", width)
+    return _line(("date", "vehicle", "  state", "runs", "rejected", "note"), width)
 
 
 def entry_line(entry: SessionEntry, mark: str, width: int) -> str:
@@ -172,10 +172,12 @@ def entry_line(entry: SessionEntry, mark: str, width: int) -> str:
     """
     runs = str(entry.accepted + entry.rejected) if entry.vehicle or entry.recording else ""
     state = f"{mark} {entry.state}"
-    return _line(entry.date, entry.vehicle or entry.name, state, runs, str(entry.rejected), entry.note, width)  # fmt: skip
+    vehicle, rejected = entry.vehicle or entry.name, str(entry.rejected) if runs else ""
+    return _line((entry.date, vehicle, state, runs, rejected, entry.note), width)
 
 
-def _line(date: str, vehicle: str, state: str, runs: str, rejected: str, note: str, width: int) -> str:  # fmt: skip
+def _line(cells: tuple[str, str, str, str, str, str], width: int) -> str:
+    date, vehicle, state, runs, rejected, note = cells
     room = max(12, min(28, width - 62))
     text = (
         f"{printable(date, 16):<16}  {printable(vehicle, room):<{room}}  {state:<11}"

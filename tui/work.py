@@ -168,8 +168,9 @@ def _list(task: ListTask, tell: Tell) -> dict[str, Any]:
     from .sessions import sessions_in
 
     count = 0
-    for count, entry in enumerate(sessions_in(Path(task.folder)), start=1):
+    for entry in sessions_in(Path(task.folder)):
         tell(Item(asdict(entry)))
+        count += 1
     return {"count": count}
 
 

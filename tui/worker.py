@@ -6,7 +6,7 @@ import asyncio
 import os
 import signal
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from contextlib import suppress
 
 from .work_lines import Done, Line, Task, Trouble, ended, parse_line, task_text
@@ -15,7 +15,7 @@ _LONGEST_LINE = 64 << 20
 """A whole answer is one line."""
 
 
-async def lines_of(task: Task, where: str) -> AsyncIterator[Line]:
+async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
     """Do a task in a process of its own; yield its lines, the last a `Done` or a `Trouble`.
 
     The process ends with the iteration, and with this process however that ends: it watches its

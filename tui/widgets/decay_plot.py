@@ -17,8 +17,8 @@ class DecayPlot(Static):
 
     LEAST_ROWS = 8
 
-    def __init__(self, glyphs: Glyphs, id: str | None = None) -> None:
-        super().__init__(markup=False, id=id)
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__(markup=False)
         self._glyphs = glyphs
         self._run: RunOutcome | None = None
 

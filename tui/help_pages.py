@@ -1,0 +1,51 @@
+"""The pages of help: one a screen, one for each reason to reject a run, one for each alarm.
+
+The pages of screens are Markdown files in `tui/help`; the others come from the tables by which the
+recorder itself speaks (`daq.verdict.WORDS`, `daq.alarms.EXPLAINED`), so that they cannot differ.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from daq.alarms import EXPLAINED
+from daq.verdict import WORDS
+
+from .help_sketches import SKETCHES
+
+SCREEN_PAGES = (
+    "vehicle", "check", "home", "run", "masses", "identify", "results", "report", "sessions",
+    "note",
+)  # fmt: skip
+
+
+def page_of(name: str) -> str:
+    """Return a page as Markdown.
+
+    Parameters
+    ----------
+    name : str
+        A screen, the code of a finding (also a name of a rejected run's reason), or of an alarm.
+    """
+    if name in SCREEN_PAGES:
+        return (files(__package__) / "help" / f"{name}.md").read_text("utf-8")
+    if name in WORDS:
+        words = WORDS[name]
+        kept = "\nNothing is lost: a rejected run is kept and can be taken back.\n"
+        return _explained(f"Rejected: {words.title}", words.meaning, words.advice, name) + kept
+    if name in EXPLAINED:
+        alarm = EXPLAINED[name]
+        return _explained(f"Alarm: {alarm.title}", alarm.meaning, alarm.advice, name)
+    return "# Help\n\nThere is no page for this. F1 on another screen tells of that screen.\n"
+
+
+def _explained(title: str, meaning: str, advice: str, name: str) -> str:
+    sketch = SKETCHES.get(name, "")
+    drawn = f"\n```\n{sketch}\n```\n" if sketch else ""
+    return f"# {title}\n\n{_sentence(meaning)}\n{drawn}\n**What to do:** {_sentence(advice)}\n"
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    text = f"{text[:1].upper()}{text[1:]}"
+    return text if text.endswith((".", "!", "?")) else f"{text}."
