@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from textual.content import Content
 from textual.screen import Screen
-from textual.widgets import Static
 
+from .words import Words
 
 _FIRST, _LAST = "press('next')", "help"
 _DROPPED = ("app.sessions", "more", "view", "press('redo')", "app.step(1)", "app.note")
 """What is left out first where the line is too short; help and palette tell all keys."""
 
 
-class KeyBar(Static):
+class KeyBar(Words):
     """Every binding of the screen that does something now: SPACE first, help last."""
 
     def __init__(self) -> None:
-        super().__init__(markup=False)
+        super().__init__()
 
     def on_mount(self) -> None:
         """Follow the bindings."""
@@ -46,4 +46,4 @@ class KeyBar(Static):
         for action in order:
             key, words = shown[action]
             parts += [(key, "bold $accent"), (f" {words}  ", "$foreground")]
-        self.update(Content.assemble(*parts))
+        self.say(Content.assemble(*parts))

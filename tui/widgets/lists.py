@@ -5,13 +5,13 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 from textual.content import Content
-from textual.widgets import Static
 
 from daq.book import BookRun, BookStatus
 from daq.errors import printable
 from daq.messages import Status
 
 from ..glyphs import Glyphs
+from .words import Words
 
 _KEPT = 200
 
@@ -21,11 +21,11 @@ def clock_time(t_ns: int) -> str:
     return datetime.fromtimestamp(t_ns * 1e-9, UTC).astimezone().strftime("%H:%M:%S")
 
 
-class TallyList(Static):
+class TallyList(Words):
     """Accepted and planned runs of each kind, the one that is due marked; up and down choose."""
 
     def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__(markup=False, classes="box")
+        super().__init__(classes="box")
         self.border_title = "Progress"
         self._glyphs = glyphs
         self.chosen = 0
@@ -57,14 +57,14 @@ class TallyList(Static):
             lines.append(
                 Content.assemble((f"{words}{count}", "bold" if here else ""), f"{rejected}")
             )
-        self.update(Content("\n").join(lines))
+        self.say(Content("\n").join(lines))
 
 
-class RunList(Static):
+class RunList(Words):
     """The runs, the newest on top: accepted with their figures, rejected with their reasons."""
 
     def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__(markup=False, classes="box")
+        super().__init__(classes="box")
         self.border_title = "Runs"
         self._glyphs = glyphs
 
@@ -82,14 +82,14 @@ class RunList(Static):
                 mark = (f"{self._glyphs.bad} rejected  ", "bold $error")
                 why = printable("; ".join(run.reasons), 160)
                 lines.append(Content.assemble(mark, f"{name}  {why}, kept"))
-        self.update(Content("\n").join(lines) if lines else "no runs yet")
+        self.say(Content("\n").join(lines or [Content("no runs yet")]))
 
 
-class Journal(Static):
+class Journal(Words):
     """Notes, overridden warnings and verdicts, the newest on top."""
 
     def __init__(self) -> None:
-        super().__init__(markup=False, classes="box")
+        super().__init__(classes="box")
         self.border_title = "Journal"
 
     def show(self, status: Status) -> None:
@@ -104,14 +104,14 @@ class Journal(Static):
         ]
         told.sort(key=lambda entry: entry[0], reverse=True)
         lines = [f"{clock_time(t_ns)}  {printable(text, 120)}" for t_ns, text in told[:_KEPT]]
-        self.update(Content("\n".join(lines) if lines else "nothing yet"))
+        self.say(Content("\n".join(lines) if lines else "nothing yet"))
 
 
-class AlarmList(Static):
+class AlarmList(Words):
     """What is wrong now, with what to do; hidden when nothing is."""
 
     def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__(markup=False)
+        super().__init__()
         self._glyphs = glyphs
 
     def show(self, status: Status) -> None:
@@ -132,7 +132,7 @@ class AlarmList(Static):
             for channel in status.overloaded
         ]
         self.display = bool(lines)
-        self.update(Content("\n").join(lines))
+        self.say(Content("\n").join(lines))
 
 
 def run_figures(run: BookRun) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from textual.content import Content
-from textual.widgets import Static
 
 from daq.errors import printable
 from daq.messages import Status
@@ -11,13 +10,14 @@ from daq.messages import Status
 from ..glyphs import Glyphs
 from ..next_action import next_action
 from ..steps import progress
+from .words import Words
 
 
-class NextPanel(Static):
+class NextPanel(Words):
     """The next bump in words, and what SPACE does."""
 
     def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__(markup=False, classes="box")
+        super().__init__(classes="box")
         self.border_title = "Next"
         self._glyphs = glyphs
 
@@ -42,4 +42,4 @@ class NextPanel(Static):
         else:
             lines = [Content(f"step {progress(status).due.title}")]
         lines += [Content(""), Content.assemble((f"  {action.words}", "bold $accent"))]
-        self.update(Content("\n").join(lines))
+        self.say(Content("\n").join(lines))

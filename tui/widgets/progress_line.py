@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from textual.content import Content
-from textual.widgets import Static
 
 from daq.errors import printable
 from daq.messages import Status
 
 from ..glyphs import Glyphs
+from .words import Words
 
 
-class ProgressLine(Static):
+class ProgressLine(Words):
     """`bounce ■■▶··  pitch ·····   1 rejected │ no overload`."""
 
     def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__(markup=False)
+        super().__init__()
         self._glyphs = glyphs
 
     def show(self, status: Status) -> None:
@@ -37,4 +37,4 @@ class ProgressLine(Static):
         lamps = printable(", ".join(status.overloaded), 30)
         lamp = f"{glyphs.overload} OVERLOAD {lamps}" if lamps else "no overload"
         words = f" {state}: {'  '.join(parts)}   {rejected} rejected {glyphs.axis} {lamp}"
-        self.update(Content(words))
+        self.say(Content(words))

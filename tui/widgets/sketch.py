@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from textual.content import Content
-from textual.widgets import Static
 
 from daq.config import Bench
 from daq.messages import Status
 from daq.procedure import sketch
 
+from .words import Words
 
-class SketchBox(Static):
+
+class SketchBox(Words):
     """The sketch of the bump that is due."""
 
     def __init__(self) -> None:
-        super().__init__(markup=False, classes="box")
+        super().__init__(classes="box")
         self.border_title = "How to bump"
 
     def show(self, status: Status, bench: Bench | None) -> None:
         """Show the sketch of what is due."""
         if bench is None or status.due is None:
-            self.update("")
+            self.say(Content(""))
             return
         lines = sketch(bench.procedure, status.due.step.excitation)
         self.border_title = f"How to bump: {status.due.step.excitation.value}"
-        self.update(Content("\n".join(lines)))
+        self.say(Content("\n".join(lines)))

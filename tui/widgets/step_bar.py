@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from textual.content import Content
-from textual.widgets import Static
 
 from daq.messages import Status
 
 from ..glyphs import Glyphs
 from ..steps import BenchStep, progress
+from .words import Words
 
 
-class StepBar(Static):
+class StepBar(Words):
     """Which steps are done, and on which the screen is (in reverse, between bars)."""
 
     def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__(markup=False)
+        super().__init__()
         self._glyphs = glyphs
 
     def show(self, status: Status | None, here: BenchStep) -> None:
@@ -30,4 +30,4 @@ class StepBar(Static):
                 parts += [(f"{mark}{step.title} ", "bold $success" if step in far.done else "bold")]
             else:
                 parts += [(f"{mark}{step.title} ", "$foreground")]
-        self.update(Content.assemble(*parts))
+        self.say(Content.assemble(*parts))

@@ -6,12 +6,12 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from textual.content import Content
-from textual.widgets import Static
 
 from daq.errors import printable
 from daq.messages import BusState, Status
 
 from ..glyphs import Glyphs
+from .words import Words
 
 if TYPE_CHECKING:
     from ..app import BenchApp
@@ -19,33 +19,35 @@ if TYPE_CHECKING:
 _WIDE = 120
 
 
-class TopLine(Static):
+class TopLine(Words):
     """Vehicle, day, operator; bus, losses, sensors, disk; the overload lamp."""
 
     def __init__(self, glyphs: Glyphs) -> None:
-        super().__init__(markup=False)
+        super().__init__()
         self._glyphs = glyphs
 
     def show(self, status: Status | None, app: BenchApp) -> None:
         """Show a status, or that there is none."""
         wide = self.size.width >= _WIDE
         if app.lost is not None:
-            self.update(Content.assemble((f" RECORDER LOST  {app.lost.text}", "bold reverse")))
+            self.say(Content.assemble((f" RECORDER LOST  {app.lost.text}", "bold reverse")))
             return
         if status is None:
-            self.update(Content(" BUMP  waiting for the recorder"))
+            self.say(Content(" BUMP  waiting for the recorder"))
             return
         day = datetime.fromtimestamp(status.wall_ns * 1e-9, UTC).astimezone().date().isoformat()
-        left = f" BUMP  {printable(status.vehicle, 24)} · {day} · op. {printable(app.operator, 12)}"
+        vehicle, who = printable(status.vehicle, 24), f"op. {printable(app.operator, 12)}"
         if not app.in_control:
-            left += " (VIEWER)"
+            who = "VIEWER"
+        lefts = (f" BUMP  {vehicle} · {day} · {who}", f" {vehicle} · {day} · {who}")
+        lefts = (*lefts, f" {vehicle} · {who}")
         right: list[tuple[str, str] | str] = []
         for bus in status.buses:
             good = bus.state is BusState.OK
             mark = self._glyphs.bus if good else self._glyphs.bad
             word = f"{bus.load:.0%}" if good else bus.state.value.upper()
             style = "$success" if good else "bold reverse $error"
-            right += [(f"{printable(bus.name, 12)} {mark} {word}  ", style)]
+            right += [(f"{printable(bus.name, 16 if wide else 8)} {mark} {word}  ", style)]
         alive = f"{status.sensors_alive}/{status.sensors_expected} alive"
         lacking = status.sensors_alive < status.sensors_expected
         right += [(f"{alive}  ", "bold reverse $error" if lacking else "")]
@@ -59,5 +61,6 @@ class TopLine(Static):
         gap = " │ "
         tail = Content.assemble(*right)
         room = max(8, self.size.width - tail.cell_length - len(gap))
-        head = Content(left[:room].ljust(room) if wide else left[:room])
-        self.update(head + Content(gap) + tail)
+        left = next((words for words in lefts if len(words) <= room), lefts[-1])
+        head = Content(left[:room].ljust(room))
+        self.say(head + Content(gap) + tail)
