@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from importlib.metadata import version
 from math import inf
 from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.connection import wait as wait_for
@@ -235,10 +236,26 @@ class Cluster:
             raise InputError(
                 address, "the scheduler has no workers", f"start some with: dask worker {address}"
             ) from None
+        self._same_version()
         self._executor = self._client.get_executor(pure=False)
         self._threads = 1
         self._asked_s = self._seen_s = -inf
         self.check()
+
+    def _same_version(self) -> None:
+        """Raise InputError if a worker has another Bumpbench: its rows would mean other things."""
+        from dbc.errors import InputError
+
+        own = version("bumpbench")
+        # A function of the standard library: a worker without Bumpbench could not find ours.
+        found = self._client.run(version, "bumpbench", on_error="return")
+        for worker, other in found.items():
+            if other != own:
+                self._client.close(timeout=0.5)
+                what = f"worker {worker} has no bumpbench"
+                if isinstance(other, str):
+                    what = f"worker {worker} has bumpbench {other}, here is {own}"
+                raise InputError(self._address, what, "install one version everywhere")
 
     @property
     def ahead(self) -> int:

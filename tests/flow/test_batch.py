@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import signal
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from distributed import Client
 from daq import read_session
 from identify.batch import session_row
 from tests.tui.batches import paper_session, progress_that, refused_session, write_all
-from tui import output
+from tui import executors, output
 from tui.cli import run
 
 from .dask_cluster import cluster
@@ -103,3 +105,21 @@ def test_a_scheduler_without_workers_is_refused(
     with cluster(tmp_path, workers=0) as (address, _):
         assert run(["batch", str(tmp_path / "s"), "--scheduler", address]) == 2
     assert "no workers" in capsys.readouterr().err
+
+
+def test_studies_run_on_a_cluster_of_the_same_version(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    study = ["study", "noise", "--fits", "2", "--rate-hz", "100", "--json"]
+    assert run(study) == 0
+    here = json.loads(capsys.readouterr().out)
+    with cluster(tmp_path, workers=1) as (address, _):
+        assert run([*study, "--scheduler", address]) == 0
+        assert json.loads(capsys.readouterr().out) == here
+        mine, true = os.getpid(), version("bumpbench")
+        other = "0.0.1"
+        monkeypatch.setattr(executors, "version", lambda _: other if os.getpid() == mine else true)
+        assert run([*study, "--scheduler", address]) == 2
+    error = capsys.readouterr().err
+    assert "here is 0.0.1 (install one version everywhere)" in error
+    assert error.count("\n") == 1

@@ -111,7 +111,7 @@ def test_ctrl_c_ends_the_workers(
     def interrupted(done: float, text: str = "") -> None:
         raise KeyboardInterrupt
 
-    def begun(function: object, seeds: range, count: int, stage: object) -> list[int]:
+    def begun(function: object, seeds: range, count: int, *_: object) -> list[int]:
         return over_seeds(abs, range(50), count, interrupted)
 
     monkeypatch.setattr(workers, "over_seeds", begun)

@@ -17,6 +17,9 @@ Noise = Annotated[float, typer.Option(help="Distance from signal to noise.")]
 Fits = Annotated[int, typer.Option(min=1, max=100_000, help="Number of campaigns.")]
 Seed = Annotated[int, typer.Option(min=0, help="Draws the noise of the first campaign.")]
 Workers = Annotated[int, typer.Option(min=1, max=64, help="Processes.")]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Address of a Dask scheduler: its workers, not processes here.")
+]
 
 
 class Sensors(StrEnum):
@@ -34,6 +37,7 @@ def table3(
     fits: Fits = 20,
     seed: Seed = 1,
     workers: Workers = 2,
+    scheduler: Scheduler = None,
     json: Json = False,
     figure: FigureFile = None,
 ) -> None:
@@ -50,7 +54,7 @@ def table3(
     campaign = table3_campaign(rate_hz, noise_db)
     with progress("table3") as stage:
         seeds = range(seed, seed + fits)
-        attempts = over_seeds(partial(attempt, campaign), seeds, workers, stage)
+        attempts = over_seeds(partial(attempt, campaign), seeds, workers, stage, scheduler)
     deliver(study(campaign, attempts), json, figure)
 
 
@@ -73,6 +77,7 @@ def noise(
     fits: Fits = 100,
     seed: Seed = 1,
     workers: Workers = 2,
+    scheduler: Scheduler = None,
     json: Json = False,
     figure: FigureFile = None,
 ) -> None:
@@ -100,7 +105,7 @@ def noise(
     bound = bound_percent(campaign)
     with progress("noise") as stage:
         seeds = range(seed, seed + fits)
-        outcomes = over_seeds(partial(outcome, campaign), seeds, workers, stage)
+        outcomes = over_seeds(partial(outcome, campaign), seeds, workers, stage, scheduler)
     deliver(noise_study(campaign, bound, outcomes), json, figure)
 
 

@@ -6,14 +6,18 @@ from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
-from ...executors import Processes, as_finished
+from ...executors import as_finished, crew_of
 from ...output import Stage
 
 Result = TypeVar("Result")
 
 
 def over_seeds(
-    function: Callable[[int], Result], seeds: range, workers: int, stage: Stage
+    function: Callable[[int], Result],
+    seeds: range,
+    workers: int,
+    stage: Stage,
+    scheduler: str | None = None,
 ) -> list[Result]:
     """Return ``function(seed)`` of every seed, in their order.
 
@@ -27,16 +31,18 @@ def over_seeds(
         Number of processes.
     stage : Stage
         Is told how far it is.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers do it instead.
 
     Raises
     ------
     InputError
-        If a worker dies, most likely for want of memory.
+        If a worker dies, most likely for want of memory; as `crew_of`.
     """
     from dbc.errors import InputError  # with NumPy behind it: not for --help
 
     results: dict[int, Result] = {}
-    with Processes(workers) as crew:
+    with crew_of(workers, scheduler) as crew:
         try:
             for seed, future in as_finished(crew, function, seeds):
                 results[seed] = future.result()  # what fails, fails at once
