@@ -130,13 +130,18 @@ def wiggle_subject(corner: str) -> str:
     return f"wiggle {corner}"
 
 
-def zero_offsets(items: Sequence[CheckItem], channels: Sequence[Channel]) -> tuple[ZeroOffset, ...]:
-    """Return the channels that should read nothing at rest and read something."""
-    levels = {
+def rest_levels(items: Sequence[CheckItem]) -> dict[str, float]:
+    """Return what each channel reads at rest, SI, by its name."""
+    return {
         item.subject.removeprefix("channel "): item.figures["level"]
         for item in items
         if item.subject.startswith("channel ") and "level" in item.figures
     }
+
+
+def zero_offsets(items: Sequence[CheckItem], channels: Sequence[Channel]) -> tuple[ZeroOffset, ...]:
+    """Return the channels that should read nothing at rest and read something."""
+    levels = rest_levels(items)
     return tuple(
         ZeroOffset(c.name, levels[c.name], c.unit, round(c.tare + levels[c.name], 7))
         for c in channels

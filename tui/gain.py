@@ -1,7 +1,7 @@
 """What the weights on the car will gain, computed in a process of its own.
 
-The terminal starts ``python -m tui.gain``, writes one JSON object (bench.toml and DBC) to its
-standard input and reads one back: so the terminal never imports scipy, and never waits.
+The terminal starts ``python -m tui.gain``, writes one JSON object (bench.toml, and the recorder's
+folder) to its standard input and reads one back: so the terminal never imports scipy, and never waits.
 """
 
 from __future__ import annotations
@@ -129,13 +129,25 @@ def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
     return float(square**0.5 / mean)
 
 
+def _dbc_text(journal: Path) -> str | None:
+    """Return the DBC of the newest recording; None if there is none yet."""
+    from daq.journal_folder import segments_in
+    from daq.journal_scan import read_head
+
+    for path in reversed(segments_in(journal)):
+        if head := read_head(path):
+            return head[0].dbc_text
+    return None
+
+
 def main() -> int:
     """Answer the question on standard input."""
     from daq.config import parse_bench
 
     question = json.load(sys.stdin)
     try:
-        bench = parse_bench(question["bench"], "bench.toml", Path(), question["dbc"])
+        folder = Path(question["folder"])
+        bench = parse_bench(question["bench"], "bench.toml", folder, _dbc_text(folder / "journal"))
         gain = expected_gain(bench)
     except BumpbenchError as error:
         gain = Gain(error=str(error))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -26,17 +27,22 @@ from ..bench_check import (
     ZeroOffset,
     item_rows,
     recorder_rows,
+    rest_levels,
     wiggle_rows,
     wiggle_subject,
     with_overrides,
     zero_offsets,
 )
+from ..drafts import write_draft
 from ..steps import BenchStep
+from ..widgets.check_line import check_line
 from ..widgets.row_list import RowList
 from .base import BenchScreen
 from .news import LiveArrived
 from .reason import ReasonScreen
 
+REST = "rest.json"
+"""Beside the recording: what the channels read at rest, before any weight is on the car."""
 AGAIN_S, WINDOW_S = 1.0, 3.0
 HANDS_OFF_S = 5.0
 _SEEN_S = 10.0
@@ -45,7 +51,6 @@ _PUSH = "SPACE = push the corners"
 _HANDS_OFF = "SPACE = zero: hands off the car"
 _TARE = "SPACE = take this as zero"
 _ON = "SPACE = the bench is fit: go on to step 3 Baseline"
-_STYLES = {OK: "$success", WARN: "bold $warning", FAIL: "bold $error", NOW: "bold $accent"}
 
 
 class CheckScreen(BenchScreen):
@@ -144,17 +149,8 @@ class CheckScreen(BenchScreen):
         self._rows = rows
         lines = self.query_one(RowList)
         width = max(len(row.subject) for row in rows)
-        lines.show([self._line(row, width) for row in rows])
+        lines.show([check_line(row, width, app.glyphs) for row in rows])
         self._explain()
-
-    def _line(self, row: CheckRow, width: int) -> Content:
-        glyphs = self.bench_app.glyphs
-        sign = {OK: glyphs.good, WARN: glyphs.warn, FAIL: glyphs.bad, NOW: glyphs.now}
-        state = f"{sign.get(row.state, glyphs.empty)} {row.state:<5}"
-        text = f"{printable(row.subject, 40):<{width}}  {printable(row.text, 200)}"
-        if row.overridden and row.state == WARN:
-            text += f" - {printable(row.advice, 80)}" if row.advice else ""
-        return Content.assemble((state, _STYLES.get(row.state, "")), text)
 
     def _zero_row(self) -> CheckRow:
         if self._hands_off_s:
@@ -231,6 +227,7 @@ class CheckScreen(BenchScreen):
             await self.action_zero()
         elif due == _ON:
             if await app.ask(Mark(BenchStep.CHECK.mark)) is not None:
+                await asyncio.to_thread(write_draft, app.folder / REST, rest_levels(self._items))
                 await app.go_to(BenchStep.BASELINE)
         elif worst := next((row for row in self._rows if row.blocks), None):
             self._mark_row(worst.subject)
