@@ -103,7 +103,8 @@ def test_a_scheduler_without_workers_is_refused(
 ) -> None:
     write_all(tmp_path / "s", refused_session, 1)
     with cluster(tmp_path, workers=0) as (address, _):
-        assert run(["batch", str(tmp_path / "s"), "--scheduler", address]) == 2
+        out = str(tmp_path / "t.csv")
+        assert run(["batch", str(tmp_path / "s"), "--scheduler", address, "--out", out]) == 2
     assert "no workers" in capsys.readouterr().err
 
 
