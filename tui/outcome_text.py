@@ -102,19 +102,19 @@ def parameter_lines(
     widest = max((half for half in halves if half is not None and isfinite(half)), default=0.0)
     wide = width >= _NARROW
     full = f"bar ±{widest:.2g} %"
-    head = f"{title:<30}{'value':>10} {'':<6}{'95 % interval':>20}"
-    head += f"{'±':>9}  {full:<18} rests mostly on" if wide else f"{full:>11}"
+    head = f"{title:<30}{'value':>10} {'':<6}{'95 % interval':>19} "
+    head += f"{'±':>8}  {full:<18} rests mostly on" if wide else f"{full:>11}"
     lines = [head]
     for row, half in zip(rows, halves, strict=True):
         symbol = "" if row.words == row.name.replace("_", " ") else f"{row.name:<5}"
         interval = f"{number(row.low)} .. {number(row.high)}" if half is not None else ""
         if half is not None and not isfinite(half):
             interval = "not determined"
-        text = f"{(symbol + row.words)[:29]:<30}{number(row.value):>10} {row.unit:<6}{interval:>20}"
+        text = f"{(symbol + row.words)[:29]:<30}{number(row.value):>10} {row.unit:<6}{interval:>19} "
         drawn = bar(half, widest, glyphs)
         if wide:
             share = f"{half:.2f} %" if half is not None and isfinite(half) else ""
-            text += f"{share:>9}  {drawn:<18} {row.rests_on}"
+            text += f"{share:>8}  {drawn:<18} {row.rests_on}"
         else:
             text = f"{text:<67}{drawn}"
         lines.append(text[:width].rstrip())
@@ -128,11 +128,11 @@ def mode_lines(states: tuple[StateOutcome, ...], width: int) -> list[str]:
         title = f"Mass state {printable(state.name, 20)}"
         if lines:
             lines.append("")
-        lines.append(f"{title:<30}{'Hz':>10}{'± 95 %':>11}{'damping ratio':>16}{'± 95 %':>11}")
+        lines.append(f"{title:<30}{'Hz':>9}{'± 95 %':>10}{'damping ratio':>16}{'± 95 %':>10}")
         for i, mode in enumerate(state.modes, start=1):
             lines.append(
-                f"  {i} {mode.name:<26}{mode.frequency_hz:>10.4f}{mode.frequency_half_hz:>11.4f}"
-                f"{mode.damping_ratio:>16.4f}{mode.damping_ratio_half:>11.4f}"
+                f"  {i} {mode.name:<26}{mode.frequency_hz:>9.4f}{mode.frequency_half_hz:>10.4f}"
+                f"{mode.damping_ratio:>16.4f}{mode.damping_ratio_half:>10.4f}"
             )
     return [line[:width] for line in lines]
 

@@ -140,7 +140,7 @@ class IdentifyScreen(BenchScreen):
             await self.bench_app.action_home()
 
     def _draw(self) -> None:
-        if not self.is_mounted:
+        if not self.query("#work"):
             return
         box = self.query_one("#work", Static)
         box.update("\n".join(self._lines(box.size.width)))

@@ -60,7 +60,7 @@ class MassesScreen(BenchScreen):
     MassesScreen #top { height: 1fr; }
     MassesScreen #car { width: 24; height: 10; }
     MassesScreen #head { height: 1; text-style: bold; }
-    MassesScreen #outlook { height: 10; }
+    MassesScreen #outlook { height: 10; text-wrap: nowrap; text-overflow: ellipsis; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "add", "Add", key_display="A"),
@@ -151,7 +151,7 @@ class MassesScreen(BenchScreen):
         assert app.bench is not None  # held by show_status
         told = loading(self._weights, car)
         total, axles = axle_loads_with(told, car)
-        lines = [Content(f"Effect    {effect_line(told)}")]
+        lines = [self._next_line(), Content(f"Effect    {effect_line(told)}")]
         if self._gain is None:
             lines.append(Content(f"Expected  {app.glyphs.now} being computed"))
         else:
@@ -164,7 +164,6 @@ class MassesScreen(BenchScreen):
                 f"Axles     front {axles[0]:.0f} kg, rear {axles[1]:.0f} kg, all {total:.0f} kg"
             )
         )
-        lines.append(self._next_line())
         box = self.query_one("#outlook", Static)
         box.border_title = "Outlook"
         box.update(Content("\n").join(lines))

@@ -119,7 +119,7 @@ class ReportScreen(BenchScreen):
             self._draw()
 
     def _draw(self) -> None:
-        if not self.is_mounted:
+        if not self.query("#work"):
             return
         box = self.query_one("#work", Static)
         box.update("\n".join(self._lines(box.size.width)))

@@ -31,8 +31,9 @@ from .base import BenchScreen
 
 _PAGES = ("Parameters", "Modes", "M C K", "Decays", "Findings", "Derived")
 _DECAYS = _PAGES.index("Decays")
-_WIDE = 120
-_VERDICT_LINES, _VERDICT_LINES_TALL = 3, 6
+_WIDE = 160
+"""From here on a decay has its place beside every page."""
+_VERDICT_LINES, _VERDICT_LINES_TALL = 4, 8
 _REASON = "excluded at the results"
 
 
@@ -47,22 +48,22 @@ class ResultsScreen(BenchScreen):
     ResultsScreen #verdict.refused { color: $error; }
     ResultsScreen #pages { height: 1; padding: 0 1; }
     ResultsScreen #body { height: 1fr; }
-    ResultsScreen #scroll { width: 1fr; padding: 0 1; }
+    ResultsScreen #scroll { width: 1fr; padding: 0 0 0 1; scrollbar-size: 1 1; }
     ResultsScreen #text { width: auto; height: auto; }
     ResultsScreen #side { width: 1fr; display: none; }
     ResultsScreen #runs { height: 6; border: none; padding: 0 1; }
     ResultsScreen DecayPlot { height: 1fr; }
     ResultsScreen.decays #scroll { display: none; }
     ResultsScreen.decays #side { display: block; }
-    ResultsScreen.-wide #side { display: block; }
-    ResultsScreen.-huge #scroll { max-width: 126; }
+    ResultsScreen.beside #side { display: block; }
     ResultsScreen.-tall #runs { height: 10; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("tab", "page(1)", "Page", key_display="Tab"),
         Binding("shift+tab", "page(-1)", "Page back", show=False),
         Binding("p", "decays", "Decays", key_display="P"),
-        Binding("up,down", "choose_run", "Run", show=False),
+        Binding("down", "move(1)", "Next run, or scroll", show=False),
+        Binding("up", "move(-1)", "Run before, or scroll back", show=False),
         Binding("x", "exclude", "Exclude run", key_display="X"),
         Binding("e", "export", "Export", key_display="E"),
         Binding("escape", "app.step(6)", "Back", key_display="Esc", show=False),
@@ -72,6 +73,7 @@ class ResultsScreen(BenchScreen):
         super().__init__()
         self._outcome: Outcome | None = None
         self._page = 0
+        self._recording = ""
 
     def compose_body(self) -> ComposeResult:
         """Lay out verdict, page and decay."""
@@ -99,7 +101,13 @@ class ResultsScreen(BenchScreen):
 
     def show_outcome(self, outcome: Outcome) -> None:
         """Show an identification."""
-        self._outcome, self._page = outcome, 0
+        self._outcome = outcome
+        status = self.bench_app.status
+        if status is not None and status.session.path == outcome.session:
+            self._recording = status.recording
+        else:
+            self._recording = ""
+        self._page = 0 if outcome.parameters else _PAGES.index("Findings")
         self._fill()
 
     # Keys ---------------------------------------------------------------------------------------
@@ -132,10 +140,15 @@ class ResultsScreen(BenchScreen):
         self._page = 0 if self._page == _DECAYS else _DECAYS
         self._draw()
 
-    def action_choose_run(self) -> None:
-        """Move among the runs where they are shown."""
+    def action_move(self, step: int) -> None:
+        """Move among the runs where they are shown; else scroll."""
         runs = self.query_one("#runs", OptionList)
-        (runs if runs.region.height else self.query_one("#scroll")).focus()
+        if not self._runs_shown:
+            self.query_one("#scroll").scroll_relative(y=2 * step, animate=False)
+        elif step > 0:
+            runs.action_cursor_down()
+        else:
+            runs.action_cursor_up()
 
     async def action_exclude(self) -> None:
         """Reject the chosen run (or take it back) and identify again."""
@@ -143,7 +156,7 @@ class ResultsScreen(BenchScreen):
         index = self.query_one("#runs", OptionList).highlighted
         if outcome is None or index is None or not outcome.runs:
             return
-        if not self.query_one("#runs").region.height:
+        if not self._runs_shown:
             self.bench_app.warn("choose the run first: P shows the runs, X then excludes one")
             return
         label = outcome.runs[index].label
@@ -194,12 +207,16 @@ class ResultsScreen(BenchScreen):
             await self.bench_app.open("identify")
             identify.begin(outcome.session, tuple(sorted(left)))
 
+    @property
+    def _runs_shown(self) -> bool:
+        return self._page == _DECAYS or self.size.width >= _WIDE
+
     def _is_current(self, status: Status | None) -> bool:
-        outcome = self._outcome
-        return status is not None and outcome is not None and status.session.path == outcome.session
+        """Whether the outcome is of what the recorder records; while it builds, too."""
+        return status is not None and status.recording == self._recording
 
     def _fill(self) -> None:
-        if not self.is_mounted or self._outcome is None:
+        if not self.query("#runs") or self._outcome is None:
             return
         runs = self.query_one("#runs", OptionList)
         runs.clear_options()
@@ -211,7 +228,7 @@ class ResultsScreen(BenchScreen):
         self._draw_run()
 
     def _draw(self) -> None:
-        if not self.is_mounted:
+        if not self.query("#runs"):
             return
         outcome = self._outcome
         verdict = self.query_one("#verdict", Static)
@@ -228,7 +245,8 @@ class ResultsScreen(BenchScreen):
         tail = f"  {name}" if size.width >= _WIDE else ""
         self.query_one("#pages", Static).update("".join(names) + tail)
         self.set_class(self._page == _DECAYS, "decays")
-        room = size.width - 4 if size.width < _WIDE else min(124, size.width // 2)
+        self.set_class(size.width >= _WIDE, "beside")
+        room = size.width - 2 if size.width < _WIDE else min(124, size.width // 2 - 3)
         self.query_one("#text", Static).update("\n".join(self._page_lines(outcome, room)))
 
     def _page_lines(self, outcome: Outcome, width: int) -> list[str]:

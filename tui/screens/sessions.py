@@ -219,7 +219,7 @@ class SessionsScreen(BenchScreen):
         return None if index is None or index >= len(self._shown) else self._shown[index]
 
     def _draw(self) -> None:
-        if not self.is_mounted:
+        if not self.query("#list"):
             return
         words = self.query_one("#find", Input).value
         chosen = self._chosen()
