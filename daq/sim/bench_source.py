@@ -23,6 +23,8 @@ from .car import SimulatedCar
 from .ecu import on_the_wire, rig_of, sample
 from .spoils import LOST_S, SPOILT_BUMP, UNPLUG_AFTER_S, UNPLUGGED_S, Fault
 
+__all__ = ["Fault", "SimulatedBench"]
+
 PIECE_S = 0.05
 """The car is sampled in pieces of at most this length: a read takes some milliseconds."""
 PATIENCE_S = (1.0, 1.6)

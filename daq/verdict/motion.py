@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,9 +150,9 @@ def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:
         return 0.0, 0.0
     share = float(risen.max() / first)
     # The envelope looks ahead; the strike itself is where the signal is half as high as it gets.
-    highest = float(grid[first_stop + int(np.argmax(risen))])
-    lies = np.abs(trace.time_s - highest) < STRUCK_S
-    high = np.where(lies, np.abs(quick), 0.0)
+    onset_s, highest_s = grid[first_stop + np.array([np.argmax(risen > 0.0), np.argmax(risen)])]
+    near = (trace.time_s > onset_s - STRUCK_S) & (trace.time_s < highest_s + STRUCK_S)
+    high = np.where(near, np.abs(quick), 0.0)
     return share, float(trace.time_s[np.argmax(high > high.max() / 2)])
 
 
@@ -195,12 +195,7 @@ def _left(seen: tuple[Trace, ...], now_s: float) -> tuple[float, str] | None:
     slow = tuple(trace for trace in seen if trace.channel.quantity in _SLOW) or seen
     unit = {t.channel.name: max(t.noise, _FINEST * max(o.peak for o in kin(t, slow))) for t in slow}
     peak = {t.channel.name: t.peak / max(unit[t.channel.name], 1e-12) for t in slow}
-    left = {
-        t.channel.name: np.sqrt(2.0)
-        * t.rms(now_s - END_S, now_s)
-        / max(unit[t.channel.name], 1e-12)
-        for t in slow
-    }
+    left = {t.channel.name: _amplitude(t, now_s) / max(unit[t.channel.name], 1e-12) for t in slow}
     whole = float(np.linalg.norm(list(peak.values())))
     if whole < WEAK_NOISE:
         return None
@@ -208,8 +203,19 @@ def _left(seen: tuple[Trace, ...], now_s: float) -> tuple[float, str] | None:
     return min(share, 1.0), max(left, key=lambda name: left[name])
 
 
+def _amplitude(trace: Trace, now_s: float) -> float:
+    """Return the amplitude of the last half period, about where the car has come to stand."""
+    part = trace.part(now_s - END_S, now_s)
+    if not len(part):
+        return 0.0
+    # Early in the run a mean over a period still holds the bump.
+    level = float(np.mean(trace.part(now_s - 2 * END_S, now_s))) if now_s > 4 * END_S else 0.0
+    power = float(np.mean((part - level) ** 2)) - trace.noise**2
+    return float(np.sqrt(2.0 * max(power, 0.0)))
+
+
 def peak_left(
-    channels: tuple[Channel, ...], bump_ns: int, columns: dict[str, Column], now_ns: int
+    channels: tuple[Channel, ...], bump_ns: int, columns: Mapping[str, Column], now_ns: int
 ) -> float | None:
     """Return the share of the motion's peak that is left now.
 

@@ -121,9 +121,11 @@ def _four(seen: tuple[Trace, ...], quantity: Quantity) -> tuple[Trace, ...] | No
 
 
 def _of_wheels(bench: Bench, four: tuple[Trace, ...], by: str, quick: bool) -> Pattern:
-    """Compare the energies of the strikes; the wheels need not be struck at the same time."""
-    stop_s = _AXLES_S if quick else bench.bump_s + _STRIKE_S
-    size = np.array([trace.rms(-_STRIKE_S / 2, stop_s) for trace in four])
+    """Compare the strikes; by the hubs' energies, which need not come at the same time."""
+    if quick:
+        size = np.array([trace.rms(-_STRIKE_S / 2, _AXLES_S) for trace in four])
+    else:  # a wheel on the board goes up, and the body, which rises after it, draws the others down
+        size = np.array([max(0.0, *trace.part(0.0, bench.bump_s)) for trace in four])
     return _of_strikes(size / max(float(np.linalg.norm(size)), 1e-12), by)
 
 

@@ -35,15 +35,16 @@ def body_wave(seen: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | N
     record = _record(seen, bump_s + 0.2)
     if record is None:
         return None
-    time_s: NDArray[np.float64] = np.arange(record.shape[1]) * _STEP_S
+    time_s = np.asarray(np.arange(record.shape[1]) * _STEP_S, dtype=np.float64)
     frequencies = np.asarray(np.geomspace(*_FREQUENCY_HZ, 24), dtype=np.float64)
-    dampings: NDArray[np.float64] = np.linspace(*_DAMPING, 12)
-    for turn in range(_TURNS):
+    dampings = np.asarray(np.linspace(*_DAMPING, 12), dtype=np.float64)
+    best = (0.0, 0.0)
+    for _ in range(_TURNS):
         misfit = _misfit(record, time_s, frequencies, dampings)
         i, j = divmod(int(np.argmin(misfit)), len(dampings))
-        if turn < _TURNS - 1:
-            frequencies, dampings = _finer(frequencies, i), _finer(dampings, j)
-    return float(frequencies[i]), float(dampings[j])
+        best = float(frequencies[i]), float(dampings[j])
+        frequencies, dampings = _finer(frequencies, i), _finer(dampings, j)
+    return best
 
 
 def _finer(grid: NDArray[np.float64], place: int) -> NDArray[np.float64]:
