@@ -6,8 +6,10 @@ Pure: the same journal always gives the same session.
 from __future__ import annotations
 
 import hashlib
+import json
 import uuid
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from dbc.frames import FrameBatch
 from dbc.samples import Decoded
 
 from . import health, trigger
-from .campaign import Step
+from .book import Book, BookRun, BookStatus, Code, fold
 from .channels import Quantity
 from .config import Bench, bench_codec, parse_bench
 from .errors import InputError
@@ -26,6 +28,10 @@ from .message_rules import sensor_clocks
 from .runs import Event, Losses, Run, RunStatus, SampleGroup, Session
 from .sample_groups import Timekeeping, sample_groups
 
+_NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
+"""Events that are told elsewhere in a session, or say nothing of the run in which they fall."""
+_TEXT_BYTES = 160
+"""An event's text in a session file."""
 _EDGE_S = 0.05
 """A run whose first or last sample lies further inside its window than this is not whole."""
 
@@ -38,21 +44,33 @@ def session_from_journal(contents: JournalContents) -> Session:
     InputError
         If the bench.toml or DBC in the journal cannot be used any more.
     """
-    bench = parse_bench(contents.bench_text, "bench.toml in the journal", Path(), contents.dbc_text)
+    book = fold(contents.events)
+    text = book.bench_text or contents.bench_text
+    bench = parse_bench(text, "bench.toml in the journal", Path(), contents.dbc_text)
     codec = bench_codec(bench)
     digest = hashlib.sha256(contents.frames.data.tobytes() + contents.frames.t_ns.tobytes())
     created = datetime.fromtimestamp(contents.head.wall_ns * 1e-9, UTC)
     provenance = {
         # The same recording has the same name, however often its session is built.
-        "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
+        "uuid": str(uuid.UUID(contents.head.recording or digest.hexdigest()[:32])),
         "created": created.isoformat(timespec="seconds"),
         "software": contents.head.software,
         "frames_sha256": digest.hexdigest(),
         "journal_losses": contents.lost.text if contents.lost.any else "none",
         "dbc": contents.dbc_text,
-        "bench_toml": contents.bench_text,
+        "bench_toml": text,
+        **_remarks(book),
     }
     return build_session(bench, codec, contents.frames, contents.events, contents.hops, provenance)
+
+
+def _remarks(book: Book) -> dict[str, str]:
+    """Return what was found of each run and what persons said, as JSON."""
+    found = {run.label: [asdict(f) for f in run.findings] for run in book.runs if run.findings}
+    notes = json.dumps([asdict(note) for note in book.notes])
+    overrides = json.dumps([asdict(override) for override in book.overrides])
+    said = {"verdicts": json.dumps(found), "notes": notes, "overrides": overrides}
+    return {name: text for name, text in said.items() if text not in ("{}", "[]")}
 
 
 def build_session(
@@ -87,22 +105,25 @@ def build_session(
     Returns
     -------
     Session
-        One run for each bump.  It is rejected if the recording, or a message that the
-        identification needs, does not cover it.
+        One run for each bump, with what was decided on it.  It is rejected in any case if the
+        recording, or a message that the identification needs, does not cover it.
 
     Raises
     ------
     InputError
-        If a channel does not fit the DBC, or a bump is no step of the campaign.
+        If a channel does not fit the DBC, or a bump is of no mass state of the bench.
     """
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
-    steps = {step.label: step for step in bench.campaign.steps}
-    bumps = [event for event in events if event.code == trigger.BUMP]
-    for bump in bumps:
-        if bump.text not in steps:
-            what = f"the recording has a bump {bump.text!r}, which is no step of the campaign"
+    book = fold(events)
+    states = [state.name for state in bench.mass_states]
+    for event in events:
+        if event.code != trigger.BUMP:
+            continue
+        run = book.run(event.text)
+        if run is None or run.mass_state not in states:
+            what = f"the recording has a bump {event.text!r}, which is no run of this bench"
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
-    runs = [_run(bench, codec, mapped, steps[e.text], e, frames, events, hops) for e in bumps]
+    runs = [_run(bench, codec, mapped, run, frames, events, hops) for run in book.runs]
     return Session(
         vehicle=bench.vehicle,
         channels=tuple(m.channel for m in mapped),
@@ -116,31 +137,42 @@ def _run(
     bench: Bench,
     codec: Codec,
     mapped: Sequence[MappedChannel],
-    step: Step,
-    bump: Event,
+    run: BookRun,
     frames: FrameBatch,
     events: Sequence[Event],
     hops: HopCounts,
 ) -> Run:
-    start_ns = bump.t_ns - round(bench.trigger.pre_s * 1e9)
-    stop_ns = bump.t_ns + round(bench.trigger.post_s * 1e9)
+    start_ns = run.t_ns - round(bench.trigger.pre_s * 1e9)
+    stop_ns = run.t_ns + round(bench.trigger.post_s * 1e9)
     own = frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns))
     decoded = codec.decode(own)
     groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
-    reasons = _shortcomings(mapped, groups, own, start_ns, stop_ns)
+    reasons = (*run.reasons, *_shortcomings(mapped, groups, own, start_ns, stop_ns))
+    rejected = bool(reasons) or run.status is BookStatus.REJECTED
     return Run(
-        mass_state=step.mass_state,
-        excitation=step.excitation,
-        repeat=step.repeat,
+        mass_state=run.mass_state,
+        excitation=run.excitation,
+        repeat=run.repeat,
         t0_ns=start_ns,
         bump_s=bench.bump_s,
         groups=groups,
-        status=RunStatus.REJECTED if reasons else RunStatus.ACCEPTED,
+        status=RunStatus.REJECTED if rejected else RunStatus.ACCEPTED,
         reasons=reasons,
         losses=_losses(codec, decoded, hops, start_ns, stop_ns),
-        events=tuple(e for e in events if start_ns <= e.t_ns <= stop_ns),
+        events=tuple(
+            _short(event)
+            for event in events
+            if start_ns <= event.t_ns <= stop_ns and event.code not in _NOT_OF_A_RUN
+        ),
         frames=own,
     )
+
+
+def _short(event: Event) -> Event:
+    if len(event.text.encode()) <= _TEXT_BYTES:
+        return event
+    cut = event.text.encode()[: _TEXT_BYTES - 3].decode("utf-8", "ignore")
+    return replace(event, text=f"{cut}...")
 
 
 def timekeeping(bench: Bench, codec: Codec) -> Timekeeping:

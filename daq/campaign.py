@@ -1,8 +1,7 @@
-"""The procedure as data: which run comes next."""
+"""The procedure as data: what is to be bumped, and how often."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from .runs import ADDED, BASELINE, Excitation
@@ -49,9 +48,3 @@ class Campaign:
             for excitation in self.excitations
             for repeat in range(1, self.repeats + 1)
         )
-
-
-def next_step(campaign: Campaign, done: Iterable[Step]) -> Step | None:
-    """Return the first step that is not done, None when the campaign is complete."""
-    finished = set(done)
-    return next((step for step in campaign.steps if step not in finished), None)

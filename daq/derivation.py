@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import tempfile
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
+from .derive import DONE, DONE_WITH_LOSS
 from .errors import printable
 from .messages import SessionState, SessionStatus
 
@@ -32,7 +31,6 @@ class Derivation:
         self._jobs: deque[_Job] = deque()
         self._job: _Job | None = None
         self._process: subprocess.Popen[bytes] | None = None
-        self._told: IO[bytes] | None = None
         self.status = SessionStatus()
 
     def begin(self, target: Path, segments: Sequence[Path]) -> None:
@@ -46,10 +44,9 @@ class Derivation:
     def poll(self) -> None:
         """See how far it is; to be called now and then."""
         if self._process is not None:
-            code = self._process.poll()
-            if code is None:
+            if self._process.poll() is None:
                 return
-            self._finish(code)
+            self._finish(self._process)
         if self._process is None and self._jobs:
             self._start(self._jobs.popleft())
 
@@ -63,45 +60,42 @@ class Derivation:
             if self._process.poll() is None:
                 self._process.kill()
                 self._process.wait()
-            self._finish(-1)
+            self._finish(self._process)
 
     def _start(self, job: _Job) -> None:
         self._job = job
         command = [sys.executable, "-m", "daq.derive", str(job.target), *map(str, job.segments)]
         try:
-            self._told = tempfile.TemporaryFile()  # not a pipe: nobody reads while it runs
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
-                stdout=self._told,
+                stdout=subprocess.PIPE,  # holds more than it says, so it is read at its end
                 stderr=subprocess.STDOUT,
                 process_group=0,  # a Ctrl-C at the terminal is not for it
             )
         except OSError as error:
             self._finish_with(SessionState.FAILED, error.strerror or str(error))
 
-    def _finish(self, code: int) -> None:
-        said = ""
-        if self._told is not None:
-            with suppress(OSError, ValueError):
-                self._told.seek(0)
-                said = self._told.read().decode("utf-8", "replace").strip()
-            self._told.close()
-        last = said.splitlines()[-1] if said else ""
-        if code == 0:
-            self._finish_with(SessionState.READY, _loss(last))
+    def _finish(self, process: subprocess.Popen[bytes]) -> None:
+        said = process.communicate()[0].decode("utf-8", "replace").splitlines()
+        last, code = said[-1] if said else "", process.returncode
+        text = _told(last)
+        if code in (DONE, DONE_WITH_LOSS):
+            self._finish_with(SessionState.READY, text)
         else:
-            self._finish_with(SessionState.FAILED, printable(last or f"ended with code {code}"))
+            failure = printable(f"ended with code {code}: {last}")
+            self._finish_with(SessionState.FAILED, text or failure)
 
     def _finish_with(self, state: SessionState, text: str) -> None:
         assert self._job is not None  # it was begun
         if not self._jobs:
             self.status = SessionStatus(state, str(self._job.target), text)
-        self._process = self._told = self._job = None
+        self._process = self._job = None
 
 
-def _loss(line: str) -> str:
-    """Return what the journal has lost, as the process told in its JSON line."""
+def _told(line: str) -> str:
+    """Return what is wrong, or what the journal has lost, as told in the process's JSON line."""
     with suppress(ValueError, AttributeError):
-        return str(json.loads(line).get("lost", ""))
+        told = json.loads(line)
+        return printable(str(told.get("error") or told.get("loss") or ""), 400)
     return ""

@@ -48,7 +48,9 @@ from .verdict import RunMeasure
 RESTAMPED = "restamped"
 UNPLANNED = "unplanned_"
 """Put before the code of a bump (and of its end) that nobody waited for."""
-_UNJUDGED = Finding("unjudged", True, "", 0.0, 0.0, "", "the recorder could not judge it", "")
+_UNJUDGED: Sequence[Finding] = [
+    Finding("unjudged", True, "", 0.0, 0.0, "", "the recorder could not judge it", "")
+]
 NO_DISK = DiskStatus(1 << 62, 0, 0, 0.0)
 NO_QUEUE = QueueStatus(0, 0, 1)
 
@@ -188,7 +190,7 @@ class Recorder:
         if len(batch):
             self._frames += len(batch)
             self._t_ns = int(batch.t_ns[-1])
-            self._first_ns = self._first_ns or self._t_ns
+            self._first_ns = self._first_ns or int(batch.t_ns[0])
             self._raw.add(batch)
         if restamped:
             text = "time stamps of another epoch: frames are stamped on arrival"
@@ -399,7 +401,7 @@ class Recorder:
         self._tell(verdict_entry(event.t_ns, label, findings), events)
         self._loop = run_loop.judged(self._loop, self._surroundings(event.t_ns))
 
-    def _findings(self, label: str) -> tuple[Finding, ...]:
+    def _findings(self, label: str) -> Sequence[Finding]:
         step = parse_label(label)
         assert step is not None  # the recorder gave it
         return self._judge.verdict(step, self._bump_ns, self._book)

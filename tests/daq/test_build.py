@@ -1,12 +1,14 @@
 """Runs cut out of recordings whose content is written down here."""
 
+import json
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from daq.book import Code, Finding, entry, verdict_entry
 from daq.build import build_session, session_from_journal
 from daq.campaign import Campaign
 from daq.channels import Channel, Quantity
@@ -30,6 +32,7 @@ from .small_campaign import START_NS, small_bench, small_codec
 from .test_session import assert_same
 
 CODEC = small_codec()
+WEAK = Finding("too_weak", False, "", 1.0, 6.0, "m/s2", "weak bump", "harder")
 BUMP = Event(START_NS + 1_000_000_000, "bump", 9.0, "baseline_bounce_1")
 RUN_END = Event(START_NS + 1_500_000_000, "run_end", 0.0, "baseline_bounce_1")
 ACC_FL = Channel("acc_fl", Quantity.HUB_ACCELERATION, "", "HUB_Front.acc_fl", Corner.FRONT_LEFT)
@@ -173,11 +176,66 @@ def test_losses_on_the_way_belong_to_the_run_in_which_they_happened() -> None:
     assert (run.losses.bus_dropped, run.losses.bus_garbled, run.losses.queue_dropped) == (1, 2, 4)
 
 
-def test_a_bump_that_is_no_step_is_not_passed_over() -> None:
+@pytest.mark.parametrize("label", ["loaded_bounce_1", "baseline_jump_1", ""])
+def test_a_bump_that_is_no_run_is_not_passed_over(label: str) -> None:
     bench = _bench(ACC_FL)
-    stray = replace(BUMP, text="baseline_warp_1")
-    with pytest.raises(InputError, match="baseline_warp_1"):
+    stray = replace(BUMP, text=label)
+    with pytest.raises(InputError, match=f"a bump '{label}', which is no run"):
         build_session(bench, CODEC, _frames(CODEC, "HUB_Front"), (stray,), NO_HOPS, {})
+
+
+def test_every_attempt_is_a_run_with_what_was_decided_on_it() -> None:
+    late_ns = BUMP.t_ns + 5_000_000_000
+    events = [
+        BUMP,
+        RUN_END,
+        verdict_entry(RUN_END.t_ns, BUMP.text, [WEAK]),
+        replace(BUMP, t_ns=late_ns, text="baseline_bounce_7"),
+        verdict_entry(late_ns, "baseline_bounce_7", []),
+        entry(Code.REJECT, late_ns + 1, label="baseline_bounce_7", by="Ann", reason="foot on it"),
+        replace(BUMP, t_ns=late_ns, text="added_warp_1"),
+        replace(BUMP, t_ns=late_ns + 30_000_000_000, text="added_warp_2"),
+        verdict_entry(late_ns, "added_warp_2", []),
+    ]
+    frames = _frames(CODEC, "HUB_Front", 10_000, acc_fl=1.0)
+    runs = build_session(_bench(ACC_FL), CODEC, frames, events, NO_HOPS, {}).runs
+    told = {run.label: (run.status, run.reasons) for run in runs}
+    assert told == {
+        "baseline_bounce_1": (RunStatus.REJECTED, ("weak bump",)),
+        "baseline_bounce_7": (RunStatus.REJECTED, ("rejected by Ann: foot on it",)),
+        "added_warp_1": (RunStatus.ACCEPTED, ()),
+        # The recorder was content, but its frames are not there.
+        "added_warp_2": (RunStatus.REJECTED, ("the recording ended 0.60 s before the run did",)),
+    }
+
+
+def test_the_last_bench_toml_holds_and_what_persons_said_goes_along(tmp_path: Path) -> None:
+    bench = small_bench()
+    head = JournalHead(bench.text, bench.dbc_text, "test 1", START_NS, 5, "ab" * 16)
+    newer = bench.text.replace('name = "Ford Granada"', 'name = "Other car"')
+    with Journal(tmp_path, head) as journal:
+        journal.append(_frames(CODEC, "HUB_Front"), HopLosses())
+        journal.append_events(
+            [
+                BUMP,
+                verdict_entry(BUMP.t_ns, BUMP.text, [WEAK]),
+                Event(BUMP.t_ns, "alarm", text="x" * 300),
+                Event(START_NS, Code.BENCH, text=newer),
+                entry(Code.NOTE, START_NS, text="wet floor", label=BUMP.text, by="Ann"),
+                entry(Code.OVERRIDE, START_NS, subject="bus", reason="known", by="Bob"),
+            ]
+        )
+    session = session_from_journal(read_journal(journal.paths))
+    assert session.vehicle.name == "Other car"
+    assert session.provenance["bench_toml"] == newer
+    assert session.provenance["uuid"].replace("-", "") == "ab" * 16
+    assert json.loads(session.provenance["verdicts"]) == {BUMP.text: [asdict(WEAK)]}
+    assert [event.code for event in session.runs[0].events] == ["bump", "alarm"]
+    assert len(session.runs[0].events[1].text) == 160
+    (note,) = json.loads(session.provenance["notes"])
+    assert (note["text"], note["label"], note["by"]) == ("wet floor", BUMP.text, "Ann")
+    (override,) = json.loads(session.provenance["overrides"])
+    assert (override["subject"], override["reason"]) == ("bus", "known")
 
 
 @pytest.mark.parametrize(
