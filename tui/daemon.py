@@ -22,9 +22,8 @@ from .output import Stage
 from .recorder_lines import news, progress_words
 
 if TYPE_CHECKING:
-    from daq.engine import Engine
-
     from daq.config import Bench
+    from daq.engine import Engine
     from daq.messages import Live, Reply, Status
     from daq.server import Server
     from daq.systemd import Systemd
@@ -181,7 +180,8 @@ class _Daemon:
         if self._habits.arm and self._arming is None and status.phase is Phase.IDLE:
             self._arming = self._engine.submit(Arm(Until.COMPLETE), BY)
         complete = self._habits.arm and status.phase is Phase.COMPLETE
-        if (complete or (end and not self._habits.keep_on)) and self._ended != status.recording:
+        over = complete or (end and not self._habits.keep_on)
+        if over and status.recording not in ("", self._ended):
             self._ended = status.recording
             self._ending = self._engine.submit(Stop(), BY)
         elif self._ending and self._ending.done() and not self._habits.keep_on:
@@ -192,7 +192,6 @@ class _Daemon:
     def _reload(self) -> None:
         """Take bench.toml over if it is good; else go on with the one in force."""
         from daq.errors import BumpbenchError
-        from daq.messages import Configure
 
         self._systemd.reloading()
         try:
@@ -200,7 +199,7 @@ class _Daemon:
         except BumpbenchError as error:
             self._log.line(f"reload: {error}; the bench.toml in force stays")
             return
-        answer = self._engine.submit(Configure(bench.text), BY)
+        answer = self._engine.reload(bench)
         answer.add_done_callback(self._say_reloaded)
 
     def _say_reloaded(self, answer: Future[Reply]) -> None:

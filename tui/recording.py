@@ -1,131 +1,135 @@
-"""A campaign from the bus into a session file: what `record` and `demo` share."""
+"""A campaign from the buses into a session file: what `record` and `demo` share."""
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
-from multiprocessing import get_context
+from collections.abc import Callable
+from dataclasses import asdict, replace
 from pathlib import Path
-from signal import SIG_IGN, SIGINT
 from typing import TYPE_CHECKING, Any
 
-from .diagnostics import say_left_out
-from .output import Stage, print_line, print_table
+from .daemon import Habits, run_recorder
+from .diagnostics import ExitCode, say_left_out
+from .log import Log
+from .output import Stage, print_json, print_line, print_table
 
 if TYPE_CHECKING:
     from daq import Session
-    from daq.config import Bench
-    from daq.recorder import RecorderStatus
+    from daq.config import Bench, BusConfig
+    from daq.messages import Status
     from daq.source import FrameSource
 
-JOURNAL_FOLDER = "journal"
+
+class OpenedAtStart:
+    """Opens the buses of a bench at once: with none at all, nothing is begun.
+
+    Called as `daq.bus.open_source`, it hands over what it has opened, and opens anew later on.
+
+    Parameters
+    ----------
+    bench : Bench
+        Its buses are opened.
+    open_source : callable
+        Opens one.
+
+    Raises
+    ------
+    BusError
+        If none can be opened: the first one's reason.
+    """
+
+    def __init__(self, bench: Bench, open_source: Callable[[BusConfig, int], FrameSource]) -> None:
+        from daq.errors import BusError
+
+        self._open_source = open_source
+        self._opened: dict[int, FrameSource] = {}
+        errors = []
+        for number, bus in enumerate(bench.buses):
+            try:
+                self._opened[number] = open_source(bus, number)
+            except BusError as error:
+                errors.append(error)
+        if not self._opened:
+            raise errors[0]
+
+    def __call__(self, bus: BusConfig, number: int) -> FrameSource:
+        """Return a source of the bus."""
+        return self._opened.pop(number, None) or self._open_source(bus, number)
 
 
-def record_session(
+def record_campaign(
     bench: Bench,
-    source: FrameSource,
+    open_source: Callable[[BusConfig, int], FrameSource],
     out: Path,
-    stop: threading.Event,
+    habits: Habits,
+    log: Log,
     stage: Stage,
-) -> tuple[Path, Session]:
-    """Record until the campaign is complete or `stop` is set, then build the session file.
+) -> Status:
+    """Record until the campaign is complete or a signal comes.
 
     Parameters
     ----------
     bench : Bench
         What is on the bench.
-    source : FrameSource
-        An open bus; closed here.
+    open_source : callable
+        Opens a bus, given its description and its number.
     out : Path
-        Folder; made if need be.  The journal goes to a folder in it, and the session file carries
-        the number of the journal's first segment.
-    stop : threading.Event
-        Ends the recording.
+        Folder.  The journal goes to a folder in it, and a session file carries the number of the
+        journal's first segment.
+    habits : Habits
+        When to begin and when to end.
+    log : Log
+        Alarms, verdicts and what else is worth a line.
     stage : Stage
         Shows how far it is.
 
     Returns
     -------
-    Path, Session
-        The session file and what is in it.
+    Status
+        The last one of the recorder.
     """
-    import time
     from importlib.metadata import version
 
-    from daq import read_session
     from daq.config import bench_codec
-    from daq.errors import InputError
-    from daq.journal import Journal
-    from daq.journal_format import JournalHead
+    from daq.engine import Engine
     from daq.mapping import map_channels
-    from daq.recorder import Recorder
-    from daq.recording import record
 
-    try:
-        codec = bench_codec(bench)
-        say_left_out(codec)
-        map_channels(bench.channels, codec.messages, bench.dbc_name)  # before anything is made
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        source.close()
-        raise InputError(str(out), error.strerror or str(error), "name another folder") from error
-    except InputError:
-        source.close()
-        raise
-    software = f"bumpbench {version('bumpbench')}"
-    head = JournalHead(bench.text, bench.dbc_text, software, time.time_ns(), time.monotonic_ns())
-    with Journal(out / JOURNAL_FOLDER, head) as journal:
-        record(Recorder(bench, codec, journal), [source], stop, _follow(stage))
-        segments = journal.paths
-    target = out / f"session_{segments[0].stem.split('_')[-1]}.h5"
-    stage(1.0, "building the session file")
-    # HDF5 works in a process of its own: the recorder must not wait for it, nor die with it.
-    # Ctrl-C reaches it too, and must not end what is nearly done.
-    with ProcessPoolExecutor(
-        1, get_context("spawn"), initializer=signal.signal, initargs=(SIGINT, SIG_IGN)
-    ) as pool:
-        pool.submit(build_session_file, segments, target).result()
-    return target, read_session(target)
+    codec = bench_codec(bench)
+    say_left_out(codec)
+    map_channels(bench.channels, codec.messages, bench.dbc_name)  # before anything is made
+    if habits.arm:  # nobody is asked whether a run will do: the next bump may come at once
+        bench = replace(bench, procedure=replace(bench.procedure, accept_after_s=0.0))
+    engine = Engine(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
+    return run_recorder(engine, out, habits, log, stage)
 
 
-def build_session_file(segments: Sequence[Path], target: Path) -> str:
-    """Derive a session file from the segments of a journal.
+def recorded_session(last: Status) -> tuple[Path, Session]:
+    """Return the session file that a recorder has left behind, and what is in it.
 
-    Returns
-    -------
-    str
-        What the journal has lost, empty if it is whole.
+    Raises
+    ------
+    InputError
+        If there is none, with the reason.
     """
-    from daq import write_session
-    from daq.build import session_from_journal
-    from daq.journal_reader import read_journal
+    from daq import read_session
+    from daq.errors import InputError
+    from daq.messages import SessionState
 
-    contents = read_journal(segments)
-    write_session(target, session_from_journal(contents))
-    return contents.lost.text if contents.lost.any else ""
+    if last.session.state is not SessionState.READY:
+        what = last.session.text or "no session file was built"
+        raise InputError(last.folder, what, "the journal is there: try `bumpbench recover`")
+    path = Path(last.session.path)
+    return path, read_session(path)
 
 
-def _follow(stage: Stage) -> Callable[[RecorderStatus], None]:
-    """Return what shows the recorder's status on a line of progress."""
-
-    def show(status: RecorderStatus) -> None:
-        text = f"{status.done} of {status.planned} runs"
-        if status.running:
-            text += f", {status.running.label} running"
-        elif status.step:
-            text += f", waiting for {status.step.label}"
-        if not status.frames:
-            text += ", no frame yet"
-        elif status.losses.unknown_id == status.frames:
-            text += f", none of {status.frames} frames is in the DBC"
-        if status.losses.measured:
-            text += f", {status.losses.measured} frames lost"
-        stage(status.done / status.planned, text)
-
-    return show
+def print_outcome(last: Status, json: bool) -> ExitCode:
+    """Print what was recorded and return the exit code."""
+    path, session = recorded_session(last)
+    if json:
+        print_json(summary(path, session))
+    else:
+        print_summary(path, session)
+    lost = sum(run.losses.measured for run in session.runs)
+    return ExitCode.DATA_LOST if lost else ExitCode.OK
 
 
 def summary(path: Path, session: Session) -> dict[str, Any]:

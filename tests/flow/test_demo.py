@@ -45,7 +45,7 @@ def test_demo(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert all(not any(run["losses"].values()) for run in runs)
 
     # Every frame that the car sent is in the journal, and those of a run are in the session.
-    journal = read_journal(sorted((out / "journal").iterdir()))
+    journal = read_journal(sorted((out / "journal").glob("*.mcap")))
     assert not journal.lost.any
     first = daq.read_session(session).runs[0].frames
     start = int(np.searchsorted(journal.frames.t_ns, first.t_ns[0]))

@@ -9,6 +9,9 @@ import typer
 
 from ..diagnostics import ExitCode
 
+_PATIENCE_S = 10.0
+"""Longer than the recorder needs for the last frames."""
+
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for journal and session.")] = Path(
@@ -26,35 +29,50 @@ def demo(
     import identify as method
     from daq.bus import open_bus, open_source
     from daq.config import bench_codec, load_bench, on_bus
+    from daq.lock import lone_recorder
+    from daq.messages import Phase, Status
     from daq.replay import play
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
 
+    from ..daemon import Habits
+    from ..log import Log
     from ..output import print_json, print_line, progress
-    from ..recording import print_summary, record_session
+    from ..recorder_process import LOG
+    from ..recording import OpenedAtStart, print_summary, record_campaign, recorded_session
     from ..result import identification_document, print_identification
 
     bench = on_bus(load_bench(None), "virtual", f"bumpbench-demo-{os.getpid()}")
     car = SimulatedCar()
-    codec = bench_codec(bench)
-    source = open_source(bench.bus, 0)
-    stop = threading.Event()
+    armed, stop = threading.Event(), threading.Event()
+
+    def follow(status: Status) -> None:
+        if status.phase is not Phase.IDLE:
+            armed.set()
+
+    habits = Habits(True, False, None, lambda: bench, follow)
 
     def drive() -> None:
+        armed.wait()
         with open_bus(bench.bus) as bus:
-            frames = campaign_frames(bench, codec, car, seed, time.time_ns())
+            frames = campaign_frames(bench, bench_codec(bench), car, seed, time.time_ns())
             for _ in play(frames, bus, None):
                 if stop.is_set():
                     return
+        stop.wait(_PATIENCE_S)
+        habits.end.set()  # a run was rejected, and the simulated car has no more bumps
 
     driver = threading.Thread(target=drive, name="simulated car")
-    driver.start()
-    try:
-        with progress("record") as stage:
-            path, session = record_session(bench, source, out, stop, stage)
-    finally:
-        stop.set()
-        driver.join()
+    with lone_recorder(out), Log(out / LOG) as lines, progress("record") as stage:
+        source = OpenedAtStart(bench, open_source)
+        driver.start()
+        try:
+            last = record_campaign(bench, source, out, habits, lines, stage)
+        finally:
+            stop.set()
+            armed.set()
+            driver.join()
+    path, session = recorded_session(last)
     with progress("identify") as stage:
         result = method.identify(session, stage)
     truth = asdict(car.parameters)

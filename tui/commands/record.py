@@ -1,4 +1,4 @@
-"""`bumpbench record`: from the bus into a journal, and from the journal into a session file."""
+"""`bumpbench record`: from the buses into a journal, and from the journal into session files."""
 
 from __future__ import annotations
 
@@ -14,34 +14,42 @@ def record(
     bench: Annotated[
         Path | None, typer.Argument(help="bench.toml; the shipped bench if absent.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for journal and session.")] = Path(),
+    out: Annotated[Path, typer.Option(help="Folder for journal and sessions.")] = Path(),
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
+    keep_on: Annotated[
+        bool,
+        typer.Option("--keep-on", help="Live on when the campaign is complete: a daemon."),
+    ] = False,
+    idle: Annotated[
+        bool, typer.Option("--idle", help="Arm nothing: a terminal gives the orders.")
+    ] = False,
+    figures: Annotated[
+        Path | None, typer.Option(help="Prometheus text file, written every 5 s.")
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="Log to this file, kept under 1 MB; stderr if absent.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
     """Record a campaign: each bump becomes a run, labelled in the order of the campaign.
 
     Ends when the campaign is complete; Ctrl-C or SIGTERM ends it before, and nothing is lost.
+    With --keep-on it ends by a signal alone, within seconds, and a missing bus is waited for.
+    SIGHUP reads bench.toml again.
     """
-    import signal
-    import threading
-
     from daq.bus import open_source
+    from daq.lock import lone_recorder
 
     from ..bench import shared_bench
-    from ..output import print_json, progress
-    from ..recording import print_summary, record_session, summary
+    from ..daemon import Habits
+    from ..log import Log
+    from ..output import progress
+    from ..recording import OpenedAtStart, print_outcome, record_campaign
 
     described = shared_bench(bench, interface, channel)
-    source = open_source(described.bus, 0)
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
-    with progress("record") as stage:
-        path, session = record_session(described, source, out, stop, stage)
-    if json:
-        print_json(summary(path, session))
-    else:
-        print_summary(path, session)
-    lost = sum(run.losses.measured for run in session.runs)
-    return ExitCode.DATA_LOST if lost else ExitCode.OK
+    habits = Habits(not idle, keep_on, figures, lambda: shared_bench(bench, interface, channel))
+    with lone_recorder(out), Log(log) as lines, progress("record") as stage:
+        source = open_source if keep_on else OpenedAtStart(described, open_source)
+        last = record_campaign(described, source, out, habits, lines, stage)
+    return ExitCode.OK if keep_on else print_outcome(last, json)
