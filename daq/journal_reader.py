@@ -7,6 +7,7 @@ from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
+from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, McapRecord, Message
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from .journal_format import (
     unpack_frames,
 )
 from .journal_gaps import DISK_GAP, FILE_GONE, RETENTION, Gap, parse_gap
-from .journal_scan import LARGEST_RECORD_BYTES, read_head
+from .journal_scan import LARGEST_RECORD_BYTES, holds_blocks, read_head
 from .runs import Event
 from .source import HopLosses
 
@@ -123,9 +124,10 @@ class JournalReader:
         heads = {path: read_head(path) for path in paths}
         found = {path: head for path, head in heads.items() if head is not None}
         for path in heads.keys() - found.keys():
-            # Killed while it was created: nothing in it was ever reported as written.
+            # Killed while it was created, mostly: nothing in it was ever reported as written.
             note = f"{path.name}: has no complete beginning"
-            self._lost = _plus(self._lost, JournalLoss(notes=(note,)))
+            cut = path.stat().st_size if holds_blocks(path) else 0
+            self._lost = _plus(self._lost, JournalLoss(bytes_cut=cut, notes=(note,)))
         if not found:
             where = ", ".join(str(path) for path in paths) or "journal"
             raise InputError(where, "holds no recording", "name the files journal_*.mcap")
@@ -220,7 +222,7 @@ class JournalReader:
                     yield record
             except Exception:  # torn bytes raise whatever the parser stumbles over
                 self._lost = _plus(self._lost, _unclosed(path))
-                if size > good:
+                if size > good and not _is_end(path, good):
                     note = f"{path.name}: last {size - good} bytes torn"
                     self._open.append(JournalLoss(bytes_cut=size - good, notes=(note,)))
 
@@ -229,6 +231,13 @@ class JournalReader:
         for lost in self._open:
             self._lost = _plus(self._lost, lost)
         self._open.clear()
+
+
+def _is_end(path: Path, at: int) -> bool:
+    """Whether what broke off was the end of the file, not a block."""
+    with path.open("rb") as file:
+        file.seek(at)
+        return file.read(1) == bytes([Opcode.DATA_END])
 
 
 def _unclosed(path: Path) -> JournalLoss:

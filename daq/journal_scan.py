@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.exceptions import InvalidMagic
-from mcap.records import Attachment, DataEnd, Message, Metadata
+from mcap.records import Attachment, DataEnd, Header, Message, Metadata
 from mcap.stream_reader import StreamReader
 
 from .errors import InputError
@@ -20,6 +19,7 @@ from .journal_format import (
     EVENTS_TOPIC,
     FRAMES_TOPIC,
     HEAD_RECORD,
+    PROFILE,
     JournalHead,
     block_head,
     parse_head,
@@ -31,7 +31,8 @@ from .runs import Event
 LARGEST_RECORD_BYTES = 256 << 20
 """A length beyond this is a torn or foreign file, not a block."""
 
-_MAGIC_BYTES = 8
+_MAGIC = b"\x89MCAP0\r\n"
+_MAGIC_BYTES = len(_MAGIC)
 _RECORD = struct.Struct("<BQ")  # kind, length
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, time, time
 _CHANNEL, _MESSAGE_KIND, _DATA_END = 0x04, 0x05, 0x0F
@@ -80,7 +81,9 @@ class SegmentInfo:
 
 
 def read_head(path: Path) -> tuple[JournalHead, int] | None:
-    """Return head and segment number, None if the file ends before they do.
+    """Return head and segment number, None if the file has no complete head.
+
+    A crash may leave a new file with holes where its head was to be.
 
     Raises
     ------
@@ -91,7 +94,14 @@ def read_head(path: Path) -> tuple[JournalHead, int] | None:
     texts: dict[str, bytes] = {}
     try:
         with path.open("rb") as file:
+            start = file.read(_MAGIC_BYTES)
+            if len(start) == _MAGIC_BYTES and any(start) and start != _MAGIC:
+                raise InputError(str(path), "is no journal", "name the files journal_*.mcap")
+            file.seek(0)
             for record in StreamReader(file, record_size_limit=LARGEST_RECORD_BYTES).records:
+                if isinstance(record, Header) and record.profile != PROFILE:
+                    what = "is an MCAP file of another program"
+                    raise InputError(str(path), what, "name the files journal_*.mcap")
                 if isinstance(record, Metadata) and record.name == HEAD_RECORD:
                     metadata = record.metadata
                 elif isinstance(record, Attachment):
@@ -100,19 +110,22 @@ def read_head(path: Path) -> tuple[JournalHead, int] | None:
                     return parse_head(metadata, texts[BENCH_NAME], texts[DBC_NAME])
                 if isinstance(record, Message | DataEnd):
                     break
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(
             str(path), error.strerror or str(error), "name the files journal_*.mcap"
         ) from error
-    except (InvalidMagic, ValueError, KeyError) as error:
-        if path.stat().st_size >= _MAGIC_BYTES:
-            raise InputError(
-                str(path), f"is no journal: {error}", "name the files journal_*.mcap"
-            ) from error
-        return None
     except Exception:  # torn bytes raise whatever the parser stumbles over
         return None
-    raise InputError(str(path), "is an MCAP file of another program", "name journal_*.mcap")
+    return None
+
+
+def holds_blocks(path: Path) -> bool:
+    """Whether there are blocks in a file, be its head readable or not."""
+    with path.open("rb") as file:
+        records = _records(file.fileno(), path.stat().st_size)
+        return any(kind == _MESSAGE_KIND for kind, _, _ in records)
 
 
 def scan(path: Path) -> SegmentInfo | None:
@@ -182,6 +195,8 @@ def _records(fd: int, size: int) -> Iterator[tuple[int, int, int]]:
         at += _RECORD.size
         if at + length > size:
             return
+        if kind == 0:
+            return  # a hole
         yield kind, at, length
         if kind == _DATA_END:
             return

@@ -158,12 +158,19 @@ class Segment:
         self.frames += sum(block.frames for block in blocks)
 
     def finish(self) -> None:
-        """Write the end that MCAP tools expect, and close."""
-        with suppress(OSError):  # the end may be missing; nothing else must be done to this file
+        """Write the end that MCAP tools expect, and close.
+
+        Raises
+        ------
+        OSError
+            If the end is not on the disk; the file is closed, and all blocks are in it.
+        """
+        try:
             self._writer.finish()  # type: ignore[no-untyped-call]
             self.file.sync()
-        with suppress(OSError):
-            self.file.close()
+        finally:
+            with suppress(OSError):
+                self.file.close()
 
     def abandon(self) -> None:
         """Close the file as it is, and delete it if no block is in it."""

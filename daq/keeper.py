@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
@@ -35,6 +35,7 @@ from .retention import Retention
 from .room import Room, low_text, place_of, room_on, taken_away, too_little
 from .runs import Event
 from .source import HopLosses
+from .written import Written
 
 TURN_S = 1.0
 """The disk is looked at, and tried again, so often."""
@@ -43,21 +44,12 @@ _LOOK_BYTES = 16_000_000
 _BATCH_BYTES = 4_000_000
 """Blocks that waited are synced together up to this size."""
 _REMEMBERED_S = 60.0
-"""A file that was taken away is warned of for so long; its event stays."""
+"""A file that failed or was taken away is warned of for so long."""
 _MAY_PASS = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 
 
 class JournalError(BumpbenchError, OSError):
     """There is no place for the journal where it was to be."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Written:
-    """What was acknowledged in a segment."""
-
-    first: int
-    stop: int
-    frames: int
 
 
 class Keeper:
@@ -100,11 +92,11 @@ class Keeper:
         self._t_ns = resume.t_ns if resume else 0
         self._recorded = resume.frames if resume else 0
         self._backlog = Backlog(head.identity)
-        self._written: dict[Path, _Written] = {}
+        self._written = Written(head.identity)
         self._segment: Segment | None = None
         self._now_s: float | None = None
         self._turn_s = self._opened_s = self._warned_s = 0.0
-        self._failed = self._gone_text = self._kept_text = ""
+        self._failed = self._trouble = self._kept_text = ""
         self._stopped = False
         self._looked_at = 0
         self._free = Room(0, 0)
@@ -183,7 +175,7 @@ class Keeper:
             warning="; ".join(
                 text
                 for text in (
-                    self._gone_text,
+                    self._trouble,
                     low_text(self._free, self._limits),
                     self._kept_text,
                 )
@@ -194,7 +186,7 @@ class Keeper:
     @property
     def paths(self) -> tuple[Path, ...]:
         """The segments written by this keeper, in order."""
-        own = set(self._written)
+        own = set(self._written.paths)
         if self._segment is not None:
             own.add(self._segment.path)
         return tuple(sorted(own, key=segment_number))
@@ -241,22 +233,13 @@ class Keeper:
                 self._segment.write(blocks)
             except OSError as error:
                 self._failed = _told(error)
+                self._warn(f"{self._segment.path.name}: {_told(error)}; left as it was")
                 self._leave(Segment.abandon)
                 continue
             self._failed = ""
-            self._note_written(blocks)
+            self._recorded += self._written.note(self._segment.path, blocks)
             return True
         return False
-
-    def _note_written(self, blocks: Sequence[Block]) -> None:
-        assert self._segment is not None
-        frames = sum(block.frames for block in blocks)
-        self._recorded += frames
-        before = self._written.get(self._segment.path)
-        first = before.first if before else blocks[0].number
-        self._written[self._segment.path] = _Written(
-            first, blocks[-1].number + 1, frames + (before.frames if before else 0)
-        )
 
     def _drain(self) -> None:
         """Write what waits, as far as the disk takes it."""
@@ -297,14 +280,18 @@ class Keeper:
 
     def _leave(self, how: Callable[[Segment], None]) -> None:
         """Be done with the open segment."""
-        if self._segment is not None:
-            how(self._segment)
-            if self._segment.first is not None:
-                self._retention.add(self._segment.path, self._segment.size)
-            self._segment = None
+        segment, self._segment = self._segment, None
+        if segment is not None:
+            if segment.first is not None:
+                self._retention.add(segment.path, segment.size)
+            how(segment)
 
     def _seal(self) -> None:
-        self._leave(Segment.finish)
+        name = self._segment.path.name if self._segment else ""
+        try:
+            self._leave(Segment.finish)
+        except OSError as error:
+            self._warn(f"{name}: {_told(error)}; not closed properly")
 
     def _rotate(self) -> None:
         segment, limits = self._segment, self._limits
@@ -321,8 +308,8 @@ class Keeper:
         """Ask for room, and whether folder and file are still ours."""
         self._looked_at = self._size
         now_s = self._now_s or 0.0
-        if self._gone_text and now_s - self._warned_s > _REMEMBERED_S:
-            self._gone_text = ""
+        if self._trouble and now_s - self._warned_s > _REMEMBERED_S:
+            self._trouble = ""
         self._look_for_file()
         try:
             self._free = self._room_on(self._folder)
@@ -350,28 +337,21 @@ class Keeper:
             text = f"{segment.path.name} {text}" if text else ""
         if not text:
             return
-        self._warned_s = self._now_s or 0.0
-        if segment is not None:
-            self._leave(Segment.forsake)
-        lost = {path: w for path, w in self._written.items() if not path.is_file()}
-        if segment is not None and segment.path in self._written and "replaced" in text:
-            lost[segment.path] = self._written[segment.path]
-        for path in lost:
+        replaced = segment.path if segment is not None and "replaced" in text else None
+        self._leave(Segment.forsake)
+        gone = self._written.take_gone(replaced)
+        for path in gone:
             self._retention.forget(path)
-            del self._written[path]
-        frames = sum(written.frames for written in lost.values())
+        frames = sum(gap.frames for gap in gone.values())
         self._recorded -= frames
-        self._gone_text = f"{text}: {frames} recorded frames are gone"
-        told = [
-            gap_event(
-                FILE_GONE,
-                self._t_ns,
-                Gap(self._head.identity, w.first, w.stop, w.frames, path.name),
-            )
-            for path, w in lost.items()
-        ]
+        self._warn(f"{text}: {frames} recorded frames are gone")
+        told = [gap_event(FILE_GONE, self._t_ns, gap) for gap in gone.values()]
         if self._open_next() and told:
             self.append_events(told)
+
+    def _warn(self, text: str) -> None:
+        self._warned_s = self._now_s or 0.0
+        self._trouble = text
 
     def _make_room(self) -> None:
         """Delete what may go, if there is too much or too little room."""

@@ -1,0 +1,64 @@
+"""R3: the Nth operation on the disk fails, once, in each way that disks fail."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from daq.config import RecorderConfig
+from daq.journal_reader import read_journal
+from daq.keeper import Keeper
+from daq.source import HopLosses
+
+from .crash_disk import FailingDisk
+from .crash_frames import HEAD, block, numbers
+
+KINDS = ("eio", "enospc", "short", "sync")
+_FRAMES = 20
+_LATEST_ALARM_S = 1.0
+
+
+def fail_once(folder: Path, kind: str, nth: int) -> bool:
+    """Record while one operation fails; return whether it came to that.
+
+    Raises
+    ------
+    AssertionError
+        If a frame is lost, doubled or altered, or nothing is said.
+    """
+    disk = FailingDisk(kind, nth)
+    limits = RecorderConfig(segment_bytes=6_000.0, reserve_bytes=0.0)
+    keeper = Keeper(folder, HEAD, limits, disk.create)
+    n, k, noticed = 0, 0, bool(keeper.status.failed)
+    while not disk.failed or k < 15:
+        if k > 400:
+            break  # there were not so many operations
+        keeper.append(block(n, _FRAMES), HopLosses())
+        n += _FRAMES
+        keeper.tend(0.1 * k)
+        noticed |= bool(keeper.status.failed or keeper.status.warning)
+        assert noticed == disk.failed, f"{kind} {nth}: nothing is said"
+        k += 1
+    for _ in range(2):  # a second at the latest, and what was held is stored
+        k += round(_LATEST_ALARM_S / 0.1)
+        keeper.tend(0.1 * k)
+    assert not keeper.status.failed
+    assert keeper.status.recorded_frames == n
+    keeper.close()
+    contents = read_journal(keeper.paths)
+    assert np.array_equal(numbers(contents.frames), np.arange(n)), f"{kind} {nth}"
+    assert not contents.lost.any, contents.lost.text
+    return disk.failed
+
+
+def faults(folder: Path, up_to: int) -> int:
+    """Let operation 1, 2, ... `up_to` fail, in each way; return how many did."""
+    failed = 0
+    for kind in KINDS:
+        for nth in range(1, up_to + 1):
+            place = folder / f"{kind}{nth}"
+            failed += fail_once(place, kind, nth)
+            shutil.rmtree(place)
+    return failed
