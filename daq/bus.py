@@ -308,6 +308,8 @@ def _is_fault(error: BaseException) -> bool:
     """
     chain = [error]
     while (before := chain[-1].__cause__ or chain[-1].__context__) is not None:
+        if before in chain:  # a driver that raises one and the same exception again and again
+            break
         chain.append(before)
     if any(isinstance(e, OSError) for e in chain):
         return True
