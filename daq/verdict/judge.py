@@ -11,7 +11,7 @@ from ..channels import TIME_DERIVATIVE, Quantity
 from ..config import Bench
 from . import motion, traffic
 from .finding import finding
-from .pattern import pattern, wrong_mode
+from .pattern import Pattern, patterns, wrong_mode
 from .repeats import not_repeatable, waves
 from .wave import body_wave
 from .window import ANGULAR, RunMeasure, RunWindow, Trace, traces
@@ -57,17 +57,18 @@ def judge(
         text = "no channel has samples before and after the bump"
         return (*findings, finding("no_data", False, 0.0, 1.0, "", text)), RunMeasure()
     findings = tuple(found for check in _CHECKS for found in check(bench, window, seen))
-    how = pattern(bench, seen)
-    measure = _measure(bench, step, seen)
-    if how is not None:
-        findings += tuple(wrong_mode(step.excitation, how))
+    ways = patterns(bench, seen)
+    measure = _measure(bench, step, seen, ways)
+    findings += tuple(found for way in ways for found in wrong_mode(step.excitation, way))
     findings += tuple(motion.not_decayed(bench, window, seen))
     findings += tuple(not_repeatable(seen, measure, accepted))
     findings += tuple(motion.rest_changed(bench, window, seen))
     return (*findings, _told(measure)), measure
 
 
-def _measure(bench: Bench, step: Step, seen: tuple[Trace, ...]) -> RunMeasure:
+def _measure(
+    bench: Bench, step: Step, seen: tuple[Trace, ...], ways: tuple[Pattern, ...]
+) -> RunMeasure:
     linear = [trace for trace in seen if trace.channel.quantity not in ANGULAR]
 
     def largest(derivative: int) -> float | None:
@@ -76,7 +77,7 @@ def _measure(bench: Bench, step: Step, seen: tuple[Trace, ...]) -> RunMeasure:
             default=None,
         )
 
-    how = pattern(bench, seen)
+    how = ways[0] if ways else None
     wave = body_wave(seen, bench.bump_s)
     return RunMeasure(
         peak_m_s2=largest(TIME_DERIVATIVE[Quantity.BODY_ACCELERATION]),

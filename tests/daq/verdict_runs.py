@@ -143,7 +143,7 @@ def windowed(
             limit=(limit or {}).get(channel.name, np.inf),
         )
         if message not in seen:
-            seen[message] = moving.at(t_s - sensor.delay_s)
+            seen[message] = moving.at(np.asarray(t_s - sensor.delay_s, dtype=np.float64))
         reading = true_reading(channel, sensor, installation, seen[message])
         value = measured(channel, sensor, NOISE, reading, rng)
         channels[channel.name] = (START_NS + np.rint(t_s * 1e9).astype(np.int64), value)
@@ -261,7 +261,7 @@ def _wrong(setting: Setting, seed: int) -> RunWindow:
     rng = np.random.default_rng([seed, 6])
     due = setting.step.excitation
     others = [e for e in Excitation if e is not due]
-    if "hub" not in setting.bench and setting.bench != "all" and "travels" not in setting.bench:
+    if setting.bench in ("IMU", "body accelerations"):
         flat = {Excitation.BOUNCE, Excitation.WARP}  # alike to all sensors on the body
         others = [e for e in others if not {e, due} <= flat]
     bumped = replace(setting.step, excitation=others[rng.integers(len(others))])
