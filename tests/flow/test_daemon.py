@@ -1,0 +1,172 @@
+"""`bumpbench record --keep-on` as systemd runs it, in a process of its own, over a real bus.
+
+R14 and R15: ready after the first durable block, watchdog, reload, second instance, and an end
+within seconds, while stderr is a full pipe and a client never reads.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import can
+import pytest
+import zmq
+
+from daq.address import control_address
+from daq.client import Client
+from daq.journal_reader import read_journal
+from daq.messages import Arm, AskStatus, Phase, Status
+from tui.cli import run
+from tui.diagnostics import ExitCode
+
+PATIENCE_S = 30.0
+END_S = 5.0
+GROUP = "239.74.163.94"
+FRAMES = 1000
+
+
+class Daemon:
+    """A recorder under a systemd that only listens."""
+
+    def __init__(self, folder: Path, listener: socket.socket, stderr: int) -> None:
+        self.folder, self.listener = folder, listener
+        self.bench = folder / "bench.toml"
+        default = (Path(__file__).parents[2] / "daq" / "bench.toml").read_text()
+        self.bench.write_text(default)
+        self.figures = folder / "figures.prom"
+        self.heard: list[str] = []
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tui", "record", *self.arguments],
+            stderr=stderr,
+            env={**os.environ, "NOTIFY_SOCKET": listener.getsockname()},
+        )
+
+    @property
+    def arguments(self) -> list[str]:
+        bus = ["--interface", "udp_multicast", "--channel", GROUP]
+        rest = ["--keep-on", "--idle", "--figures", str(self.figures)]
+        return [str(self.bench), "--out", str(self.folder), *bus, *rest]
+
+    def hears(self, line: str) -> None:
+        """Wait until systemd hears a line; what came before is forgotten."""
+        self.until(lambda: line in self._listen())
+        self.heard.clear()
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert self.process.poll() is None
+            assert time.monotonic() < deadline_s, self.heard
+            time.sleep(0.01)
+
+    def _listen(self) -> list[str]:
+        while True:
+            try:
+                self.heard += self.listener.recv(4096).decode().splitlines()
+            except BlockingIOError:
+                return self.heard
+
+
+@pytest.fixture
+def daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    while True:  # nobody reads stderr, and it is full already
+        try:
+            os.write(writer, b"x" * 4096)
+        except BlockingIOError:
+            break
+    os.set_blocking(writer, True)
+    monkeypatch.chdir(tmp_path)  # a Unix socket's path is short
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind("notify")
+        listener.setblocking(False)
+        started = Daemon(tmp_path, listener, writer)
+        try:
+            yield started
+        finally:
+            if started.process.poll() is None:
+                started.process.kill()
+            started.process.wait()
+            os.close(reader)
+            os.close(writer)
+
+
+def test_a_daemon_from_start_to_end(daemon: Daemon, capsys: pytest.CaptureFixture[str]) -> None:
+    daemon.hears("READY=1")
+    assert [path.stat().st_size > 0 for path in daemon.folder.glob("journal/*.mcap")] == [True]
+    address = control_address(daemon.folder)
+    with (
+        zmq.Context() as context,
+        context.socket(zmq.SUB) as deaf,
+        can.Bus(interface="udp_multicast", channel=GROUP, fd=False) as bus,
+    ):
+        deaf.linger = 0
+        deaf.rcvhwm = 1
+        deaf.connect(address.news)
+        deaf.subscribe(b"")
+        client = Client(address, "Anna", control=True)
+        assert client.ask(Arm()).status
+
+        def status() -> Status:
+            found = client.ask(AskStatus(), timeout_s=PATIENCE_S).status
+            assert found
+            return found
+
+        daemon.until(lambda: status().phase is Phase.WAITING)
+        for i in range(FRAMES):
+            bus.send(can.Message(arbitration_id=0x7A0, data=i.to_bytes(2), is_extended_id=False))
+            time.sleep(0.0005)
+        daemon.until(lambda: status().disk.recorded_frames == FRAMES)
+        daemon.hears("WATCHDOG=1")
+
+        # A reload of nonsense changes nothing, and all goes on.
+        before = status()
+        daemon.bench.write_text("[campaign]\nrepeats = -1\n")
+        daemon.process.send_signal(signal.SIGHUP)
+        daemon.hears("RELOADING=1")
+        daemon.hears("READY=1")
+        assert status().bench_crc32 == before.bench_crc32
+        assert status().recording == before.recording
+
+        assert run(["status", str(daemon.folder), "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["disk"]["recorded_frames"] == FRAMES
+        assert told["controller"] == "Anna"
+        assert run(["status", str(daemon.folder)]) == 0
+        assert "in control: Anna" in capsys.readouterr().out
+        daemon.until(daemon.figures.exists)
+
+        daemon.bench.write_text((Path(__file__).parents[2] / "daq" / "bench.toml").read_text())
+        second = subprocess.run(
+            [sys.executable, "-m", "tui", "record", *daemon.arguments],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+        assert second.returncode == ExitCode.LOCKED
+        assert f"pid {daemon.process.pid}" in second.stderr
+        assert second.stderr.count("\n") == 1
+
+        daemon.process.terminate()
+        assert daemon.process.wait(END_S) == 0
+        client.close()
+    daemon_said = daemon.listener.recv(65536)
+    while b"STOPPING=1" not in daemon_said:
+        daemon_said = daemon.listener.recv(65536)
+    journal = read_journal(sorted(daemon.folder.glob("journal/*.mcap")))
+    assert not journal.lost.any
+    numbers = [int.from_bytes(bytes(data[:2])) for data in journal.frames.data]
+    assert numbers == list(range(FRAMES))
+    assert not any(path.exists() for path in address.paths)
+    assert run(["status", str(daemon.folder)]) == ExitCode.ANSWER_IS_NO
+    assert "no recorder is running there" in capsys.readouterr().err
