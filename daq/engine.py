@@ -19,8 +19,10 @@ from pathlib import Path
 from dbc.frames import FrameBatch
 
 from .beats import Beats
+from .checking import answer_check
 from .config import Bench, bench_codec
 from .derivation import Derivation
+from .frame_store import Nowhere
 from .guard import Guard
 from .journal_contents import JournalTail
 from .journal_folder import last_recording
@@ -33,7 +35,7 @@ from .messages import (
     AskHistory,
     AskStatus,
     Build,
-    CheckItem,
+    DiskStatus,
     Hello,
     Live,
     Order,
@@ -48,10 +50,9 @@ from .opening import CreateFile, Recording, begin, resumable, session_path
 from .order_events import OrderError
 from .preparation import configured, prepared
 from .readers import PieceQueue, Readers
-from .recorder import NO_DISK, Recorder
-from .runs import Event
-from .source import HopLosses, LinkFacts
-from .standing import Host
+from .recorder import Recorder
+from .source import LinkFacts
+from .standing import NO_DISK, Host
 
 BLOCK_S = 0.1
 """The journal gets a block so often; what was not yet in one is lost to a power cut."""
@@ -118,7 +119,8 @@ class Engine:
         self._derivation = Derivation()
         self._checks = ThreadPoolExecutor(1, "check")
         self._recording: Recording | None = None
-        self._recorder = Recorder(bench, bench_codec(bench), _Nowhere(), guard=self._guard)
+        self._recorder = Recorder(bench, bench_codec(bench), Nowhere(), guard=self._guard)
+        self._idle_disk = NO_DISK
         self._lag_s = 0.0
         self._next_s = 0.0
         self._beats = Beats((), time.monotonic(), 0.0)
@@ -188,11 +190,11 @@ class Engine:
         pieces = self._readers.take(BLOCK_FRAMES)
         batch = FrameBatch.concatenate([piece.frames for piece in pieces])
         facts, keeper = links or self._readers.facts(), self._keeper
-        disk = keeper.status if keeper else NO_DISK
-        self._recorder.step(batch, self._readers.hops(), now, facts, disk, self._pieces.status)
+        hops, queue = self._readers.hops(), self._pieces.status
+        self._recorder.step(batch, hops, now, facts, self._disk(), queue)
         if keeper is not None:
             keeper.tend(now.monotonic_s)
-            disk = keeper.status
+        disk = self._disk()
         done_s = time.monotonic()
         self._lag_s = max((done_s - piece.received_s for piece in pieces), default=0.0)
         durable = not (disk.failed or disk.held_frames)
@@ -211,8 +213,7 @@ class Engine:
 
     def _status(self, now: Now) -> Status:
         recording = self._recording
-        disk = recording.keeper.status if recording else NO_DISK
-        disk = replace(disk, lag_s=max(disk.lag_s, self._lag_s))
+        disk = replace(self._disk(), lag_s=max(self._disk().lag_s, self._lag_s))
         host = Host(
             recording.identity if recording else "",
             str(self._folder),
@@ -222,6 +223,12 @@ class Engine:
             self._derivation.status,
         )
         return self._recorder.status(now, host)
+
+    def _disk(self) -> DiskStatus:
+        if self._recording is not None:
+            self._idle_disk = replace(self._recording.keeper.status, lag_s=0.0, failed="")
+            return self._recording.keeper.status
+        return self._idle_disk
 
     def _carry_out(self, order: Order | Bench, by: str, answer: Future[Reply]) -> None:
         if not answer.set_running_or_notify_cancel():
@@ -247,7 +254,7 @@ class Engine:
             case AskCheck():
                 frames = self._recorder.recent(order.seconds)
                 bench = self._recorder.bench
-                self._checks.submit(_check, bench, frames, answer)
+                self._checks.submit(answer_check, bench, frames, answer)
                 return None
             case Start():
                 bench = configured(self._bench, order.bench_text or self._recorder.bench.text)
@@ -315,7 +322,7 @@ class Engine:
         recording.keeper.close(ended=True)
         self._recording = None
         bench = recording.recorder.bench
-        self._recorder = Recorder(bench, bench_codec(bench), _Nowhere(), guard=self._guard)
+        self._recorder = Recorder(bench, bench_codec(bench), Nowhere(), guard=self._guard)
         self._derive(recording)
 
     def _derive(self, recording: Recording) -> None:
@@ -377,33 +384,5 @@ class Engine:
         return answer
 
 
-class _Nowhere:
-    """Where frames go while nothing is recorded: they are looked at, and let go."""
-
-    def append(self, frames: FrameBatch, losses: HopLosses) -> None:
-        """Do nothing."""
-
-    def append_events(self, events: Sequence[Event]) -> None:
-        """Do nothing."""
-
-
 def _now() -> Now:
     return Now(time.time_ns(), time.monotonic())
-
-
-def _check(bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
-    """Check the bench, in a thread beside: seconds of a full bus take a while."""
-    from datetime import date
-
-    from .check import check_bench
-
-    try:
-        report = check_bench(bench, bench_codec(bench), frames, date.today())
-    except Exception as error:  # the one who asked is to hear of it
-        answer.set_exception(error)
-        return
-    lines = (
-        CheckItem(line.verdict.name, line.subject, line.reason, line.advice, dict(line.figures))
-        for line in report.lines
-    )
-    answer.set_result(Reply(0, check=tuple(lines)))

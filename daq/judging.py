@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import fields
 
 from .book import Book, BookStatus, Finding
@@ -12,6 +13,10 @@ from .recent import Block, RecentSamples
 from .runs import Losses
 from .verdict import RunMeasure, RunWindow, judge, peak_left
 
+UNJUDGED: Sequence[Finding] = (
+    Finding("unjudged", True, "", 0.0, 0.0, "", "the recorder could not judge it", ""),
+)
+"""When the verdict fails: a bump is not thrown away for that."""
 _SLACK_NS = 1_000_000_000
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 from dbc import Codec
 from dbc.frames import FrameBatch
@@ -19,8 +18,9 @@ from .alarms import AlarmState, Turn, acknowledged, watch
 from .book import Book, Code, Finding, advance, next_step, parse_label, verdict_entry
 from .campaign import Step
 from .config import Bench, bench_codec
+from .frame_store import FrameStore
 from .guard import Guard
-from .judging import Judge
+from .judging import UNJUDGED, Judge
 from .live import LiveRing
 from .messages import (
     Acknowledge,
@@ -42,27 +42,12 @@ from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings
 from .runs import Event, Losses
 from .source import HopLosses, LinkFacts
-from .standing import Host, due, redo_text, tallies, undo_text
+from .standing import NO_DISK, NO_QUEUE, Host, due, redo_text, tallies, undo_text
 from .verdict import RunMeasure
 
 RESTAMPED = "restamped"
 UNPLANNED = "unplanned_"
 """Put before the code of a bump (and of its end) that nobody waited for."""
-_UNJUDGED: Sequence[Finding] = [
-    Finding("unjudged", True, "", 0.0, 0.0, "", "the recorder could not judge it", "")
-]
-NO_DISK = DiskStatus(1 << 62, 0, 0, 0.0)
-NO_QUEUE = QueueStatus(0, 0, 1)
-
-
-class FrameStore(Protocol):
-    """Where a recorder puts what it is given."""
-
-    def append(self, frames: FrameBatch, losses: HopLosses) -> None:
-        """Store a block of frames, and the losses counted up to it."""
-
-    def append_events(self, events: Sequence[Event]) -> None:
-        """Store events."""
 
 
 class Recorder:
@@ -260,11 +245,9 @@ class Recorder:
         if self._loop.running:
             self._loop = run_loop.judged(self._loop, self._surroundings(self._t_ns))
 
-    def note(self, code: str, value: float, text: str, now: Now) -> Event:
+    def note(self, code: str, value: float, text: str, now: Now) -> None:
         """Store an event that is not in the frames, at the time of the latest one."""
-        event = Event(self._t_ns or now.wall_ns, code, value, text)
-        self._tell(event, [])
-        return event
+        self._tell(Event(self._t_ns or now.wall_ns, code, value, text), [])
 
     def status(self, now: Now, host: Host) -> Status:
         """Return where the recording stands."""
@@ -342,7 +325,6 @@ class Recorder:
             ready and full,
             self._book,
             self._due,
-            bench.campaign,
             bench.bump_s,
             bench.procedure.accept_after_s,
         )
@@ -394,10 +376,7 @@ class Recorder:
             return
         label = self._loop.label
         self._tell(replace(event, text=label), events)
-        unjudged = Finding(
-            "unjudged", True, "", 0.0, 0.0, "", "the recorder could not judge it", ""
-        )
-        findings = self._guard.value("verdict", now, (unjudged,), lambda: self._findings(label))
+        findings = self._guard.value("verdict", now, UNJUDGED, lambda: self._findings(label))
         self._tell(verdict_entry(event.t_ns, label, findings), events)
         self._loop = run_loop.judged(self._loop, self._surroundings(event.t_ns))
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from .book import Book, BookRun, BookStatus
-from .campaign import Campaign, Step
+from .campaign import Step
 from .messages import Phase, Until
 from .runs import Excitation
 
@@ -81,8 +81,6 @@ class Surroundings:
         The runs so far.
     due : Step or None
         `daq.book.next_step`.
-    campaign : Campaign
-        What is planned.
     bump_s, accept_after_s : float
         Duration of a bump; the operator's time to reject.
     """
@@ -91,7 +89,6 @@ class Surroundings:
     ready: bool
     book: Book
     due: Step | None
-    campaign: Campaign
     bump_s: float
     accept_after_s: float
 
@@ -114,18 +111,10 @@ def paused(state: LoopState, now: Surroundings) -> LoopState:
 
 
 def chosen(state: LoopState, now: Surroundings) -> LoopState:
-    """Return the loop after the choice of a step.
-
-    The boards have to be moved for another kind of bump, and only a person can tell when they are.
-    """
+    """Return the loop after the choice of a step."""
     if state.phase is Phase.COMPLETE:
         return _entered(state, Phase.IDLE, now.t_ns)
-    carries = state.until is Until.COMPLETE or state.running
-    if now.due is None or carries or (now.due.mass_state, now.due.excitation) == state.kind:
-        return state
-    if state.phase in (Phase.WAITING, Phase.ARMED):
-        return _entered(replace(state, until=None), Phase.IDLE, now.t_ns)
-    return replace(state, until=None) if state.phase in _JUDGED else state
+    return _stopped_if_strayed(state, now)
 
 
 def turned(state: LoopState, now: Surroundings) -> LoopState:
@@ -174,8 +163,9 @@ def decided(state: LoopState, now: Surroundings) -> LoopState:
         return state if phase is state.phase else _entered(state, phase, now.t_ns)
     if state.phase is Phase.COMPLETE and now.due is not None:
         return _entered(state, Phase.IDLE, now.t_ns)
-    done = now.due is None and not state.running
-    return _entered(replace(state, until=None), Phase.COMPLETE, now.t_ns) if done else state
+    if now.due is None and not state.running:
+        return _entered(replace(state, until=None), Phase.COMPLETE, now.t_ns)
+    return _stopped_if_strayed(state, now)
 
 
 def like_rejects(runs: tuple[BookRun, ...]) -> str:
@@ -197,12 +187,21 @@ def _after(state: LoopState, now: Surroundings) -> LoopState:
         return _entered(replace(state, until=None), Phase.COMPLETE, now.t_ns)
     if state.until is None:
         return _entered(state, Phase.PAUSED, now.t_ns)
-    over = state.until is Until.RUN
-    if state.until is Until.EXCITATION and state.kind is not None:
-        over = now.book.accepted(*state.kind) >= now.campaign.repeats
-    if over:
+    if state.until is Until.RUN:
         return _entered(replace(state, until=None), Phase.IDLE, now.t_ns)
-    return _entered(state, Phase.WAITING, now.t_ns)
+    return _stopped_if_strayed(_entered(state, Phase.WAITING, now.t_ns), now)
+
+
+def _stopped_if_strayed(state: LoopState, now: Surroundings) -> LoopState:
+    """Return the loop stopped if another kind of bump is due than the one it was armed for.
+
+    The boards have to be moved for it, and only a person can tell when they are.
+    """
+    kind = (now.due.mass_state, now.due.excitation) if now.due else None
+    armed_for_all = state.until is Until.COMPLETE
+    if state.phase in (Phase.WAITING, Phase.ARMED) and kind != state.kind and not armed_for_all:
+        return _entered(replace(state, until=None), Phase.IDLE, now.t_ns)
+    return state
 
 
 def _entered(state: LoopState, phase: Phase, t_ns: int) -> LoopState:

@@ -9,6 +9,10 @@ from .config import Bench
 from .messages import DiskStatus, Due, QueueStatus, SessionStatus, Tally
 from .runs import Excitation
 
+NO_DISK = DiskStatus(1 << 62, 0, 0, 0.0)
+NO_QUEUE = QueueStatus(0, 0, 1)
+"""Of a recorder that has no disk and no queue of its own."""
+
 
 @dataclass(frozen=True, slots=True)
 class Host:
