@@ -82,7 +82,7 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
         with _one_line(config):
             return open_socketcan(config.channel, bus)
     opened = open_bus(config)
-    return PythonCanSource(opened, _name(config), bus, doze=_doze_for(opened, config.interface))
+    return PythonCanSource(opened, _name(config), bus, doze=doze_for(opened, config.interface))
 
 
 def open_bus(config: BusConfig) -> can.BusABC:
@@ -162,7 +162,7 @@ Doze = Callable[[float], object]
 """Sleeps for so many seconds, or until a frame may be there."""
 
 
-def _doze_for(bus: can.BusABC, interface: str) -> Doze | None:
+def doze_for(bus: can.BusABC, interface: str) -> Doze | None:
     """Return how to wait for a bus from outside; None if its backend can be trusted to wait."""
     try:
         descriptor = bus.fileno()
