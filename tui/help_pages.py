@@ -17,6 +17,7 @@ SCREEN_PAGES = (
     "vehicle", "check", "home", "run", "masses", "identify", "results", "report", "sessions",
     "note",
 )  # fmt: skip
+_NONE = "# Help\n\nThere is no page for this. F1 on another screen tells of that screen.\n"
 
 
 def page_of(name: str) -> str:
@@ -29,18 +30,19 @@ def page_of(name: str) -> str:
     """
     if name in SCREEN_PAGES:
         return (files(__package__) / "help" / f"{name}.md").read_text("utf-8")
+    pages = []
     if name in WORDS:
         words = WORDS[name]
         kept = "\nNothing is lost: a rejected run is kept and can be taken back.\n"
-        return _explained(f"Rejected: {words.title}", words.meaning, words.advice, name) + kept
+        title = f"Rejected: {words.title}"
+        pages.append(_explained(title, words.meaning, words.advice, SKETCHES.get(name, "")) + kept)
     if name in EXPLAINED:
         alarm = EXPLAINED[name]
-        return _explained(f"Alarm: {alarm.title}", alarm.meaning, alarm.advice, name)
-    return "# Help\n\nThere is no page for this. F1 on another screen tells of that screen.\n"
+        pages.append(_explained(f"Alarm: {alarm.title}", alarm.meaning, alarm.advice, ""))
+    return "\n".join(pages) or _NONE
 
 
-def _explained(title: str, meaning: str, advice: str, name: str) -> str:
-    sketch = SKETCHES.get(name, "")
+def _explained(title: str, meaning: str, advice: str, sketch: str) -> str:
     drawn = f"\n```\n{sketch}\n```\n" if sketch else ""
     return f"# {title}\n\n{_sentence(meaning)}\n{drawn}\n**What to do:** {_sentence(advice)}\n"
 

@@ -178,7 +178,7 @@ def entry_line(entry: SessionEntry, mark: str, width: int) -> str:
 
 def _line(cells: tuple[str, str, str, str, str, str], width: int) -> str:
     date, vehicle, state, runs, rejected, note = cells
-    room = max(12, min(28, width - 62))
+    room = max(16, min(28, width - 62))
     text = (
         f"{printable(date, 16):<16}  {printable(vehicle, room):<{room}}  {state:<11}"
         f"{runs:>5}{rejected:>9}  {printable(note)}"

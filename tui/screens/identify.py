@@ -170,11 +170,11 @@ class IdentifyScreen(BenchScreen):
         lines = [
             f"{printable(status.vehicle, 60)}: {accepted} runs accepted, {rejected} rejected (kept)"
         ]
-        lines += [
-            f"  {t.mass_state} {t.excitation}: {t.accepted} of {t.planned}"
-            for t in status.tallies
-            if t.accepted < t.planned
-        ]
+        glyphs = self.bench_app.glyphs
+        for t in status.tallies:
+            mark = glyphs.good if t.accepted >= t.planned else glyphs.warn
+            kind = f"{t.mass_state} {t.excitation}"
+            lines.append(f"  {mark} {kind:<20} {t.accepted} of {t.planned} accepted")
         if status.session.path:
             lines.append(f"  session file: {printable(status.session.path)}")
         return lines

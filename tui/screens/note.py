@@ -36,7 +36,7 @@ class NoteScreen(ModalScreen[None]):
     NoteScreen { align: center middle; }
     NoteScreen > Vertical { width: 76; max-width: 100%; height: 14;
         border: solid $primary; background: $surface; padding: 0 1; }
-    NoteScreen TextArea { height: 1fr; border: none; }
+    NoteScreen TextArea, NoteScreen TextArea:focus { height: 1fr; border: none; padding: 0; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+s", "keep", "Keep", priority=True),

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
+from textual.screen import ModalScreen
 from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
@@ -52,6 +53,7 @@ class SessionsScreen(BenchScreen):
         self._first = ""
         self._trouble = ""
         self._reading = False
+        self._stale = True
 
     def compose_body(self) -> ComposeResult:
         """Lay out heading, list, what is chosen, and where one types."""
@@ -64,7 +66,12 @@ class SessionsScreen(BenchScreen):
         """Read the folder anew."""
         super().on_screen_resume()
         self.query_one("#list", OptionList).focus()
-        self.run_worker(self._read(), group="list", exclusive=True)
+        if self._stale:
+            self.run_worker(self._read(), group="list", exclusive=True)
+
+    def on_screen_suspend(self) -> None:
+        """Keep the list under a dialog; elsewhere a session may be made."""
+        self._stale = not isinstance(self.app.screen, ModalScreen)
 
     def on_resize(self) -> None:
         """Fit the lines."""

@@ -1,0 +1,218 @@
+"""The worker: its lines, a real child on a small session, and children that end badly."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import aclosing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import daq
+from daq.errors import InputError
+from daq.runs import RunStatus
+from daq.vehicle import FORD_GRANADA
+from tui.glyphs import GlyphSet, choose_glyphs
+from tui.long_work import LongWork, after, work_text
+from tui.outcome import parse_outcome
+from tui.outcome_of import without
+from tui.sessions import SessionEntry, entry_line, found
+from tui.work_lines import (
+    CompareTask,
+    Done,
+    ExportTask,
+    IdentifyTask,
+    Item,
+    Line,
+    ListTask,
+    Progress,
+    ReportTask,
+    Task,
+    Trouble,
+    line_bytes,
+    parse_line,
+    parse_task,
+    task_text,
+    trouble_of,
+)
+from tui.worker import lines_of
+
+from ..identify.stress import stress_session
+
+GLYPHS = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bench") / "session_0001.h5"
+    whole = stress_session("linear", 2, 100.0)
+    once = tuple(run for run in whole.runs if run.repeat == 1)
+    daq.write_session(path, replace(whole, runs=once))
+    return path
+
+
+def told(task: Task, see: Callable[[Line], None] = lambda _: None) -> list[Line]:
+    """Return the lines of a real child."""
+
+    async def listen() -> list[Line]:
+        lines: list[Line] = []
+        async with aclosing(lines_of(task, "the work")) as source:
+            async for line in source:
+                lines.append(line)
+                see(line)
+        return lines
+
+    return asyncio.run(listen())
+
+
+TASKS: tuple[Task, ...] = (
+    IdentifyTask("a b.h5", ("baseline_bounce_1",)),
+    ReportTask("a.h5", "a.html", "a.pdf"),
+    CompareTask(("a.h5", "\x1b[31m.h5")),
+    ExportTask("a.h5", "mf4"),
+    ListTask("."),
+)
+LINES: tuple[Line, ...] = (
+    Progress(0.5, "fitting"),
+    Item({"path": "a.h5"}),
+    Done({"numbers": [1.0, 2.5]}),
+    Trouble("a.h5", "no such file", "name another"),
+)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_task_crosses_the_command_line(task: Task) -> None:
+    assert parse_task(task_text(task)) == task
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_a_line_crosses_the_pipe(line: Line) -> None:
+    text = line_bytes(line)
+    assert text.count(b"\n") == 1
+    assert text.endswith(b"\n")
+    assert parse_line(text) == line
+
+
+@pytest.mark.parametrize("text", [b"", b"{", b"[]", b"warning: x\n", b'{"line": "done"}', b"\xff"])
+def test_what_is_no_line_is_passed_over(text: bytes) -> None:
+    assert parse_line(text) is None
+
+
+def test_an_error_keeps_its_advice() -> None:
+    error = InputError("a.h5", "is damaged", "build it again")
+    assert trouble_of(error, "x") == Trouble("a.h5", "is damaged", "build it again")
+    assert "RuntimeError" in trouble_of(RuntimeError("boom\x1b"), "x").what
+    assert "\x1b" not in trouble_of(RuntimeError("boom\x1b"), "x").what
+
+
+def test_progress_never_goes_back_and_names_each_stage_once() -> None:
+    work = LongWork()
+    for line in (Progress(0.1, "a"), Progress(0.5, "b"), Progress(0.3, "a")):
+        work = after(work, line)
+    assert (work.share, work.told) == (0.5, ("a", "b"))
+    text = "\n".join(work_text(after(work, Trouble("f", "broke", "mend it")), GLYPHS, 78))
+    assert "FAILED" in text
+    assert "mend it" in text
+
+
+def test_identify_in_a_child(session: Path) -> None:
+    lines = told(IdentifyTask(str(session)))
+    shares = [line.share for line in lines if isinstance(line, Progress)]
+    assert len(shares) > 3
+    assert isinstance(lines[-1], Done)
+    outcome = parse_outcome(lines[-1].body)
+    # Truth: the simulated car of the stress list is the Ford Granada.
+    truth = FORD_GRANADA
+    by_name = {row.name: row for row in outcome.parameters}
+    for name in ("m_s", "k_sf", "c_sr"):
+        row = by_name[name]
+        assert abs(row.value - getattr(truth, name)) < 3 * (row.high - row.value)
+    assert outcome.verdict in ("ok", "doubtful")  # one repeat of each
+    assert outcome.headline
+    assert {state.name for state in outcome.states} == {"baseline", "added"}
+    assert all(len(state.mass) == len(state.stiffness) == 7 for state in outcome.states)
+    assert all(run.curves for run in outcome.runs)
+
+
+def test_a_trial_without_a_run(session: Path) -> None:
+    whole = daq.read_session(session)
+    trial = without(whole, ("baseline_roll_1", "no_such_run_1"))
+    rejected = [run.label for run in trial.runs if run.status is RunStatus.REJECTED]
+    assert rejected == ["baseline_roll_1"]
+    assert [run.frames for run in trial.runs] == [run.frames for run in whole.runs]
+
+
+def test_a_broken_file_is_one_kind_line(session: Path, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.h5"
+    bad.write_bytes(session.read_bytes()[:-4000])
+    *_, last = told(ExportTask(str(bad), "csv"))
+    assert isinstance(last, Trouble)
+    assert "bad.h5" in last.text
+    assert "cut off" in last.what
+    assert "\n" not in last.text
+    assert "Traceback" not in last.text
+
+
+def test_a_killed_child_is_told(session: Path) -> None:
+    killed: list[int] = []
+
+    def kill(line: Line) -> None:
+        if not killed:
+            children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text()
+            for pid in map(int, children.split()):
+                if b"tui.work" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    os.kill(pid, signal.SIGKILL)
+                    killed.append(pid)
+
+    last = told(IdentifyTask(str(session)), kill)[-1]
+    assert killed
+    assert isinstance(last, Trouble)
+    assert "signal 9" in last.what
+
+
+def test_the_child_ends_when_its_terminal_does(session: Path) -> None:
+    task = task_text(IdentifyTask(str(session)))
+    command = [sys.executable, "-m", "tui.work", task]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        assert child.stdin is not None
+        assert child.stdout is not None
+        child.stdout.readline()
+        child.stdin.close()
+        assert child.wait(20.0) == 1
+        assert b'"done"' not in child.stdout.read()
+
+
+def test_the_list_tells_of_sessions_reports_and_bad_files(session: Path, tmp_path: Path) -> None:
+    good = tmp_path / "session_0001.h5"
+    good.write_bytes(session.read_bytes())
+    (tmp_path / "old").mkdir()
+    reported = tmp_path / "old" / "session_0002.h5"
+    reported.write_bytes(session.read_bytes())
+    reported.with_suffix(".html").write_text("report")
+    (tmp_path / "bad.h5").write_text("no HDF5 \x1b[31m")
+    lines = told(ListTask(str(tmp_path)))
+    entries = {line.body["path"]: line.body for line in lines if isinstance(line, Item)}
+    states = {Path(path).name: body["state"] for path, body in entries.items()}
+    assert states == {
+        "session_0001.h5": "ready",
+        "session_0002.h5": "reported",
+        "bad.h5": "damaged",
+    }
+    assert entries[str(good)]["accepted"] == 6
+    assert entries[str(good)]["vehicle"] == daq.read_session(session).vehicle.name
+
+
+@pytest.mark.parametrize("name", ["[/foo]", "[@click=app.quit]x[/]", "\x1b[2J", "日本語" * 20])
+def test_a_foreign_name_stays_text(name: str) -> None:
+    entry = SessionEntry("/b/s.h5", "/b", "2026-11-21 10:42", name, "ready", 3, 1, name)  # type: ignore[arg-type]
+    line = entry_line(entry, " ", 100)
+    assert "\x1b" not in line
+    assert len(line) == 100
+    assert found(entry, "2026-11 ready")
+    assert not found(entry, "reported")
