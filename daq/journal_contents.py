@@ -14,6 +14,8 @@ from .journal_format import JournalHead
 from .runs import Event
 from .source import HopLosses
 
+_NOTES = 20
+
 
 @dataclass(frozen=True, slots=True)
 class JournalLoss:
@@ -53,8 +55,10 @@ class JournalLoss:
 
     @property
     def text(self) -> str:
-        """All notes on one line; empty if nothing is missing."""
-        return "; ".join(self.notes)
+        """The notes on one line, the first of them if there are many; empty if there are none."""
+        more = len(self.notes) - _NOTES
+        told = self.notes[:_NOTES] + ((f"{more} more notes",) if more > 0 else ())
+        return "; ".join(told)
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,7 +88,7 @@ class _HopTable:
     def add(self, block: JournalBlock) -> None:
         if len(block.frames):
             self._t_ns = max(self._t_ns, int(block.frames.t_ns.max()))
-        row = (self._t_ns, *astuple(block.losses))
+        row = (self._t_ns, *_counts(block.losses))
         # `HopCounts.between` asks for the row before a span and the first one behind it: with
         # both ends of every level kept, it gets the same answer.
         if len(self._rows) >= 2 and self._rows[-1][1:] == row[1:] == self._rows[-2][1:]:
@@ -119,7 +119,7 @@ class JournalReader:
     def __init__(self, paths: Sequence[Path]) -> None:
         self._lost = JournalLoss()
         self._missing: list[tuple[str, int, int]] = []  # file, first number, number behind
-        self._gaps: list[tuple[str, Gap]] = []
+        self._gaps: dict[tuple[str, Gap], None] = {}
         self._open: list[JournalLoss] = []  # may have been written again in the next segment
         heads = {path: read_head(path) for path in paths}
         found = {path: head for path, head in heads.items() if head is not None}
@@ -196,11 +196,15 @@ class JournalReader:
                     self._missing.append((path.name, expected + corrupt, number))
                 self._settle()
                 expected, losses = number + 1, counted
-                self._gaps += [
-                    (event.code, gap)
-                    for event in events
-                    if (gap := parse_gap(event)) and gap.recording == self.head.identity
-                ]
+                for event in events:
+                    gap = parse_gap(event)
+                    # Told again when the segment that told it was to go: it counts once.
+                    if (
+                        gap
+                        and gap.recording == head.identity
+                        and (event.code, gap) not in self._gaps
+                    ):
+                        self._gaps.append((event.code, gap))
                 yield JournalBlock(frames, losses, events)
         self._settle()
 
@@ -249,7 +253,11 @@ def _plus(a: JournalLoss, b: JournalLoss) -> JournalLoss:
 
 
 def _sum(a: HopLosses, b: HopLosses) -> HopLosses:
-    return HopLosses(*(x + y for x, y in zip(astuple(a), astuple(b), strict=True)))
+    return HopLosses(*(x + y for x, y in zip(_counts(a), _counts(b), strict=True)))
+
+
+def _counts(losses: HopLosses) -> tuple[int, ...]:
+    return losses.bus_dropped, losses.bus_garbled, losses.restamped, losses.queue_dropped
 
 
 def _overlap(first: int, stop: int, gaps: Sequence[Gap]) -> int:

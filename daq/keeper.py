@@ -28,10 +28,10 @@ from .journal_format import (
     pack_events,
     pack_frames,
 )
-from .journal_gaps import DISK_GAP, ENDED, FILE_GONE, RETENTION, Gap, gap_event
+from .journal_gaps import DISK_GAP, ENDED, FILE_GONE, gap_event
 from .journal_segment import Block, JournalFile, Segment, SyncedFile
 from .messages import DiskStatus
-from .retention import Retention
+from .retention import Retention, parting_events
 from .room import Room, low_text, place_of, room_on, taken_away, too_little
 from .runs import Event
 from .source import HopLosses
@@ -366,8 +366,7 @@ class Keeper:
         if going is None:
             return  # still looking through the old segments
         for info in going:
-            gap = Gap(info.recording, info.first, info.stop, info.frames, info.path.name)
-            self.append_events([gap_event(RETENTION, self._t_ns, gap)])
+            self.append_events(parting_events(info, self._head.identity, self._t_ns))
             self._retention.delete(info)
         self._kept_text = (
             ""

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from .book import Code
 from .derived import derived_recordings
 from .errors import InputError
 from .journal_folder import segments_in
+from .journal_gaps import RETENTION, Gap, gap_event, parse_gap
 from .journal_scan import SegmentInfo, scan
+from .runs import Event
 
 REACH_NS = 1_200_000_000_000
 """Longer than any run reaches before and after its bump."""
@@ -65,6 +68,27 @@ def oldest(may: Iterable[SegmentInfo], excess_bytes: float) -> tuple[SegmentInfo
         going.append(info)
         excess_bytes -= info.bytes
     return tuple(going)
+
+
+def parting_events(info: SegmentInfo, open_recording: str, t_ns: int) -> tuple[Event, ...]:
+    """Return what must be written before a segment is deleted: that it is, and what it told itself.
+
+    Gaps of the open recording that only this segment knew of would look like losses later.
+    """
+    own = Gap(info.recording, info.first, info.stop, info.frames, info.path.name)
+    events: list[Event] = []
+    for _, event in info.events:
+        gap = parse_gap(event)
+        if gap is None or gap.recording != open_recording:
+            continue
+        touches = gap.recording == own.recording and gap.stop >= own.first >= gap.first
+        if event.code == RETENTION and touches:
+            first, stop = min(gap.first, own.first), max(gap.stop, own.stop)
+            file = f"{gap.file.partition(' ')[0]} to {own.file}"
+            own = replace(own, first=first, stop=stop, frames=own.frames + gap.frames, file=file)
+        else:
+            events.append(event)
+    return (*events, gap_event(RETENTION, t_ns, own))
 
 
 def _tells(info: SegmentInfo) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -53,11 +54,11 @@ def fail_once(folder: Path, kind: str, nth: int) -> bool:
     return disk.failed
 
 
-def faults(folder: Path, up_to: int) -> int:
-    """Let operation 1, 2, ... `up_to` fail, in each way; return how many did."""
+def faults(folder: Path, operations: Iterable[int]) -> int:
+    """Let each of these operations fail, in each way; return how many did."""
     failed = 0
-    for kind in KINDS:
-        for nth in range(1, up_to + 1):
+    for nth in operations:
+        for kind in KINDS:
             place = folder / f"{kind}{nth}"
             failed += fail_once(place, kind, nth)
             shutil.rmtree(place)

@@ -1,0 +1,119 @@
+"""Kills, crash images, failing operations, full and vanishing disks: `python -m tests.daq.crash`.
+
+The figures reached are printed for the recorder's manual; any frame lost is an error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from .crash_derive import journal_of_runs, kill_derive, rates
+from .crash_faults import faults
+from .crash_frames import RATE_HZ
+from .crash_full import disks_full
+from .crash_images import images
+from .crash_kills import kills
+from .crash_taken import TAKINGS, read_only, take_away, unmounted
+
+
+def _kills(folder: Path, count: int) -> str:
+    done = kills(folder, count)
+    flight = [kill.in_flight / RATE_HZ * 1e3 for kill in done if not kill.hot] or [0.0]
+    frames = sum(kill.read for kill in done)
+    return (
+        f"{len(done)} kills, {sum(kill.hot for kill in done)} unthrottled, {frames:,} frames read:"
+        f" 0 acknowledged lost, 0 wrong; in flight {np.median(flight):.0f} ms, at most"
+        f" {max(flight):.0f} ms"
+    )
+
+
+def _images(folder: Path, count: int) -> str:
+    beyond = images(folder, count)
+    return f"{count} crash images: 0 acknowledged lost, 0 wrong; {beyond} held more than that"
+
+
+def _faults(folder: Path, count: int) -> str:
+    failed = faults(folder, range(1, count + 1))
+    return f"{failed} failing operations (EIO, ENOSPC, short, fdatasync): 0 lost, 0 doubled"
+
+
+def _full(folder: Path, sizes: int) -> str:
+    done = disks_full(folder, sizes, full_s=90.0)
+    kinds = ", ".join(sorted({full.kind for full in done}))
+    return (
+        f"{len(done)} full disks ({kinds}): 0 recorded lost,"
+        f" {sum(full.dropped for full in done):,} frames dropped and told of exactly; alarm"
+        f" {max(full.alarm_s for full in done):.1f} s, taken up"
+        f" {max(full.resumed_s for full in done):.1f} s after room came back, memory"
+        f" +{max(full.grown_bytes for full in done) / 1e6:.0f} MB"
+    )
+
+
+def _power(_: Path, cuts: int) -> str:
+    return f"{cuts} power cuts: not tried here, they need a snapshot of a disk in mid-write"
+
+
+def _taken(folder: Path, count: int) -> str:
+    slowest = 0.0
+    for i in range(count):
+        for name, how in TAKINGS.items():
+            slowest = max(slowest, take_away(folder / f"{name}{i}" / "journal", how))
+        read_only(folder / f"read-only{i}")
+        told_s = unmounted(folder / f"unmounted{i}")
+        slowest = max(slowest, told_s or 0.0)
+    mounted = "" if told_s is not None else " (no right to mount: not unmounted)"
+    return f"{count} x {', '.join(TAKINGS)}, read-only, unmounted{mounted}: told in {slowest:.1f} s"
+
+
+def _derive(folder: Path, count: int) -> str:
+    segments = journal_of_runs(folder / "small", 200_000)
+    done = kill_derive(folder, segments, count)
+    verified, derived = rates(folder / "large", 4_000_000)
+    return (
+        f"{count} kills in mid-derivation: {done.absent} left no file, {done.whole} a whole one;"
+        f" derived again bit-equal; {verified / 1e6:.1f} M frames/s verified,"
+        f" {derived / 1e6:.1f} M frames/s derived"
+    )
+
+
+CAMPAIGNS: dict[str, tuple[Callable[[Path, int], str], int]] = {
+    "R1": (_kills, 200),
+    "R2": (_images, 3000),
+    "R3": (_faults, 200),
+    "R4": (_full, 20),
+    "R5": (_power, 10),
+    "R6": (_taken, 3),
+    "R7": (_derive, 50),
+}
+
+
+def main() -> int:
+    """Run the campaigns; sizes can be given, like `--R1 20`."""
+    parser = argparse.ArgumentParser(description="Kill, fill and take away what a recorder needs.")
+    for name, (_, count) in CAMPAIGNS.items():
+        parser.add_argument(f"--{name}", type=int, default=count)
+    sizes = vars(parser.parse_args())
+    code = 0
+    for name, (campaign, _) in CAMPAIGNS.items():
+        if not sizes[name]:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            began_s = time.monotonic()
+            try:
+                text = campaign(Path(folder), sizes[name])
+            except AssertionError as error:
+                text, code = f"FAILED: {error}", 1
+            sys.stdout.write(f"{name}  {text}  [{time.monotonic() - began_s:.0f} s]\n")
+            sys.stdout.flush()
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

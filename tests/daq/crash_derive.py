@@ -1,0 +1,136 @@
+"""R7: session files derived twice are equal, and a kill leaves a whole file or none."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from daq.config import RecorderConfig
+from daq.derive import derive
+from daq.journal_format import JournalHead
+from daq.journal_reader import JournalReader
+from daq.keeper import Keeper
+from daq.runs import Event
+from daq.source import HopLosses
+from dbc.frames import FrameBatch
+
+from .crash_disk import QuickFile
+from .small_campaign import LABELS, START_NS, bumps, small_bench, small_codec
+
+_STEP_NS = 62_500
+_BLOCK_FRAMES = 1600
+
+
+def journal_of_runs(folder: Path, frames: int) -> tuple[Path, ...]:
+    """Record 16 000 frames a second with four bumps in them, in several segments."""
+    bench = small_bench()
+    one = bumps(small_codec(), 10)
+    head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0, "ab" * 16)
+    places = [round(frames * (k + 0.5) / len(LABELS)) for k in range(len(LABELS))]
+    keeper = Keeper(folder, head, RecorderConfig(segment_bytes=frames * 10.0), QuickFile)
+    for first in range(0, frames, _BLOCK_FRAMES):
+        n = np.arange(first, min(first + _BLOCK_FRAMES, frames))
+        part = one.select(n % len(one))
+        keeper.append(
+            FrameBatch(
+                START_NS + n * _STEP_NS, part.can_id, part.flags, part.bus, part.length, part.data
+            ),
+            HopLosses(),
+        )
+        for label, place in zip(LABELS, places, strict=True):
+            if first <= place < first + _BLOCK_FRAMES:
+                keeper.append_events([Event(START_NS + place * _STEP_NS, "bump", 9.0, label)])
+        keeper.tend(first * 1e-9 * _STEP_NS)
+    keeper.close(ended=True)
+    return keeper.paths
+
+
+def run_derive(target: Path, segments: Sequence[Path]) -> subprocess.Popen[str]:
+    """Start the derivation as the recorder does."""
+    command = [sys.executable, "-m", "daq.derive", str(target), *map(str, segments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    """Return every dataset and attribute of an HDF5 file, as bytes."""
+    found: dict[str, bytes] = {}
+
+    def visit(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = np.asarray(item[()]).tobytes()
+        for key, value in item.attrs.items():
+            if key not in ("DIMENSION_LIST", "REFERENCE_LIST"):  # addresses within the file
+                found[f"{name}@{key}"] = repr(value).encode()
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class DeriveKills:
+    """Kills in mid-derivation: how many left no file, and how many a whole one."""
+
+    absent: int
+    whole: int
+
+
+def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 7) -> DeriveKills:
+    """Kill `count` derivations at random moments of the time that one takes.
+
+    Raises
+    ------
+    AssertionError
+        If a file under the final name differs from the undisturbed one.
+    """
+    began_s = time.monotonic()
+    with run_derive(folder / "undisturbed.h5", segments) as process:
+        assert process.stdout is not None
+        told = json.loads(process.stdout.readline())
+    whole_s = time.monotonic() - began_s
+    assert (told["loss"], told["runs"], process.returncode) == ("", len(LABELS), 0)
+    true = contents(folder / "undisturbed.h5")
+    assert true
+    rng = np.random.default_rng(seed)
+    absent = whole = 0
+    target = folder / "killed.h5"
+    for _ in range(count):
+        target.unlink(missing_ok=True)
+        with run_derive(target, segments) as process:
+            try:
+                # Most of the time goes to imports; the writing is at the end.
+                process.wait(rng.uniform(0.5, 1.0) * whole_s)
+            except subprocess.TimeoutExpired:
+                process.send_signal(signal.SIGKILL)
+        if target.exists():
+            whole += 1
+            assert contents(target) == true, "half a file under the final name"
+        else:
+            absent += 1
+    assert derive(segments, target).runs == len(LABELS)
+    assert contents(target) == true, "derived twice, and not the same"
+    assert not list(folder.glob(".*.tmp"))
+    return DeriveKills(absent, whole)
+
+
+def rates(folder: Path, frames: int) -> tuple[float, float]:
+    """Return how fast a journal is verified and derived, frames/s."""
+    segments = journal_of_runs(folder, frames)
+    began_s = time.monotonic()
+    reader = JournalReader(segments)
+    count = sum(len(block.frames) for block in reader)
+    verified_s = time.monotonic() - began_s
+    assert count == frames
+    assert not reader.lost.any
+    began_s = time.monotonic()
+    derive(segments, folder / "session.h5")
+    return frames / verified_s, frames / (time.monotonic() - began_s)
