@@ -152,9 +152,7 @@ class Recorder:
             Cumulative counts up to this block, since this recorder was started.
         now : Now
             The host's clocks.
-        links : sequence of LinkFacts
-            The buses.
-        disk, queue : DiskStatus, QueueStatus
+        links, disk, queue : sequence of LinkFacts, DiskStatus, QueueStatus
             As they stand.
 
         Returns
@@ -357,11 +355,13 @@ class Recorder:
                 case _:
                     self._tell(event, events)
                     if event.code == trigger.CLOCK_STEP:
+                        self._first_ns = event.t_ns
                         self.cut("the time stamps fell back")
 
     def _bumped(self, event: Event, events: list[Event]) -> None:
-        # The trigger had armed by then, be it within this very block.
-        self._loop = run_loop.turned(self._loop, self._surroundings(event.t_ns, ready=True))
+        self._loop = run_loop.turned(
+            self._loop, self._surroundings(event.t_ns, ready=True)
+        )  # it was
         due = self._due
         if due is None or not self._loop.takes_bumps:
             self._tell(replace(event, code=UNPLANNED + event.code), events)

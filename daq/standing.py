@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from .book import Book, BookStatus, Change, next_step
 from .config import Bench
 from .messages import DiskStatus, Due, QueueStatus, SessionStatus, Tally
+from .procedure import instruction
 from .runs import Excitation
 
 NO_DISK = DiskStatus(1 << 62, 0, 0, 0.0)
@@ -40,8 +41,8 @@ def due(bench: Bench, book: Book) -> Due | None:
     if step is None:
         return None
     tally = _tally(bench, book, (step.mass_state, step.excitation))
-    instruction = bench.procedure.instructions.get(step.excitation, "")
-    return Due(step, tally.accepted, tally.planned, tally.rejected, instruction)
+    told = instruction(bench.procedure, step.excitation)
+    return Due(step, tally.accepted, tally.planned, tally.rejected, told)
 
 
 def tallies(bench: Bench, book: Book) -> tuple[Tally, ...]:

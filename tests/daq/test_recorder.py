@@ -1,76 +1,172 @@
+"""The recorder block by block, without threads: what is stored, labelled, judged and refused."""
+
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from daq import judging
+from daq.book import BookStatus, fold
 from daq.channels import Quantity
 from daq.config import Bench
 from daq.errors import InputError
 from daq.journal import Journal, JournalError
 from daq.journal_reader import read_journal
+from daq.messages import (
+    Accept,
+    Acknowledge,
+    Arm,
+    Choose,
+    Configure,
+    Mark,
+    Note,
+    OverrideWarning,
+    Pause,
+    Phase,
+    QueueStatus,
+    Redo,
+    Reject,
+    SessionStatus,
+    Status,
+    Undo,
+    Until,
+)
+from daq.now import Now
+from daq.order_events import OrderError
+from daq.procedure import Procedure
 from daq.recorder import Recorder
-from daq.runs import Event, Losses
-from daq.source import HopLosses
+from daq.runs import Event, Excitation, Losses
+from daq.source import HopLosses, LinkFacts, SourceLosses
+from daq.standing import NO_DISK, Host
+from daq.verdict import RunMeasure
 from dbc import Codec, FrameBatch, FrameFlag
 
-from .small_campaign import (
-    CAMPAIGN,
-    LABELS,
-    PERIOD_S,
-    PLANNED,
-    START_NS,
-    blocks,
-    bumps,
-    codes,
-)
+from .small_campaign import CAMPAIGN, LABELS, PERIOD_S, PLANNED, START_NS, blocks, bumps, codes
+
+HOST = Host("id", "folder", "test", NO_DISK, QueueStatus(0, 0, 1), SessionStatus())
+LINK = LinkFacts("can0", 1_000_000, True, "", "", 0.0, 0, SourceLosses())
 
 
+@pytest.fixture
+def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
+    """Return a bench whose runs come thick and fast; its judge lets everything pass."""
+    monkeypatch.setattr(judging, "judge", lambda *_: ((), RunMeasure()))
+    return replace(bench, procedure=Procedure(accept_after_s=0.1))
+
+
+def now(block: FrameBatch | None = None) -> Now:
+    t_ns = int(block.t_ns[-1]) if block is not None and len(block) else START_NS
+    return Now(t_ns, 100.0 + (t_ns - START_NS) * 1e-9)
+
+
+def feed(recorder: Recorder, given: Sequence[FrameBatch]) -> list[Event]:
+    return [
+        event for block in given for event in recorder.step(block, HopLosses(), now(block), [LINK])
+    ]
+
+
+def runs_of(events: Sequence[Event]) -> list[tuple[str, str]]:
+    return [pair for pair in codes(events) if pair[0] in ("bump", "run_end")]
+
+
+def status(recorder: Recorder) -> Status:
+    return recorder.status(now(), HOST)
+
+
+def armed(bench: Bench, codec: Codec, store: Journal, until: Until = Until.COMPLETE) -> Recorder:
+    recorder = Recorder(bench, codec, store)
+    recorder.carry_out(Arm(until), "Ann", now())
+    return recorder
+
+
+@pytest.mark.parametrize("size", [100, 37, 100_000])
 def test_runs_are_labelled_in_the_order_of_the_campaign_and_stored(
-    bench: Bench, codec: Codec, journal: Journal
+    quick: Bench, codec: Codec, journal: Journal, size: int
 ) -> None:
-    recorder = Recorder(bench, codec, journal)
-    assert recorder.status([]).step == CAMPAIGN.steps[0]
-    events: list[Event] = []
-    for block in blocks(bumps(codec, len(LABELS))):
-        events += recorder.step(block, HopLosses())
-        assert recorder.complete == (codes(events) == PLANNED)
-
-    assert codes(events) == PLANNED
+    recorder = armed(quick, codec, journal)
+    assert status(recorder).phase is Phase.WAITING
+    events = feed(recorder, blocks(bumps(codec, len(LABELS)), size))
+    assert runs_of(events) == PLANNED
     for k, event in enumerate(e for e in events if e.code == "bump"):
         assert event.t_ns == START_NS + round((k * PERIOD_S + 0.501) * 1e9)
     assert recorder.complete
     assert recorder.losses == Losses()
     journal.close()
     contents = read_journal(journal.paths)
-    assert contents.events == tuple(events)
+    assert contents.events[-len(events) :] == tuple(events)
     assert len(contents.frames) == len(LABELS) * 1200
+    # The book is what the journal says, and nothing else.
+    assert fold(contents.events) == recorder.book
+    assert {run.status for run in recorder.book.runs} == {BookStatus.ACCEPTED}
 
 
-def test_a_bump_after_the_campaign_is_kept_apart(
-    bench: Bench, codec: Codec, journal: Journal
+def test_a_bump_that_nobody_waits_for_is_told_and_consumes_nothing(
+    quick: Bench, codec: Codec, journal: Journal
 ) -> None:
-    recorder = Recorder(bench, codec, journal)
-    events = recorder.step(bumps(codec, len(LABELS) + 1), HopLosses())
-    assert codes(events)[:-2] == PLANNED
-    assert [e.code for e in events[-2:]] == ["unplanned_bump", "unplanned_run_end"]
+    recorder = Recorder(quick, codec, journal)
+    events = feed(recorder, blocks(bumps(codec, 1)))
+    unplanned = ["unplanned_bump", "unplanned_run_end"]
+    assert [e.code for e in events if "alarm" not in e.code] == unplanned
+    assert recorder.book.runs == ()
+    recorder.carry_out(Arm(), "Ann", now())
+    recorder.carry_out(Pause(), "Ann", now())
+    later = replace(bumps(codec, 1), t_ns=bumps(codec, 1).t_ns + 1_200_000_000)
+    assert [e.code for e in feed(recorder, blocks(later)) if "alarm" not in e.code] == unplanned
+    assert status(recorder).phase is Phase.PAUSED
 
 
 def test_the_status_says_what_is_due_and_what_is_going_on(
-    bench: Bench, codec: Codec, journal: Journal
+    quick: Bench, codec: Codec, journal: Journal
 ) -> None:
-    recorder = Recorder(bench, codec, journal)
+    recorder = armed(quick, codec, journal)
     frames = bumps(codec, 1)
-    events = recorder.step(frames.select(slice(0, 700)), HopLosses())
-    status = recorder.status(events)
-    assert status.running == status.step == CAMPAIGN.steps[0]
-    assert (status.done, status.planned, status.frames) == (0, len(LABELS), 700)
-    assert status.t_ns == frames.t_ns[699]
-    assert codes(status.events) == PLANNED[:1]
-    recorder.step(frames.select(slice(700, None)), HopLosses())
-    status = recorder.status([])
-    assert (status.running, status.step, status.done) == (None, CAMPAIGN.steps[1], 1)
+    feed(recorder, blocks(frames.select(slice(0, 700))))
+    told = status(recorder)
+    assert told.phase is Phase.TRIGGERED
+    assert told.due is not None
+    assert told.due.step == CAMPAIGN.steps[0]
+    assert (told.due.accepted, told.due.planned, told.due.rejected) == (0, 1, 0)
+    assert "40 mm" in told.due.instruction
+    assert told.t_ns == frames.t_ns[699]
+    assert (told.bump_ns - START_NS) * 1e-9 == pytest.approx(0.501)
+    assert [(run.label, run.status) for run in told.runs] == [(LABELS[0], BookStatus.OPEN)]
+    assert [bus.frames for bus in told.buses] == [700]
+    feed(recorder, blocks(frames.select(slice(700, 1020))))
+    told = status(recorder)
+    assert (told.phase, told.undo, told.redo) == (Phase.ACCEPTED, f"{LABELS[0]} accepted", "")
+    assert told.countdown_s == pytest.approx(0.1, abs=0.02)
+    assert told.due is not None
+    assert told.due.step == CAMPAIGN.steps[1]
+    assert [tally.accepted for tally in told.tallies] == [1, 0, 0, 0]
+
+
+def test_live_samples_are_told_once_and_kept_for_those_who_come_later(
+    quick: Bench, codec: Codec, journal: Journal
+) -> None:
+    recorder = Recorder(quick, codec, journal)
+    frames = bumps(codec, 1)
+    bins: dict[int, float | None] = {}
+    for block in blocks(frames):
+        feed(recorder, [block])
+        live = recorder.live()
+        if live is not None:
+            lane = next(lane for lane in live.lanes if lane.channel == "hub_acc_fl")
+            new = dict(enumerate(lane.high, live.first_bin))
+            assert not bins.keys() & new.keys()
+            bins |= new
+    in_bump = [bins[k] for k in bins if 0.53 < k * 0.02 - START_NS * 1e-9 < 0.66]
+    assert in_bump == [pytest.approx(20.0, abs=0.05)] * len(in_bump)
+    assert len(in_bump) >= 6
+    history = recorder.history(0.5)
+    lane = next(lane for lane in history.lanes if lane.channel == "hub_acc_fl")
+    assert len(lane.high) == 25
+    assert dict(enumerate(lane.high, history.first_bin)).items() <= bins.items()
+    other = next(lane for lane in history.lanes if lane.channel == "pitch_rate")
+    assert set(other.high) == {None}
 
 
 def test_losses_of_every_hop_add_up(bench: Bench, codec: Codec, journal: Journal) -> None:
@@ -89,7 +185,8 @@ def test_losses_of_every_hop_add_up(bench: Bench, codec: Codec, journal: Journal
 
     recorder = Recorder(bench, codec, journal)
     for block in blocks(frames):
-        recorder.step(block, HopLosses(bus_dropped=1, bus_garbled=2, queue_dropped=3))
+        hops = HopLosses(bus_dropped=1, bus_garbled=2, queue_dropped=3)
+        recorder.step(block, hops, now(block), [LINK])
 
     assert recorder.losses == Losses(
         bus_dropped=1,
@@ -114,16 +211,16 @@ def test_a_block_that_cannot_be_stored_is_not_used(bench: Bench, codec: Codec) -
 
     recorder = Recorder(bench, codec, Full())
     with pytest.raises(JournalError):
-        recorder.step(bumps(codec, 1), HopLosses())
-    assert recorder.status([]).frames == 0
+        recorder.step(bumps(codec, 1), HopLosses(), now())
+    assert status(recorder).t_ns == 0
 
 
 def test_stamps_of_another_epoch_are_told_once(
     bench: Bench, codec: Codec, journal: Journal
 ) -> None:
     recorder = Recorder(bench, codec, journal)
-    first = recorder.step(FrameBatch.empty(), HopLosses(restamped=5))
-    again = recorder.step(FrameBatch.empty(), HopLosses(restamped=9))
+    first = recorder.step(FrameBatch.empty(), HopLosses(restamped=5), now())
+    again = recorder.step(FrameBatch.empty(), HopLosses(restamped=9), now())
     assert [event.code for event in first] == ["restamped"]
     assert again == ()
 
@@ -137,3 +234,144 @@ def test_a_bench_that_cannot_trigger_or_does_not_fit_its_dbc_is_refused(
     wrong = (replace(bench.channels[0], signal="HUB_Front.nothing"), *bench.channels[1:])
     with pytest.raises(InputError, match=r"no signal 'HUB_Front\.nothing'"):
         Recorder(replace(bench, channels=wrong), codec, journal)
+
+
+def test_a_consumer_that_fails_costs_no_frame_and_is_named_once_a_second(
+    quick: Bench, codec: Codec, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise RuntimeError("no luck\x1b")
+
+    recorder = Recorder(quick, codec, journal)
+    monkeypatch.setattr(Codec, "decode", broken)
+    events = feed(recorder, blocks(bumps(codec, 2)))  # 2.4 s
+    told = [event for event in events if event.code == "consumer_failed"]
+    assert [event.text for event in told] == ["decode: RuntimeError('no luck\\x1b')"] * 3
+    assert sum(event.value for event in told) >= 21
+    assert "consumer_failed" in {alarm.code for alarm in status(recorder).alarms}
+    monkeypatch.undo()
+    later = [replace(b, t_ns=b.t_ns + 2_400_000_000) for b in blocks(bumps(codec, 6))]
+    feed(recorder, later)
+    assert "consumer_failed" not in {alarm.code for alarm in status(recorder).alarms}
+    journal.close()
+    assert len(read_journal(journal.paths).frames) == 8 * 1200
+
+
+def test_a_verdict_that_fails_does_not_throw_the_bump_away(
+    quick: Bench, codec: Codec, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(judging, "judge", broken)
+    recorder = armed(quick, codec, journal)
+    events = feed(recorder, blocks(bumps(codec, 1)))
+    assert "consumer_failed" in [event.code for event in events]
+    (run,) = recorder.book.runs
+    assert run.status is BookStatus.ACCEPTED
+    assert [finding.code for finding in run.findings] == ["unjudged"]
+
+
+def test_stamps_that_fall_back_cut_the_run(quick: Bench, codec: Codec, journal: Journal) -> None:
+    recorder = armed(quick, codec, journal)
+    frames = bumps(codec, 2)
+    feed(recorder, blocks(frames.select(slice(0, 700))))
+    back = replace(frames, t_ns=frames.t_ns - 3600 * 10**9)
+    events = feed(recorder, blocks(back))
+    assert recorder.book.runs[0].reasons == ("cut: the time stamps fell back",)
+    assert runs_of(events)[0] == ("bump", "baseline_bounce_2")
+
+
+def test_orders_are_written_down_and_those_that_make_no_sense_refused(
+    quick: Bench, codec: Codec, journal: Journal
+) -> None:
+    recorder = armed(quick, codec, journal)
+    for order, why in (
+        (Undo(), "no verdict to undo"),
+        (Redo(), "nothing to redo"),
+        (Reject(), "no run yet"),
+        (Accept("baseline_bounce_1"), "no run 'baseline_bounce_1'"),
+        (Choose("loaded", Excitation.ROLL), "'loaded' is no mass state"),
+        (Note("x", "y"), "no run 'y'"),
+    ):
+        with pytest.raises(OrderError, match=why):
+            recorder.carry_out(order, "Ann", now())
+    frames = bumps(codec, 1)
+    feed(recorder, blocks(frames.select(slice(0, 700))))
+    with pytest.raises(OrderError, match="is being recorded"):
+        recorder.carry_out(Configure(quick.text), "Ann", now())
+    feed(recorder, blocks(frames.select(slice(700, None))))
+    recorder.carry_out(Reject(reason="foot"), "Ann", now())
+    with pytest.raises(OrderError, match="rejected already"):
+        recorder.carry_out(Reject("baseline_bounce_1"), "Ann", now())
+    with pytest.raises(OrderError, match="say why"):
+        recorder.carry_out(Accept("baseline_bounce_1"), "Ann", now())
+    recorder.carry_out(Undo(), "Ann", now())
+    recorder.carry_out(Redo(), "Ann", now())
+    recorder.carry_out(Accept("baseline_bounce_1", "it was mine"), "Bob", now())
+    recorder.carry_out(Mark("here"), "Bob", now())
+    recorder.carry_out(Note("wet", "baseline_bounce_1"), "Bob", now())
+    recorder.carry_out(OverrideWarning("bus", "known"), "Bob", now())
+    recorder.carry_out(Acknowledge(), "Bob", now())
+    recorder.carry_out(Choose("added", Excitation.WARP), "Bob", now())
+    told = status(recorder)
+    assert told.due is not None
+    assert told.due.step.label == "added_warp_1"
+    assert [(note.text, note.label) for note in told.notes] == [
+        ("here", ""),
+        ("wet", "baseline_bounce_1"),
+    ]
+    assert [(one.subject, one.by) for one in told.overrides] == [("bus", "Bob")]
+    (run,) = told.runs
+    assert (run.status, run.by, run.reason) == (BookStatus.ACCEPTED, "Bob", "it was mine")
+    journal.close()
+    events = read_journal(journal.paths).events
+    assert fold(events) == recorder.book
+    assert {e.t_ns for e in events if e.code == "mark"} == {int(frames.t_ns[-1])}
+
+
+def test_bench_toml_may_change_within_a_recording(
+    quick: Bench, codec: Codec, journal: Journal
+) -> None:
+    recorder = Recorder(quick, codec, journal)
+    for changed, why in (
+        ("[[[", "is not TOML"),
+        (quick.text.replace("bitrate = 1000000", "bitrate = 500000"), "other buses"),
+        (quick.text.replace('dbc = ""', 'dbc = "my.dbc"'), "another DBC"),
+        (quick.text.replace("repeats = 2", "repeats = -2"), "repeats"),
+    ):
+        with pytest.raises(OrderError, match=why):
+            recorder.carry_out(Configure(changed), "Ann", now())
+    assert recorder.bench == quick
+    other = quick.text.replace('name = "Ford Granada"', 'name = "Other"')
+    recorder.carry_out(Configure(other), "Ann", now())
+    assert status(recorder).vehicle == "Other"
+    journal.close()
+    assert [(e.code, e.text) for e in read_journal(journal.paths).events] == [("bench", other)]
+
+
+def test_the_end_of_a_recording_cuts_the_run(quick: Bench, codec: Codec, journal: Journal) -> None:
+    recorder = armed(quick, codec, journal)
+    feed(recorder, blocks(bumps(codec, 1).select(slice(0, 700))))
+    recorder.cut("the recording was ended")
+    assert recorder.book.runs[0].reasons == ("cut: the recording was ended",)
+    verdict = json.loads(next(e.text for e in _events(journal) if e.code == "verdict"))
+    assert (verdict["label"], verdict["accepted"]) == (LABELS[0], False)
+
+
+def _events(journal: Journal) -> tuple[Event, ...]:
+    journal.close()
+    return read_journal(journal.paths).events
+
+
+def test_the_last_seconds_are_at_hand_for_the_check(
+    quick: Bench, codec: Codec, journal: Journal
+) -> None:
+    recorder = Recorder(quick, codec, journal)
+    frames = bumps(codec, 12)  # 14.4 s
+    feed(recorder, blocks(frames))
+    np.testing.assert_array_equal(recorder.recent(5.0).t_ns, frames.t_ns[-5001:])
+    assert len(recorder.recent(10.0)) == 10_001
+    # After the clock was set back only the new frames are recent.
+    feed(recorder, [replace(b, t_ns=b.t_ns - 10**12) for b in blocks(bumps(codec, 1))])
+    assert len(recorder.recent(10.0)) == 1200
