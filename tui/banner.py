@@ -114,6 +114,12 @@ def _last(status: Status) -> BookRun | None:
     return judged[-1] if judged else None
 
 
+def _count(status: Status, run: BookRun) -> str:
+    kind = (run.mass_state, run.excitation)
+    same = next((t for t in status.tallies if (t.mass_state, t.excitation) == kind), None)
+    return f"{same.accepted} of {same.planned} accepted" if same else ""
+
+
 def _age(status: Status) -> str:
     return f"{max(0.0, (status.t_ns - status.bump_ns) * 1e-9):.1f}" if status.bump_ns else ""
 
@@ -136,7 +142,7 @@ def _accepted(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     seconds = _countdown(status)
     after = f"The next run arms itself in {seconds} s." if seconds else "The last of its kind."
     second = "   ".join(part for part in (after, "Bksp = reject", action.words) if part)
-    title = f"{run_words(run)}" if run else ""
+    title = f"{run_words(run)}   {_count(status, run)}" if run else ""
     first = printable(figures, 100) or "every check passed"
     return Banner("good", glyphs.good, "ACCEPTED", title, first, second, seconds)
 

@@ -70,7 +70,7 @@ def progress(status: Status | None) -> Progress:
     """
     if status is None:
         return Progress(frozenset(), BenchStep.VEHICLE)
-    marks = {note.text for note in status.notes}
+    marks = {note.text for note in status.notes if not note.by}
     done = {step for step in BenchStep if step.mark in marks}
     for step, state in ((BenchStep.BASELINE, BASELINE), (BenchStep.ADDED, ADDED)):
         if any(run.mass_state == state for run in status.runs):

@@ -14,6 +14,7 @@ from ..glyphs import Glyphs
 from .words import Words
 
 _KEPT = 200
+_WITH_REASONS = 48
 
 
 def clock_time(t_ns: int) -> str:
@@ -38,6 +39,7 @@ class TallyList(Words):
     def show(self, status: Status) -> None:
         """Show the tallies."""
         lines = []
+        wide = self.size.width > _WITH_REASONS
         reasons = _reasons(status)
         due = status.due.step if status.due else None
         for i, tally in enumerate(status.tallies):
@@ -52,7 +54,7 @@ class TallyList(Words):
             sign = self._glyphs.now if here else " "
             words = f"{pointer}{sign} {tally.mass_state:<9}{tally.excitation.value:<7} {bar}  "
             count = f"{min(tally.accepted, tally.planned)}/{tally.planned}{more}"
-            why = reasons.get((tally.mass_state, tally.excitation.value), "")
+            why = reasons.get((tally.mass_state, tally.excitation.value), "") if wide else ""
             rejected = f"   {tally.rejected} rejected  {why}" if tally.rejected else ""
             lines.append(
                 Content.assemble((f"{words}{count}", "bold" if here else ""), f"{rejected}")

@@ -1,0 +1,271 @@
+"""Keys of the run loop, by pilot: what is asked of the recorder, and what is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from textual.pilot import Pilot
+
+from daq.messages import (
+    Accept,
+    Acknowledge,
+    Arm,
+    Choose,
+    Order,
+    Pause,
+    Phase,
+    Redo,
+    Reject,
+    Undo,
+)
+from tui.app import BenchApp
+from tui.feed import Lost, Role
+from tui.screens.home import HomeScreen
+from tui.screens.run import RunScreen
+from tui.steps import BenchStep
+
+from .conftest import screen_text
+from .fake_recorder import DOUBLE_BUMP, FakeRecorder
+
+MakeApp = Callable[..., BenchApp]
+
+
+def _bench() -> FakeRecorder:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    return recorder
+
+
+def _given(recorder: FakeRecorder, kind: type) -> list[Order]:
+    return [order for order in recorder.orders if isinstance(order, kind)]
+
+
+async def _press(pilot: Pilot[None], *keys: str) -> None:
+    for key in keys:
+        await pilot.press(key)
+        await pilot.pause()
+
+
+async def test_a_campaign_step_by_space_alone(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        assert isinstance(app.screen, HomeScreen)
+        for _ in range(3):  # bounce, pitch, roll
+            await _press(pilot, "space")
+            assert isinstance(app.screen, RunScreen)
+            for _ in range(2):
+                recorder.bump()
+                recorder.judge()
+                await pilot.pause()
+            recorder.turn(Phase.IDLE)
+            await pilot.pause()
+        assert len(_given(recorder, Arm)) == 3
+        await _press(pilot, "space")
+        assert app.step is BenchStep.MASSES
+
+
+async def test_a_held_key_counts_once(make_app: MakeApp) -> None:
+    recorder = _bench()
+    recorder.bump()
+    recorder.judge()
+    recorder.phase = Phase.PAUSED
+    now_s = 0.0
+    app = make_app(recorder, clock=lambda: now_s)
+    async with app.run_test() as pilot:
+        await pilot.pause()
+        for _ in range(12):  # the keyboard repeats thirty times a second
+            await pilot.press("backspace")
+            now_s += 0.03
+        assert len(_given(recorder, Reject)) == 1
+        now_s += 0.31
+        await pilot.press("backspace")
+        await pilot.pause()
+        assert len(_given(recorder, Reject)) == 2
+        await pilot.press("pageup")  # the presenter's key is the same one
+        await pilot.pause()
+        assert len(_given(recorder, Reject)) == 2
+
+
+async def test_reject_undo_redo_pause_and_on(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test() as pilot:
+        await pilot.pause()
+        await _press(pilot, "pagedown")
+        label = recorder.bump()
+        recorder.judge()
+        await pilot.pause()
+        await _press(pilot, "backspace", "u", "r", "escape")
+        kinds = [type(order) for order in recorder.orders if not hasattr(order, "seconds")]
+        assert kinds[-4:] == [Reject, Undo, Redo, Pause]
+        run = recorder.book.run(label)
+        assert run is not None
+        assert run.status.value == "rejected"
+        assert recorder.phase is Phase.PAUSED
+        await _press(pilot, "space")
+        assert recorder.orders[-1] == Arm()
+        recorder.turn(Phase.PAUSED)
+        await pilot.pause()
+        await _press(pilot, "escape")
+        assert isinstance(app.screen, HomeScreen)
+
+
+async def test_space_does_nothing_while_the_car_moves(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test() as pilot:
+        await pilot.pause()
+        recorder.phase = Phase.ARMED
+        recorder.bump()
+        await pilot.pause()
+        before = list(recorder.orders)
+        await _press(pilot, "space")
+        recorder.turn(Phase.DECAY)
+        await pilot.pause()
+        await _press(pilot, "space")
+        assert recorder.orders == before
+
+
+async def test_a_rejected_run_is_taken_back_with_a_reason(make_app: MakeApp) -> None:
+    recorder = _bench()
+    label = recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    recorder.phase = Phase.IDLE
+    app = make_app(recorder)
+    async with app.run_test() as pilot:
+        await pilot.pause()
+        await _press(pilot, "t")
+        assert "second bump at +0.84 s" in screen_text(app)
+        await _press(pilot, "enter")  # without a reason nothing happens
+        assert not _given(recorder, Accept)
+        await _press(pilot, *"a door", "enter")
+        assert _given(recorder, Accept) == [Accept(label, "a door")]
+
+
+async def test_more_runs_than_planned(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test() as pilot:
+        await pilot.pause()
+        await _press(pilot, "down", "m")
+        assert _given(recorder, Choose) == [Choose("baseline", "pitch")]  # type: ignore[arg-type]
+
+
+async def test_overload_lamps_stay_until_put_out(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        recorder.tell(overloaded=("hub_acc_fl",))
+        await pilot.pause()
+        assert "OVERLOAD hub_acc_fl" in screen_text(app).splitlines()[0]
+        recorder.tell()
+        await pilot.pause()
+        assert "OVERLOAD" in screen_text(app)
+        await _press(pilot, "a")
+        assert _given(recorder, Acknowledge)
+        assert "OVERLOAD" not in screen_text(app)
+
+
+async def test_a_viewer_gives_no_orders_until_it_has_taken_over(make_app: MakeApp) -> None:
+    recorder = FakeRecorder(in_control=False)
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        assert "VIEWER" in screen_text(app).splitlines()[0]
+        await _press(pilot, "space")
+        assert not _given(recorder, Arm)
+        await _press(pilot, "c", "space")
+        assert _given(recorder, Arm)
+        recorder.post(Role(False, "somebody else has taken over"))
+        recorder.tell()
+        await pilot.pause()
+        assert "VIEWER" in screen_text(app).splitlines()[0]
+
+
+async def test_a_lost_recorder_is_told_everywhere_and_restarted(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await _press(pilot, "space")
+        recorder.post(Lost("the recorder has been silent for 2 s", "start it again"))
+        await pilot.pause()
+        text = screen_text(app)
+        assert "RECORDER LOST" in text.splitlines()[0]
+        assert "X = start it again" in text
+        await _press(pilot, "x")
+        await app.workers.wait_for_complete()
+        assert recorder.restarts == 1
+        recorder.tell()
+        await pilot.pause()
+        assert "RECORDER LOST" not in screen_text(app)
+
+
+async def test_a_refusal_is_told_and_changes_nothing(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        recorder.refuse = "the disk is full: make room [red]now[/red]"
+        await _press(pilot, "space")
+        assert isinstance(app.screen, HomeScreen)
+        told = list(app._notifications)[-1]
+        assert told.message == recorder.refuse
+        assert not told.markup
+
+
+async def test_a_new_terminal_is_where_the_old_one_was(make_app: MakeApp) -> None:
+    recorder = _bench()
+    recorder.finish("baseline")
+    recorder.mark("masses")
+    recorder.bump()
+    recorder.phase = Phase.DECAY
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        assert isinstance(app.screen, RunScreen)
+        assert app.step is BenchStep.ADDED
+        assert "DECAY" in screen_text(app)
+
+
+async def test_a_step_that_is_not_reached_is_refused(make_app: MakeApp) -> None:
+    app = make_app(_bench())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await _press(pilot, "6")
+        assert isinstance(app.screen, HomeScreen)
+        assert "not reached yet" in list(app._notifications)[-1].message
+
+
+async def test_foreign_text_is_no_markup(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test(size=(140, 40)) as pilot:
+        recorder.tell(vehicle="[bold]T5[/bold]\x1b[31m")
+        await pilot.pause()
+        first = screen_text(app).splitlines()[0]
+        assert "[bold]T5[/bold]" in first
+        assert "\x1b" not in first
+
+
+async def test_auto_presses_what_is_next_and_leaves_the_rest(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder, auto=True)
+    async with app.run_test() as pilot:
+        await pilot.pause()
+        await app._press_next()
+        await pilot.pause()
+        assert _given(recorder, Arm)
+        recorder.bump()
+        recorder.judge(DOUBLE_BUMP)
+        await pilot.pause()
+        before = list(recorder.orders)
+        await app._press_next()  # the countdown runs out by itself
+        recorder.tell(halted="double_bump")
+        recorder.turn(Phase.IDLE)
+        await pilot.pause()
+        await app._press_next()  # three times the same: a person has to look
+        assert recorder.orders == before
