@@ -197,14 +197,9 @@ class JournalReader:
                 self._settle()
                 expected, losses = number + 1, counted
                 for event in events:
-                    gap = parse_gap(event)
-                    # Told again when the segment that told it was to go: it counts once.
-                    if (
-                        gap
-                        and gap.recording == head.identity
-                        and (event.code, gap) not in self._gaps
-                    ):
-                        self._gaps.append((event.code, gap))
+                    if (gap := parse_gap(event)) and gap.recording == head.identity:
+                        # Told again when the segment that told it was to go: it counts once.
+                        self._gaps[event.code, gap] = None
                 yield JournalBlock(frames, losses, events)
         self._settle()
 
