@@ -76,7 +76,7 @@ class AlarmState:
         Messages that carry channels of the bench.
     ledger, window, bus_watches, messages, signals
         What the next turn needs.
-    clock_offset_s : float or None
+    clock_offset_ns : int or None
         Wall clock minus monotonic clock, as it was last taken for right.
     clock_step_s, clock_stepped_s : float
         The last step, and its monotonic time.
