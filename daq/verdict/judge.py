@@ -61,8 +61,8 @@ def judge(
     measure = _measure(bench, step, seen, ways)
     findings += tuple(found for way in ways for found in wrong_mode(step.excitation, way))
     findings += tuple(motion.not_decayed(bench, window, seen))
-    findings += tuple(not_repeatable(seen, measure, accepted))
     findings += tuple(motion.rest_changed(bench, window, seen))
+    findings += tuple(not_repeatable(seen, measure, accepted))
     return (*findings, _told(measure)), measure
 
 

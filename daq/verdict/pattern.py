@@ -134,7 +134,7 @@ def _of_wheels(bench: Bench, four: tuple[Trace, ...], by: str, quick: bool) -> P
     if quick:
         size = np.array([trace.rms(-_STRIKE_S / 2, _AXLES_S) for trace in four])
     else:  # a wheel on the board goes up, and the body, which rises after it, draws the others down
-        size = np.array([max(0.0, *trace.part(0.0, bench.bump_s)) for trace in four])
+        size = np.array([np.max(trace.part(0.0, bench.bump_s), initial=0.0) for trace in four])
     return _of_strikes(size / max(float(np.linalg.norm(size)), 1e-12), by)
 
 

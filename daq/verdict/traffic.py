@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..book import Finding
-from ..channels import Channel
+from ..channels import Channel, Quantity
 from ..config import Bench
 from .finding import finding
 from .window import RunWindow, Trace
@@ -27,6 +27,8 @@ GAP_CYCLES = 3.5
 """Two lost samples in a row are no gap, however slow the message."""
 FLAT_SAMPLES = 3
 """So many equal samples at the extreme of a run are a top that was cut."""
+_SPOKEN = 0.9
+"""Share of the samples of a message that each of its channels has, if it is sound."""
 STEEP = 4.5
 """Converter steps by which a signal must enter and leave a cut top: a parabola that stays within
 one step for three samples leaves it by three steps, four with rounding."""
@@ -59,7 +61,8 @@ def _silences(bench: Bench, window: RunWindow) -> dict[str, tuple[float, float]]
     """Return the longest silence of each message in the run and its limit, s."""
     start_s, stop_s = -bench.trigger.pre_s, bench.trigger.post_s
     result: dict[str, tuple[float, float]] = {}
-    for message, t_ns in _messages(bench.channels, window).items():
+    messages = _messages(bench.channels, window)
+    for message, t_ns in {**messages, **_poor(bench.channels, window, messages)}.items():
         time_s = np.sort(t_ns - window.bump_ns) * 1e-9
         cycle_s = float(np.median(np.diff(time_s))) if len(time_s) > 2 else 0.0
         limit_s = max(STALE_S, STALE_CYCLES * cycle_s)
@@ -70,15 +73,34 @@ def _silences(bench: Bench, window: RunWindow) -> dict[str, tuple[float, float]]
 
 def _messages(channels: tuple[Channel, ...], window: RunWindow) -> dict[str, NDArray[np.int64]]:
     """Return the time stamps of each message, none for one that is absent."""
-    nothing = (np.empty(0, np.int64), np.empty(0))
     result: dict[str, NDArray[np.int64]] = {}
     for channel in channels:
-        message = channel.signal.partition(".")[0] or channel.name
-        t_ns, value = window.channels.get(channel.name, nothing)
-        good = t_ns[np.isfinite(value)]
-        if len(good) >= len(result.get(message, ())):
-            result[message] = good
+        good = _good(channel, window)
+        if channel.quantity is not Quantity.UNUSED and len(good) >= len(
+            result.get(_message(channel), ())
+        ):
+            result[_message(channel)] = good
     return result
+
+
+def _poor(
+    channels: tuple[Channel, ...], window: RunWindow, messages: Mapping[str, NDArray[np.int64]]
+) -> dict[str, NDArray[np.int64]]:
+    """Return the time stamps of channels that say nothing in frames which come."""
+    used = [channel for channel in channels if channel.quantity is not Quantity.UNUSED]
+    times = {
+        channel.name: (_good(channel, window), messages[_message(channel)]) for channel in used
+    }
+    return {name: own for name, (own, all_) in times.items() if len(own) < _SPOKEN * len(all_)}
+
+
+def _message(channel: Channel) -> str:
+    return channel.signal.partition(".")[0] or channel.name
+
+
+def _good(channel: Channel, window: RunWindow) -> NDArray[np.int64]:
+    t_ns, value = window.channels.get(channel.name, (np.empty(0, np.int64), np.empty(0)))
+    return t_ns[np.isfinite(value)]
 
 
 def lost_frames(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:

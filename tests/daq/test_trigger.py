@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 from daq.channels import Channel, Quantity, paper_channels
 from daq.config import TriggerConfig
 from daq.runs import Event
-from daq.trigger import TriggerState, advance, trigger_channels
+from daq.trigger import (
+    Phase,
+    TriggerState,
+    advance,
+    not_at_rest,
+    pre_trigger_full,
+    trigger_channels,
+)
 
 CONFIG = TriggerConfig(level=3.0, pre_s=0.5, post_s=1.0, rest_s=0.2)
 START_NS = 1_700_000_000_123_456_789
@@ -144,3 +151,16 @@ def test_hubs_trigger_and_without_them_the_body() -> None:
     body = Channel("b", Quantity.BODY_ACCELERATION, "m/s2")
     assert trigger_channels((body, Channel("p", Quantity.PITCH_RATE, "rad/s"))) == (body,)
     assert trigger_channels(()) == ()
+
+
+def test_the_channels_that_are_not_at_rest_are_named() -> None:
+    # One hub swings up to 1.9 s, the other rests.
+    moving = _channel(1.6, tuple(np.arange(0.1, 1.5, 0.1)))
+    resting = _channel(1.6, seed=1)
+    state, _ = advance(CONFIG, TriggerState(), {"moving": moving, "resting": resting})
+    assert not_at_rest(CONFIG, state) == ("moving",)
+    assert pre_trigger_full(CONFIG, state, START_NS)
+    assert not pre_trigger_full(CONFIG, state, START_NS + 1_200_000_000)
+    state, _ = advance(CONFIG, TriggerState(), {"resting": _channel(1.6)})
+    assert state.phase is Phase.ARMED
+    assert not_at_rest(CONFIG, state) == ()

@@ -24,7 +24,7 @@ def test_good_runs_are_accepted() -> None:
 
 
 def test_every_fault_gives_its_reason_first() -> None:
-    table = confusion(("linear",), 3)
+    table = confusion(("linear",), 2)
     assert [key for key in table if key[0] != key[1]] == []
 
 
@@ -110,6 +110,23 @@ def test_whatever_is_missing_is_a_finding_and_no_error(spoilt: str) -> None:
     assert first_failed(findings) == "stale"
     assert "no_data" in {finding.code for finding in findings}
     assert measure.frequency_hz is None
+
+
+@pytest.mark.parametrize("bench", list(benches()))
+@pytest.mark.parametrize("span_s", [(-1.0, 0.0), (0.0, 0.4), (0.3, 2.6)])
+def test_no_silence_of_any_channel_is_an_error(bench: str, span_s: tuple[float, float]) -> None:
+    setting = Setting("linear", bench, BOUNCE)
+    window = good(setting, 11)
+    low, high = (window.bump_ns + round(x * 1e9) for x in span_s)
+    for chosen in (set(window.channels), set(list(window.channels)[::2])):
+        channels = {
+            name: (t, np.where((t >= low) & (t < high) & (name in chosen), np.nan, v))
+            for name, (t, v) in window.channels.items()
+        }
+        findings, _ = judged(
+            setting, replace(window, channels=channels), [judged(setting, window)[1]]
+        )
+        assert first_failed(findings) in ("stale", "lost_frames")
 
 
 def test_constant_channels_are_no_error() -> None:

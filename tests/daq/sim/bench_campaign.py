@@ -1,0 +1,70 @@
+"""A campaign recorded from the simulated bench by the recorder, turn by turn, no threads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from daq.config import Bench, bench_codec
+from daq.errors import BusError
+from daq.messages import Arm, DiskStatus, QueueStatus, SessionStatus, Status, Until
+from daq.now import Now
+from daq.recorder import Recorder
+from daq.runs import Event
+from daq.sim.bench_source import Fault, SimulatedBench
+from daq.sim.car import SimulatedCar
+from daq.source import HopLosses
+from daq.standing import Host
+from dbc import FrameBatch
+
+START_NS = 1_800_000_000_000_000_000
+HOST = Host(
+    "a recording", "", "test", DiskStatus(10**12, 0, 0, 0.0), QueueStatus(0, 0, 1), SessionStatus()
+)
+NO_LOSSES = HopLosses()
+
+
+@dataclass
+class Kept:
+    """What a recorder stores, in memory."""
+
+    frames: list[FrameBatch] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+
+    def append(self, frames: FrameBatch, losses: HopLosses) -> None:
+        self.frames.append(frames)
+
+    def append_events(self, events: Sequence[Event]) -> None:
+        self.events += events
+
+
+def record(
+    bench: Bench, seed: int, fault: Fault | None = None, speed: float = math.inf, turns: int = 6000
+) -> tuple[Kept, Status]:
+    """Record until the campaign is complete; return what was stored and the last status."""
+    codec, kept = bench_codec(bench), Kept()
+    recorder = Recorder(bench, codec, kept)
+    statuses: list[Status] = []
+    source = SimulatedBench(
+        bench, codec, SimulatedCar(), seed, speed, lambda: statuses[-1], fault, START_NS
+    )
+    now = Now(START_NS, 0.0)
+    statuses.append(recorder.status(now, HOST))
+    armed = False
+    for _ in range(turns):
+        try:
+            batch = source.read(0.02)
+        except BusError:
+            batch = FrameBatch.concatenate([])
+        if len(batch):
+            now = Now(int(batch.t_ns[-1]), (int(batch.t_ns[-1]) - START_NS) * 1e-9)
+        recorder.step(batch, NO_LOSSES, now)
+        if not armed and len(batch):
+            recorder.carry_out(Arm(Until.COMPLETE), "test", now)
+            armed = True
+        statuses[:] = [recorder.status(now, HOST)]
+        if recorder.complete:
+            break
+    source.dismantle()
+    return kept, statuses[-1]

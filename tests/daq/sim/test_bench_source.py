@@ -1,0 +1,161 @@
+"""The simulated bench as a bus: bumped as the recorder waits, one run spoilt on request."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import identify
+from daq.book import BookStatus
+from daq.build import build_session
+from daq.campaign import Campaign
+from daq.config import Bench, bench_codec, load_bench
+from daq.errors import BusError
+from daq.health import HealthState, advance
+from daq.journal_contents import HopCounts
+from daq.messages import Phase, Status
+from daq.now import Now
+from daq.recorder import Recorder
+from daq.runs import BASELINE, Excitation
+from daq.sim.bench_source import WIGGLE_S, Fault, SimulatedBench
+from daq.sim.car import SimulatedCar
+from daq.sim.motion import pushed
+from daq.sim.plant import load_car
+from daq.vehicle import FORD_GRANADA, AddedMass, Corner
+from dbc import FrameBatch
+
+from .bench_campaign import HOST, START_NS, Kept, record
+
+
+@cache
+def short_bench() -> Bench:
+    """Return the shipped bench with two bounces in one state."""
+    return replace(load_bench(None), campaign=Campaign((Excitation.BOUNCE,), 2, (BASELINE,)))
+
+
+def _idle() -> Status:
+    now = Now(START_NS, 0.0)
+    return Recorder(short_bench(), bench_codec(short_bench()), Kept()).status(now, HOST)
+
+
+def _resting(wiggles: bool = False) -> SimulatedBench:
+    bench, status = short_bench(), _idle()
+    return SimulatedBench(
+        bench,
+        bench_codec(bench),
+        SimulatedCar(),
+        1,
+        math.inf,
+        lambda: status,
+        start_ns=START_NS,
+        wiggles=wiggles,
+    )
+
+
+def _read(source: SimulatedBench, seconds: float) -> FrameBatch:
+    return FrameBatch.concatenate([source.read(0.0) for _ in range(round(seconds / 0.05))])
+
+
+def test_a_campaign_is_recorded_as_planned_and_identified() -> None:
+    bench = load_bench(None)
+    kept, status = record(bench, seed=3)
+    assert status.phase is Phase.COMPLETE
+    assert [run.status for run in status.runs] == [BookStatus.ACCEPTED] * 12
+    no_losses = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
+    frames = FrameBatch.concatenate(kept.frames)
+    session = build_session(bench, bench_codec(bench), frames, kept.events, no_losses, {})
+    result = identify.identify(session)
+    assert result.quality.verdict == "ok"
+    for name, estimate in result.parameters.items():
+        assert estimate.value == pytest.approx(getattr(FORD_GRANADA, name), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        (Fault.DOUBLE_BUMP, "double_bump"),
+        (Fault.OVERLOAD, "overload"),
+        (Fault.LOST_FRAMES, "lost_frames"),
+        (Fault.WEAK, "too_weak"),
+        (Fault.WRONG_MODE, "wrong_mode"),
+        (Fault.UNPLUG, "stale"),
+    ],
+)
+def test_a_fault_spoils_the_second_run_and_no_other(fault: Fault, code: str) -> None:
+    _, status = record(short_bench(), 5, fault)
+    assert status.phase is Phase.COMPLETE
+    accepted, rejected = BookStatus.ACCEPTED, BookStatus.REJECTED
+    assert [run.status for run in status.runs] == [accepted, rejected, accepted]
+    failed = [finding.code for finding in status.runs[1].findings if not finding.passed]
+    assert failed[0] == code
+
+
+def test_a_bench_that_nobody_waits_for_rests() -> None:
+    bench = short_bench()
+    frames = _read(_resting(), 3.0)
+    acc = bench_codec(bench).decode(frames)["HUB_Front.acc_fl"].value
+    assert len(acc) == pytest.approx(3000, abs=2)
+    assert np.std(acc) * 9.80665 == pytest.approx(0.15, rel=0.1)
+    assert np.mean(acc) == pytest.approx(1.0, abs=0.1)
+
+
+def test_counters_and_stamps_run_on_through_all_pieces() -> None:
+    codec = bench_codec(short_bench())
+    frames = _read(_resting(), 2.0)
+    assert np.all(np.diff(frames.t_ns) > 0)
+    assert advance(codec.messages, HealthState(), codec.decode(frames)).losses.measured == 0
+
+
+def test_an_unplugged_bench_comes_back_when_it_is_opened_again() -> None:
+    source = _resting()
+    before = _read(source, 0.5)
+    source._plugged_s = 3.5  # as the fault sets it in mid-run
+    with pytest.raises(BusError, match="adapter is gone"):
+        source.open()
+    for _ in range(100):
+        try:
+            source.open()
+        except BusError:
+            continue
+        break
+    after = source.read(0.0)
+    assert (int(after.t_ns[0]) - int(before.t_ns[-1])) * 1e-9 == pytest.approx(3.0, abs=0.05)
+
+
+def test_a_push_on_a_corner_presses_its_suspension_together_first() -> None:
+    source = _resting()
+    source.wiggle(Corner.REAR_LEFT)
+    samples = bench_codec(short_bench()).decode(_read(source, 2.0))
+    peaks = {
+        name: float(np.max(samples[f"SUSP_{axle}.travel_{name}"].value))
+        for axle, names in (("Front", ("fl", "fr")), ("Rear", ("rl", "rr")))
+        for name in names
+    }
+    assert max(peaks, key=lambda name: peaks[name]) == "rl"
+    assert peaks["rl"] > 5.0
+
+
+def test_corner_after_corner_is_pushed_while_nobody_has_begun() -> None:
+    source = _resting(wiggles=True)
+    samples = bench_codec(short_bench()).decode(_read(source, 4 * WIGGLE_S + 2.0))
+    moved = {}
+    for name in ("Front.travel_fl", "Front.travel_fr", "Rear.travel_rl", "Rear.travel_rr"):
+        column = samples[f"SUSP_{name}"]
+        moved[name[-2:]] = int(column.t_ns[np.argmax(column.value)])
+    assert sorted(moved, key=lambda name: moved[name]) == ["fl", "fr", "rl", "rr"]
+
+
+def test_a_push_is_in_balance_with_the_springs() -> None:
+    plant = load_car(FORD_GRANADA, AddedMass())
+    deepest = pushed(plant, Corner.FRONT_LEFT, 400.0, 1.0).sink[:, 0]
+    # The tyres carry the push, and about the corner's axes nothing else turns the car.
+    tyres = 192e3 * -deepest[3:]
+    assert tyres.sum() == pytest.approx(400.0)
+    p = FORD_GRANADA
+    x, y = np.array([p.a, p.a, -p.b, -p.b]), np.array([p.t_f, -p.t_f, p.t_r, -p.t_r])
+    assert x @ tyres == pytest.approx(400.0 * p.a)
+    assert y @ tyres == pytest.approx(400.0 * p.t_f)
