@@ -154,6 +154,8 @@ class BenchApp(App[None]):
 
     async def on_news_arrived(self, _: NewsArrived) -> None:
         """Take all that was posted; of many statuses the newest counts."""
+        if not self.screen_stack:  # the app is closing
+            return
         status: Status | None = None
         live = False
         while self._news:
