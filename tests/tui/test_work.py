@@ -17,10 +17,8 @@ import pytest
 import daq
 from daq.errors import InputError
 from daq.runs import RunStatus
-from daq.vehicle import FORD_GRANADA
 from tui.glyphs import GlyphSet, choose_glyphs
 from tui.long_work import LongWork, after, work_text
-from tui.outcome import parse_outcome
 from tui.outcome_of import without
 from tui.sessions import SessionEntry, entry_line, found
 from tui.work_lines import (
@@ -119,25 +117,6 @@ def test_progress_never_goes_back_and_names_each_stage_once() -> None:
     text = "\n".join(work_text(after(work, Trouble("f", "broke", "mend it")), GLYPHS, 78))
     assert "FAILED" in text
     assert "mend it" in text
-
-
-def test_identify_in_a_child(session: Path) -> None:
-    lines = told(IdentifyTask(str(session)))
-    shares = [line.share for line in lines if isinstance(line, Progress)]
-    assert len(shares) > 3
-    assert isinstance(lines[-1], Done)
-    outcome = parse_outcome(lines[-1].body)
-    # Truth: the simulated car of the stress list is the Ford Granada.
-    truth = FORD_GRANADA
-    by_name = {row.name: row for row in outcome.parameters}
-    for name in ("m_s", "k_sf", "c_sr"):
-        row = by_name[name]
-        assert abs(row.value - getattr(truth, name)) < 3 * (row.high - row.value)
-    assert outcome.verdict in ("ok", "doubtful")  # one repeat of each
-    assert outcome.headline
-    assert {state.name for state in outcome.states} == {"baseline", "added"}
-    assert all(len(state.mass) == len(state.stiffness) == 7 for state in outcome.states)
-    assert all(run.curves for run in outcome.runs)
 
 
 def test_a_trial_without_a_run(session: Path) -> None:

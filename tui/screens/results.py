@@ -71,7 +71,7 @@ class ResultsScreen(BenchScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._outcome: Outcome | None = None
+        self.outcome: Outcome | None = None
         self._page = 0
         self._recording = ""
 
@@ -97,11 +97,11 @@ class ResultsScreen(BenchScreen):
     @property
     def ready(self) -> bool:
         """Whether SPACE would do something."""
-        return self._outcome is not None
+        return self.outcome is not None
 
     def show_outcome(self, outcome: Outcome) -> None:
         """Show an identification."""
-        self._outcome = outcome
+        self.outcome = outcome
         status = self.bench_app.status
         if status is not None and status.session.path == outcome.session:
             self._recording = status.recording
@@ -116,12 +116,12 @@ class ResultsScreen(BenchScreen):
         """Go on to the report of this session."""
         from .report import ReportScreen
 
-        if self._outcome is None:
+        if self.outcome is None:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
             return
         report = self.app.get_screen("report")
         if isinstance(report, ReportScreen):
-            report.show_session(self._outcome.session)
+            report.show_session(self.outcome.session)
         mark = BenchStep.IDENTIFY.mark
         status = self.bench_app.status
         if self._is_current(status) and status is not None:
@@ -152,7 +152,7 @@ class ResultsScreen(BenchScreen):
 
     async def action_exclude(self) -> None:
         """Reject the chosen run (or take it back) and identify again."""
-        outcome = self._outcome
+        outcome = self.outcome
         index = self.query_one("#runs", OptionList).highlighted
         if outcome is None or index is None or not outcome.runs:
             return
@@ -172,8 +172,8 @@ class ResultsScreen(BenchScreen):
         """Write the session in another tool's format."""
         from .export import export_session
 
-        if self._outcome is not None:
-            self.run_worker(export_session(self.app, self._outcome.session), group="export")
+        if self.outcome is not None:
+            self.run_worker(export_session(self.app, self.outcome.session), group="export")
 
     def on_option_list_option_highlighted(self, _: OptionList.OptionHighlighted) -> None:
         """Show the decay of the run."""
@@ -216,13 +216,13 @@ class ResultsScreen(BenchScreen):
         return status is not None and status.recording == self._recording
 
     def _fill(self) -> None:
-        if not self.query("#runs") or self._outcome is None:
+        if not self.query("#runs") or self.outcome is None:
             return
         runs = self.query_one("#runs", OptionList)
         runs.clear_options()
         glyphs = self.bench_app.glyphs
-        runs.add_options([Option(Content(run_line(run, glyphs))) for run in self._outcome.runs])
-        if self._outcome.runs:
+        runs.add_options([Option(Content(run_line(run, glyphs))) for run in self.outcome.runs])
+        if self.outcome.runs:
             runs.highlighted = 0
         self._draw()
         self._draw_run()
@@ -230,7 +230,7 @@ class ResultsScreen(BenchScreen):
     def _draw(self) -> None:
         if not self.query("#runs"):
             return
-        outcome = self._outcome
+        outcome = self.outcome
         verdict = self.query_one("#verdict", Static)
         if outcome is None:
             verdict.update("nothing is identified yet: SPACE = step 6 Identify")
@@ -266,6 +266,6 @@ class ResultsScreen(BenchScreen):
 
     def _draw_run(self) -> None:
         index = self.query_one("#runs", OptionList).highlighted
-        outcome = self._outcome
+        outcome = self.outcome
         run = None if outcome is None or index is None else outcome.runs[index]
         self.query_one(DecayPlot).show(run)

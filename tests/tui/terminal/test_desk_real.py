@@ -1,4 +1,4 @@
-"""From a real session file in the list, through real workers, to results and report."""
+"""From a real session file in the list, through real workers, to report and results."""
 
 from __future__ import annotations
 
@@ -10,11 +10,15 @@ from pathlib import Path
 from textual.pilot import Pilot
 
 import daq
+from daq.runs import RunStatus
+from daq.vehicle import FORD_GRANADA
 from tui.app import BenchApp
+from tui.outcome import Outcome
 
 from ...identify.stress import stress_session
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder
+from .test_results import results_of
 
 _MOST_S = 90.0
 
@@ -28,32 +32,50 @@ async def until(pilot: Pilot[None], condition: Callable[[], bool]) -> None:
     raise AssertionError(screen_text(pilot.app))
 
 
-def test_a_real_session_from_the_list_to_its_report(
+def test_real_sessions_from_the_list_to_report_and_results(
     make_app: Callable[..., BenchApp], tmp_path: Path
 ) -> None:
     whole = stress_session("linear", 2, 100.0)
     runs = tuple(run for run in whole.runs if run.repeat == 1)
     vehicle = replace(whole.vehicle, name="[bold]T5[/]\x1b[31m")
     daq.write_session(tmp_path / "session_0001.h5", replace(whole, runs=runs, vehicle=vehicle))
+    unused = tuple(replace(run, status=RunStatus.REJECTED, reasons=("cut",)) for run in runs)
+    spoilt = replace(whole, runs=unused, vehicle=replace(vehicle, name="spoilt"))
+    daq.write_session(tmp_path / "session_0002.h5", spoilt)  # its report has little to draw
     app = make_app(FakeRecorder())
+    found: list[Outcome | None] = []
 
     async def act() -> None:
         async with app.run_test(size=(140, 40)) as pilot:
             await pilot.pause()
             await app.action_sessions()
-            await until(pilot, lambda: "ready" in screen_text(app))
+            await until(pilot, lambda: "spoilt" in screen_text(app))
             assert "[bold]T5[/]\\x1b[31m" in screen_text(app)
-            await pilot.press("space")
+            await pilot.press("r")
+            await until(pilot, lambda: "WRITTEN   verdict refused" in screen_text(app))
+            await app.action_sessions()
+            await until(pilot, lambda: "reported" in screen_text(app))
+            await pilot.press("down", "space")
             await until(pilot, lambda: app.screen is app.get_screen("results"))
             await pilot.pause()
             seen = screen_text(app)
             assert "6 of 6 runs used" in seen
             assert "sprung mass" in seen
-            await pilot.press("space")
-            await pilot.pause()
-            await pilot.press("space")
-            await until(pilot, lambda: "WRITTEN" in screen_text(app))
+            found.append(results_of(app).outcome)
 
     asyncio.run(act())
-    assert (tmp_path / "session_0001.html").stat().st_size > 100_000
-    assert (tmp_path / "session_0001.pdf").read_bytes().startswith(b"%PDF")
+    _is_the_granada(found[0])
+    assert "no accepted run" in (tmp_path / "session_0002.html").read_text("utf-8")
+    assert (tmp_path / "session_0002.pdf").read_bytes().startswith(b"%PDF")
+
+
+def _is_the_granada(outcome: Outcome | None) -> None:
+    """Hold what crossed the pipe to the car of the simulation."""
+    assert outcome is not None
+    by_name = {row.name: row for row in outcome.parameters}
+    for name in ("m_s", "k_sf", "c_sr"):
+        row = by_name[name]
+        assert abs(row.value - getattr(FORD_GRANADA, name)) < 3 * (row.high - row.value)
+    assert {state.name for state in outcome.states} == {"baseline", "added"}
+    assert all(len(state.mass) == len(state.stiffness) == 7 for state in outcome.states)
+    assert all(run.curves for run in outcome.runs)
