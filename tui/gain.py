@@ -1,7 +1,7 @@
 """What the weights on the car will gain, computed in a process of its own.
 
 The terminal starts ``python -m tui.gain``, writes one JSON object (bench.toml, and the recorder's
-folder) to its standard input and reads one back: so the terminal never imports scipy, and never waits.
+folder) to its standard input and reads one back: so it never imports scipy, and never waits.
 """
 
 from __future__ import annotations

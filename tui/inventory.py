@@ -116,8 +116,8 @@ def _put(
 def effect_line(told: Loading) -> str:
     """Say what the weights change on the car."""
     return (
-        f"body {told.body_kg:+.1f} kg, hubs {told.hub_kg:+.1f} kg, CG {told.x_shift_m * 1e3:+.0f},"
-        f" {told.y_shift_m * 1e3:+.0f} mm, Ixx {told.I_xx:+.0f}, Iyy {told.I_yy:+.0f} kg m2"
+        f"{told.body_kg:+.1f} kg body, {told.hub_kg:+.1f} kg hubs, CG {told.x_shift_m * 1e3:+.0f}"
+        f" {told.y_shift_m * 1e3:+.0f} mm, Ixx {told.I_xx:+.0f} Iyy {told.I_yy:+.0f} kg m2"
     )
 
 
@@ -127,25 +127,22 @@ def shift_line(
     """Return how far a frequency moves against its scatter, and what to move if that is weak."""
     scatter = USUAL_SPREAD if spread is None else max(spread, 1e-5)
     times = abs(shift.share) / scatter
-    whose = "usual" if spread is None else "measured"
-    text = (
-        f"{shift.mode:<6} {shift.before_hz:.2f} -> {shift.after_hz:.2f} Hz {shift.share:+6.1%}"
-        f"  {times:.0f}x {whose} spread"
-    )
+    text = f"{shift.mode:<6} {shift.before_hz:.2f} -> {shift.after_hz:.2f} Hz {shift.share:+6.1%}"
     if times >= WANTED_SPREADS:
-        return f"{text}  good", ""
-    return text, f"WEAK, want {WANTED_SPREADS:.0f}x: {_remedy(shift.mode, entries, car)}"
+        return f"{text}  {times:.0f}x {'usual ' * (spread is None)}spread: good", ""
+    remedy = _remedy(shift.mode, entries, car)
+    return text, f"WEAK {times:.0f}x, want {WANTED_SPREADS:.0f}x: {remedy}"
 
 
 def _remedy(mode: str, entries: Sequence[Entry], car: VehicleParameters) -> str:
     body = [(i, e.weight) for i, e in enumerate(entries, 1) if isinstance(e.weight, BodyWeight)]
     if not body or mode == "bounce":
-        return "put more kg on the body"
+        return "more kg on body"
     if mode == "pitch":
         number, _ = min(body, key=lambda pair: pair[1].mass_kg * (pair[1].x_m + car.a) ** 2)
-        return f"move {number} to the front or the rear end"
+        return f"move {number} to an end"
     number, _ = min(body, key=lambda pair: pair[1].mass_kg * pair[1].y_m ** 2)
-    return f"move {number} outwards, to the left or right side"
+    return f"move {number} outwards"
 
 
 def gain_line(gain: Gain) -> tuple[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import subprocess
 import sys
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -43,6 +44,7 @@ from ..steps import BenchStep
 from ..weight_form import BODY, check_inventory, check_weight, weight_of, weight_values
 from ..widgets.row_list import RowList
 from .base import BenchScreen
+from .check import REST
 from .weight import WeightScreen
 
 DRAFT = "draft_masses.json"
@@ -108,11 +110,10 @@ class MassesScreen(BenchScreen):
             draft = read_draft(app.folder / DRAFT)
             self._entries = entries_of(app.bench.mass_states[1].added.weights, draft)
             told = draft.get("open")
-            self._open = (
-                {k: v for k, v in told.items() if isinstance(v, str)}
-                if isinstance(told, dict)
-                else {}
-            )
+            if isinstance(told, dict):
+                self._open = {k: v for k, v in told.items() if isinstance(v, str)}
+            rest = read_draft(app.folder / REST)
+            self._rest = {k: v for k, v in rest.items() if isinstance(v, float)}
             self._think()
             self.run_worker(self.action_measure())
         self._show_all()
@@ -297,20 +298,19 @@ class MassesScreen(BenchScreen):
     async def _compute(self, text: str) -> None:
         await asyncio.sleep(_QUIET_S)
         question = json.dumps({"bench": text, "folder": str(self.bench_app.folder)})
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "tui.gain",
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.DEVNULL,
-        )  # fmt: skip
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tui.gain"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
         try:
-            answer, _ = await asyncio.wait_for(process.communicate(question.encode()), _PATIENCE_S)
+            answer, _ = await asyncio.to_thread(process.communicate, question.encode(), _PATIENCE_S)
             self._gain = GAIN.validate_json(answer)
-        except (TimeoutError, ValueError):
+        except (subprocess.TimeoutExpired, ValueError):
             self._gain = Gain(error="the planner did not answer")
         finally:
-            if process.returncode is None:
-                process.kill()
+            process.kill()  # the weights were changed meanwhile, or the terminal ends
         self._show_outlook()
 
     async def action_measure(self) -> None:

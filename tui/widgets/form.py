@@ -30,6 +30,7 @@ class ChoiceField(Static, can_focus=True):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right,space", "turn(1)", "Change", show=False),
         Binding("left", "turn(-1)", "Change", show=False),
+        Binding("enter", "submit", "Next field", show=False),
     ]
 
     class Changed(Message):
@@ -65,7 +66,7 @@ class ChoiceField(Static, can_focus=True):
         self.value = words[(now + by) % len(words)]
         self.post_message(self.Changed())
 
-    def key_enter(self) -> None:
+    def action_submit(self) -> None:
         """Go on to the next field."""
         self.post_message(self.Submitted(self))
 
