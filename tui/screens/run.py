@@ -44,8 +44,11 @@ class RunScreen(BumpingScreen):
     def show_status(self, status: Status) -> None:
         """Show the run."""
         self._show_banner()
-        for kind in (TallyList, RunList, Journal, AlarmList, ProgressLine):
-            self.query_one(kind).show(status)
+        self.query_one(TallyList).show(status)
+        self.query_one(RunList).show(status)
+        self.query_one(Journal).show(status)
+        self.query_one(AlarmList).show(status)
+        self.query_one(ProgressLine).show(status)
         self.refresh_bindings()
 
     def on_live_arrived(self, _: LiveArrived) -> None:

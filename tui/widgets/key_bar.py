@@ -8,7 +8,7 @@ from textual.screen import Screen
 from .words import Words
 
 _FIRST, _LAST = "press('next')", "help"
-_DROPPED = ("app.sessions", "more", "view", "press('redo')", "app.step(1)", "app.note")
+_DROPPED = ("app.sessions", "app.step(1)", "more", "press('redo')", "app.note", "view")
 """What is left out first where the line is too short; help and palette tell all keys."""
 
 

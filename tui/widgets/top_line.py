@@ -39,8 +39,8 @@ class TopLine(Words):
         vehicle, who = printable(status.vehicle, 24), f"op. {printable(app.operator, 12)}"
         if not app.in_control:
             who = "VIEWER"
-        lefts = (f" BUMP  {vehicle} · {day} · {who}", f" {vehicle} · {day} · {who}")
-        lefts = (*lefts, f" {vehicle} · {who}")
+        lefts = [f" BUMP  {vehicle} · {day} · {who}", f" {vehicle} · {day} · {who}"]
+        lefts += [f" {vehicle} · {who}"]
         right: list[tuple[str, str] | str] = []
         for bus in status.buses:
             good = bus.state is BusState.OK

@@ -46,19 +46,19 @@ def _same_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def make_app(tmp_path: Path) -> Callable[..., BenchApp]:
-    """Return an app on a recorder; `held` makes the lock-out see time pass by itself."""
+    """Return what makes an app on a recorder; time passes for the lock-out by itself."""
 
     def make(
         recorder: FakeRecorder,
         glyphs: GlyphSet = GlyphSet.BRAILLE,
         clock: Callable[[], float] | None = None,
-        **options: object,
+        auto: bool = False,
+        theme: str = "bench-dark",
     ) -> BenchApp:
         ticks = iter(range(1_000_000))
         chosen: Glyphs = choose_glyphs(glyphs, {}, "utf-8")
-        return BenchApp(
-            recorder, tmp_path, chosen, "MK", clock=clock or (lambda: float(next(ticks))), **options
-        )  # type: ignore[arg-type]
+        by_itself = clock or (lambda: float(next(ticks)))
+        return BenchApp(recorder, tmp_path, chosen, "MK", theme, auto, by_itself)
 
     return make
 
