@@ -6,10 +6,8 @@ Time is injected: both clocks advance by a tenth of a second a turn.
 from __future__ import annotations
 
 import errno
-import itertools
 import socket
 import struct
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -17,7 +15,6 @@ import can
 import pytest
 
 from daq import socketcan_abi as abi
-from daq.bus import PythonCanSource, doze_for
 from daq.config import BusConfig
 from daq.link import Link
 from daq.slcan import SlcanSource
@@ -25,7 +22,7 @@ from daq.socketcan import SocketCanSource
 from daq.source import FrameSource, SourceLosses
 from dbc import FrameBatch
 
-from .sick_bus import Device, SickBus, opener
+from .sick_bus import Device, opener
 from .watched_bench import FOREIGN_ID, START_NS, WatchedBench
 
 HEALTHY_TURNS, FAULTY_TURNS = 15, 20
@@ -380,33 +377,3 @@ def test_an_interface_taken_down_and_one_that_has_gone_both_come_back(
         link.close()
     for wire in wires:
         wire.close()
-
-
-def test_a_clock_set_back_an_hour_makes_no_read_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    wall = itertools.count(0.0, -3600.0)
-    monkeypatch.setattr("can.bus.time", lambda: next(wall))
-
-    trusting = SickBus(Device(sent=deque([impossible()])))
-    trusting.set_filters([{"can_id": 1, "can_mask": 0x7FF}])  # so that `recv` waits once more
-    trusting.device.sent.append(impossible(arbitration_id=1))
-    assert trusting.recv(0.1) is not None
-    assert trusting.waits == [0.1, pytest.approx(3600.1)]  # what python-can does
-
-    waiting = SickBus(Device(sent=deque([impossible()] * 3)))
-    source = PythonCanSource(waiting, "kvaser 1", 0, lambda: START_NS)
-    assert len(source.read(0.1)) == 3
-    assert max(wait for wait in waiting.waits if wait is not None) <= 0.1
-
-    polled = SickBus(Device())  # backends that measure their own waiting by the wall clock
-    source = PythonCanSource(polled, "pcan 1", 0, doze=doze_for(polled, "pcan"))
-    assert len(source.read(0.02)) == 0
-    assert set(polled.waits) == {0.0}
-
-    kernel, wire = socket.socketpair()
-    with kernel, wire:
-        polled.fileno = kernel.fileno  # type: ignore[method-assign]
-        source = PythonCanSource(polled, "pcan 1", 0, lambda: START_NS, doze_for(polled, "pcan"))
-        polled.device.sent.append(impossible())
-        wire.send(b"x")
-        assert len(source.read(60.0)) == 1
-    assert set(polled.waits) == {0.0}
