@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dbc import Codec, FrameBatch
 
+from ..book import Remark
 from ..campaign import Step
 from ..config import Bench
 from ..errors import BusError
@@ -97,6 +98,7 @@ class SimulatedBench:
         self._unplug_s = np.inf
         self._plugged_s = 0.0  # again
         self._asked: deque[Corner] = deque()
+        self._notes: int | None = None  # of the recording, seen
         self._corners = deque(Corner)
         self._wiggle_s = WIGGLE_S if wiggles else np.inf
         self._host_s = time.monotonic()
@@ -182,12 +184,21 @@ class SimulatedBench:
                 self._wait_and_bump(step)
                 return
         self._due_s = np.inf
+        self._heed(status.notes)
         if self._asked:
             self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
         elif status.phase is Phase.IDLE and not status.runs and self._done_s >= self._wiggle_s:
             self._wiggle_s = self._done_s + WIGGLE_S
             self._begin(self._acts.push(self._mass_state, self._corners[0]))
             self._corners.rotate(-1)
+
+    def _heed(self, notes: Sequence[Remark]) -> None:
+        """Push the corner that a new mark asks for: `wiggle FL`, as the bench check sets it."""
+        for note in notes[len(notes) if self._notes is None else self._notes :]:
+            word, _, corner = note.text.partition(" ")
+            if word == "wiggle" and corner in set(Corner):
+                self._asked.append(Corner(corner))
+        self._notes = len(notes)
 
     @property
     def _next_fault(self) -> Fault | None:

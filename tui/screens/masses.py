@@ -86,6 +86,7 @@ class MassesScreen(BenchScreen):
         self._levels: dict[str, float] = {}
         self._rest: dict[str, float] = {}
         self._lost_draft = ""
+        self._drafting = asyncio.Lock()
 
     def compose_body(self) -> ComposeResult:
         """Lay out the car, the table and the outlook."""
@@ -226,7 +227,9 @@ class MassesScreen(BenchScreen):
 
     async def _keep_draft(self) -> None:
         told = {"entries": told_entries(self._entries), "open": self._open}
-        error = await asyncio.to_thread(write_draft, self.bench_app.folder / DRAFT, told)
+        async with self._drafting:
+            path = self.bench_app.folder / DRAFT
+            error = await asyncio.to_thread(write_draft, path, told)
         if error and error != self._lost_draft:
             self.bench_app.warn(error)
         self._lost_draft = error
@@ -358,5 +361,6 @@ class MassesScreen(BenchScreen):
             return
         if await app.ask(Mark(BenchStep.MASSES.mark)) is None:
             return
-        await asyncio.to_thread(remove_draft, app.folder / DRAFT)
+        async with self._drafting:
+            await asyncio.to_thread(remove_draft, app.folder / DRAFT)
         await app.go_to(BenchStep.ADDED)

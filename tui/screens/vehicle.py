@@ -200,6 +200,8 @@ class VehicleScreen(BenchScreen):
             self._noted = notes
         if await app.ask(Mark(BenchStep.VEHICLE.mark)) is None:
             return
+        if self._writing is not None:
+            self._writing.stop()
         await asyncio.to_thread(write_draft, app.folder / APPLIED, values)
         await asyncio.to_thread(remove_draft, app.folder / DRAFT)
         self.set_focus(None)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import identify
-from daq.book import BookStatus
+from daq.book import BookStatus, Remark
 from daq.build import build_session
 from daq.campaign import Campaign
 from daq.config import Bench, bench_codec, load_bench
@@ -137,6 +137,19 @@ def test_a_push_on_a_corner_presses_its_suspension_together_first() -> None:
     }
     assert max(peaks, key=lambda name: peaks[name]) == "rl"
     assert peaks["rl"] > 5.0
+
+
+def test_a_mark_of_the_bench_check_asks_for_a_push() -> None:
+    told = [_idle()]
+    bench = short_bench()
+    codec = bench_codec(bench)
+    source = SimulatedBench(bench, codec, SimulatedCar(), 1, math.inf, lambda: told[0])
+    rest = codec.decode(_read(source, 1.0))["SUSP_Rear.travel_rr"].value
+    told[0] = replace(told[0], notes=(Remark(0, "a note"), Remark(0, "wiggle RR")))
+    travel = codec.decode(_read(source, 4.0))["SUSP_Rear.travel_rr"]
+    assert np.max(np.abs(rest)) < 2.0
+    pushed_s = np.flatnonzero(travel.value > 5.0) * np.median(np.diff(travel.t_ns)) * 1e-9
+    assert 0.2 < np.ptp(pushed_s) < 1.2  # once
 
 
 def test_corner_after_corner_is_pushed_while_nobody_has_begun() -> None:
