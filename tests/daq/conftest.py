@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from daq.config import Bench
-from daq.journal import Journal
 from daq.journal_format import JournalHead
+from daq.keeper import Keeper
 from dbc import Codec
 
 from .small_campaign import START_NS, small_bench, small_codec
@@ -26,7 +26,7 @@ def codec() -> Codec:
 
 
 @pytest.fixture
-def journal(bench: Bench, tmp_path: Path) -> Iterator[Journal]:
+def journal(bench: Bench, tmp_path: Path) -> Iterator[Keeper]:
     head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0)
-    with Journal(tmp_path, head) as journal:
+    with Keeper(tmp_path, head) as journal:
         yield journal

@@ -14,10 +14,10 @@ from daq.campaign import Campaign
 from daq.channels import Channel, Quantity
 from daq.config import Bench
 from daq.errors import InputError
-from daq.journal import Journal
 from daq.journal_contents import HopCounts
 from daq.journal_format import JournalHead
 from daq.journal_reader import read_journal
+from daq.keeper import Keeper
 from daq.mapping import map_channels
 from daq.runs import Event, Excitation, Run, RunStatus, Session
 from daq.session import read_session, write_session
@@ -213,7 +213,7 @@ def test_the_last_bench_toml_holds_and_what_persons_said_goes_along(tmp_path: Pa
     bench = small_bench()
     head = JournalHead(bench.text, bench.dbc_text, "test 1", START_NS, 5, "ab" * 16)
     newer = bench.text.replace('name = "Ford Granada"', 'name = "Other car"')
-    with Journal(tmp_path, head) as journal:
+    with Keeper(tmp_path, head) as journal:
         journal.append(_frames(CODEC, "HUB_Front"), HopLosses())
         journal.append_events(
             [
@@ -309,7 +309,7 @@ def test_a_journal_gives_the_same_session_each_time_and_the_file_gives_it_back(
     bench = small_bench()
     head = JournalHead(bench.text, bench.dbc_text, "test 1", START_NS, 5)
     frames = _merge(*(_frames(CODEC, m.name, 1000) for m in CODEC.messages))
-    with Journal(tmp_path, head) as journal:
+    with Keeper(tmp_path, head) as journal:
         journal.append(frames, HopLosses())
         journal.append_events([replace(BUMP, t_ns=START_NS + 1_200_000_000)])
     session = session_from_journal(read_journal(journal.paths))

@@ -1,13 +1,8 @@
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import fields, replace
-from io import FileIO
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.stream_reader import StreamReader
 
+from daq.config import RecorderConfig
 from daq.errors import InputError
-from daq.journal import Journal, JournalError
 from daq.journal_format import (
     JournalHead,
     pack_events,
@@ -26,11 +21,15 @@ from daq.journal_format import (
     unpack_frames,
 )
 from daq.journal_reader import JournalReader, read_journal
+from daq.journal_segment import SyncedFile
+from daq.keeper import Keeper
 from daq.runs import Event
 from daq.source import HopLosses
 from dbc.frames import FrameBatch
 
 HEAD = JournalHead("[bus]\n# µ\n", 'VERSION ""\n', "bumpbench test", 1_800_000_000_000_000_000, 77)
+
+LIMITS = RecorderConfig(reserve_bytes=0.0)
 
 
 def block(start: int, count: int = 2, width: int = 8) -> FrameBatch:
@@ -56,7 +55,7 @@ def assert_same(a: FrameBatch, b: FrameBatch) -> None:
 
 def write(folder: Path, blocks: int) -> tuple[Path, int]:
     """Write blocks of two frames as a writer that is killed: return file, and size before last."""
-    journal = Journal(folder, HEAD)
+    journal = Keeper(folder, HEAD, LIMITS)
     for k in range(blocks - 1):
         journal.append(block(2 * k), HopLosses())
     size = journal.paths[0].stat().st_size
@@ -69,7 +68,7 @@ def write(folder: Path, blocks: int) -> tuple[Path, int]:
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:
     events = (Event(3, "bump", 4.5, "baseline_bounce_1"), Event(9, "run_end", 0.1, "µ\n\0"))
-    with Journal(tmp_path / "new" / "folder", HEAD) as journal:
+    with Keeper(tmp_path / "new" / "folder", HEAD, LIMITS) as journal:
         journal.append(block(0), HopLosses(1, 2, 3, 4))
         journal.append_events(events[:1])
         journal.append(block(2, 3, 64), HopLosses(5, 6, 7, 8))
@@ -88,7 +87,7 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
 
 
 def test_losses_belong_to_the_blocks_they_were_counted_with(tmp_path: Path) -> None:
-    with Journal(tmp_path, HEAD) as journal:
+    with Keeper(tmp_path, HEAD, LIMITS) as journal:
         for k, dropped in enumerate([0, 0, 5, 5, 7]):
             journal.append(block(10 * k, 10), HopLosses(queue_dropped=dropped))
     hops = read_journal(journal.paths).hops
@@ -146,7 +145,7 @@ def test_a_tail_torn_at_any_byte_costs_that_block_alone_and_is_accounted_for(
 
 
 def test_a_byte_changed_anywhere_in_the_last_block_is_noticed_or_harmless(tmp_path: Path) -> None:
-    with Journal(tmp_path, HEAD) as journal:
+    with Keeper(tmp_path, HEAD, LIMITS) as journal:
         journal.append(block(0), HopLosses())
         before = journal.paths[0].stat().st_size
         journal.append(block(2), HopLosses())
@@ -168,19 +167,20 @@ def test_a_byte_changed_anywhere_in_the_last_block_is_noticed_or_harmless(tmp_pa
 
 
 def test_a_journal_cut_within_its_beginning_holds_nothing_and_says_so(tmp_path: Path) -> None:
-    with Journal(tmp_path, HEAD) as journal:
+    with Keeper(tmp_path, HEAD, LIMITS) as journal:
         whole = journal.paths[0].read_bytes()
+        journal.append(FrameBatch.empty(), HopLosses())
     for size in range(len(whole)):
         journal.paths[0].write_bytes(whole[:size])
         with pytest.raises(InputError, match="holds no recording"):
             read_journal(journal.paths)
 
 
-class FailingFile(FileIO):
+class FailingFile(SyncedFile):
     """A file on a disk with room for so many writes; the last of them is cut short."""
 
     def __init__(self, path: Path, writes: int, cut: int) -> None:
-        super().__init__(path, "xb")
+        super().__init__(path)
         self.writes = writes
         self.cut = cut
 
@@ -195,7 +195,7 @@ class FailingFile(FileIO):
 
 def test_blocks_lost_between_others_are_counted(tmp_path: Path) -> None:
     rooms = iter([12, 12, 100])
-    with Journal(tmp_path, HEAD, lambda path: FailingFile(path, next(rooms), 0)) as journal:
+    with Keeper(tmp_path, HEAD, LIMITS, lambda path: FailingFile(path, next(rooms), 0)) as journal:
         for k in range(20):
             journal.append(block(2 * k), HopLosses())
     first, second, third = journal.paths
@@ -219,7 +219,7 @@ def test_a_write_that_fails_starts_a_new_file_and_loses_nothing(
         made.append(FailingFile(path, next(rooms), cut))
         return made[-1]
 
-    with Journal(tmp_path, HEAD, create) as journal:
+    with Keeper(tmp_path, HEAD, LIMITS, create) as journal:
         for k in range(10):
             journal.append(block(2 * k), HopLosses())
 
@@ -234,7 +234,7 @@ def test_a_write_that_fails_starts_a_new_file_and_loses_nothing(
 def test_a_sync_that_fails_starts_a_new_file_and_stores_nothing_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with Journal(tmp_path, HEAD) as journal:
+    with Keeper(tmp_path, HEAD, LIMITS) as journal:
         journal.append(block(0), HopLosses())
         really, calls = os.fdatasync, [0]
 
@@ -253,41 +253,21 @@ def test_a_sync_that_fails_starts_a_new_file_and_stores_nothing_twice(
     assert not contents.lost.any
 
 
-def test_a_full_disk_is_one_line_and_what_was_stored_stays(tmp_path: Path) -> None:
-    rooms = iter([12, 0])
-    journal = Journal(tmp_path, HEAD, lambda path: FailingFile(path, next(rooms), 0))
-    stored = []
-
-    def fill() -> None:
-        for k in range(20):
-            journal.append(block(2 * k), HopLosses())
-            stored.append(k)
-
-    with pytest.raises(JournalError, match=r"No space left on device; \d+ blocks in 1 files"):
-        fill()
-    journal.close()
-    assert [p.name for p in tmp_path.iterdir()] == ["journal_0001.mcap"]
-    assert stored
-    assert_same(read_journal(journal.paths).frames, block(0, 2 * len(stored)))
-
-
 def test_segments_are_numbered_on_and_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "journal_0007.mcap").write_bytes(b"precious")
     (tmp_path / "journal_old.mcap").write_bytes(b"")
-    with Journal(tmp_path, HEAD) as journal:
+    with Keeper(tmp_path, HEAD, LIMITS) as journal:
         assert [path.name for path in journal.paths] == ["journal_0008.mcap"]
     assert (tmp_path / "journal_0007.mcap").read_bytes() == b"precious"
 
 
-def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(JournalError, match="cannot write the journal"):
-        Journal(tmp_path / "file" / "below", HEAD)
-
-
 def test_files_of_two_recordings_are_not_mixed(tmp_path: Path) -> None:
-    with Journal(tmp_path, HEAD) as one, Journal(tmp_path, replace(HEAD, monotonic_ns=78)) as two:
-        pass
+    with (
+        Keeper(tmp_path, HEAD, LIMITS) as one,
+        Keeper(tmp_path, replace(HEAD, monotonic_ns=78), LIMITS) as two,
+    ):
+        one.append(block(0), HopLosses())
+        two.append(block(0), HopLosses())
     with pytest.raises(InputError, match="another recording"):
         JournalReader([*one.paths, *two.paths])
 
@@ -308,7 +288,7 @@ def test_a_missing_file_and_no_file_are_refused(tmp_path: Path) -> None:
 
 
 def test_any_mcap_tool_can_read_what_the_journal_writes(tmp_path: Path) -> None:
-    with Journal(tmp_path, HEAD) as journal:
+    with Keeper(tmp_path, HEAD, LIMITS) as journal:
         journal.append(block(0), HopLosses())
         journal.append_events([Event(1, "bump")])
     with journal.paths[0].open("rb") as file:
@@ -316,42 +296,3 @@ def test_any_mcap_tool_can_read_what_the_journal_writes(tmp_path: Path) -> None:
     assert kinds.count("Message") == 2
     assert kinds.count("Attachment") == 2
     assert kinds[-1] == "Footer"
-
-
-WRITER = """
-import os, sys
-from pathlib import Path
-from tests.daq.test_journal import HEAD, block
-from daq.journal import Journal
-from daq.source import HopLosses
-journal = Journal(Path(sys.argv[1]), HEAD)
-n = 0
-while True:
-    journal.append(block(n, 200), HopLosses())
-    n += 200
-    os.write(1, b"%d\\n" % n)
-"""
-
-
-def test_no_frame_reported_as_written_is_lost_to_a_kill(tmp_path: Path) -> None:
-    rng = np.random.default_rng(3)
-    for trial in range(4):
-        folder = tmp_path / str(trial)
-        with subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(folder)], stdout=subprocess.PIPE, text=True
-        ) as writer:
-            assert writer.stdout is not None
-            reported = [writer.stdout.readline()]
-            deadline_s = time.monotonic() + rng.uniform(0.0, 0.1)
-            while time.monotonic() < deadline_s:
-                reported.append(writer.stdout.readline())
-            writer.send_signal(signal.SIGKILL)
-            reported += writer.stdout.readlines()
-        acknowledged = int([line for line in reported if line.endswith("\n")][-1])
-
-        contents = read_journal(sorted(folder.iterdir()))
-
-        assert len(contents.frames) >= acknowledged
-        assert len(contents.frames) <= acknowledged + 200
-        assert_same(contents.frames, block(0, len(contents.frames)))
-        assert contents.lost.blocks_corrupt == contents.lost.blocks_missing == 0

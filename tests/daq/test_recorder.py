@@ -14,8 +14,8 @@ from daq.book import BookStatus, fold
 from daq.channels import Quantity
 from daq.config import Bench
 from daq.errors import InputError
-from daq.journal import Journal, JournalError
 from daq.journal_reader import read_journal
+from daq.keeper import JournalError, Keeper
 from daq.messages import (
     Accept,
     Acknowledge,
@@ -77,7 +77,7 @@ def status(recorder: Recorder) -> Status:
     return recorder.status(now(), HOST)
 
 
-def armed(bench: Bench, codec: Codec, store: Journal, until: Until = Until.COMPLETE) -> Recorder:
+def armed(bench: Bench, codec: Codec, store: Keeper, until: Until = Until.COMPLETE) -> Recorder:
     recorder = Recorder(bench, codec, store)
     recorder.carry_out(Arm(until), "Ann", now())
     return recorder
@@ -85,7 +85,7 @@ def armed(bench: Bench, codec: Codec, store: Journal, until: Until = Until.COMPL
 
 @pytest.mark.parametrize("size", [100, 37, 100_000])
 def test_runs_are_labelled_in_the_order_of_the_campaign_and_stored(
-    quick: Bench, codec: Codec, journal: Journal, size: int
+    quick: Bench, codec: Codec, journal: Keeper, size: int
 ) -> None:
     recorder = armed(quick, codec, journal)
     assert status(recorder).phase is Phase.WAITING
@@ -105,7 +105,7 @@ def test_runs_are_labelled_in_the_order_of_the_campaign_and_stored(
 
 
 def test_a_bump_that_nobody_waits_for_is_told_and_consumes_nothing(
-    quick: Bench, codec: Codec, journal: Journal
+    quick: Bench, codec: Codec, journal: Keeper
 ) -> None:
     recorder = Recorder(quick, codec, journal)
     events = feed(recorder, blocks(bumps(codec, 1)))
@@ -120,7 +120,7 @@ def test_a_bump_that_nobody_waits_for_is_told_and_consumes_nothing(
 
 
 def test_the_status_says_what_is_due_and_what_is_going_on(
-    quick: Bench, codec: Codec, journal: Journal
+    quick: Bench, codec: Codec, journal: Keeper
 ) -> None:
     recorder = armed(quick, codec, journal)
     frames = bumps(codec, 1)
@@ -145,7 +145,7 @@ def test_the_status_says_what_is_due_and_what_is_going_on(
 
 
 def test_live_samples_are_told_once_and_kept_for_those_who_come_later(
-    quick: Bench, codec: Codec, journal: Journal
+    quick: Bench, codec: Codec, journal: Keeper
 ) -> None:
     recorder = Recorder(quick, codec, journal)
     frames = bumps(codec, 1)
@@ -169,7 +169,7 @@ def test_live_samples_are_told_once_and_kept_for_those_who_come_later(
     assert set(other.high) == {None}
 
 
-def test_losses_of_every_hop_add_up(bench: Bench, codec: Codec, journal: Journal) -> None:
+def test_losses_of_every_hop_add_up(bench: Bench, codec: Codec, journal: Keeper) -> None:
     frames = bumps(codec, 1)
     data = frames.data.copy()
     data[10, 0] ^= 1  # checksum
@@ -202,7 +202,7 @@ def test_losses_of_every_hop_add_up(bench: Bench, codec: Codec, journal: Journal
 
 
 def test_a_block_that_cannot_be_stored_is_not_used(bench: Bench, codec: Codec) -> None:
-    class Full(Journal):
+    class Full(Keeper):
         def __init__(self) -> None:
             pass
 
@@ -216,7 +216,7 @@ def test_a_block_that_cannot_be_stored_is_not_used(bench: Bench, codec: Codec) -
 
 
 def test_stamps_of_another_epoch_are_told_once(
-    bench: Bench, codec: Codec, journal: Journal
+    bench: Bench, codec: Codec, journal: Keeper
 ) -> None:
     recorder = Recorder(bench, codec, journal)
     first = recorder.step(FrameBatch.empty(), HopLosses(restamped=5), now())
@@ -226,7 +226,7 @@ def test_stamps_of_another_epoch_are_told_once(
 
 
 def test_a_bench_that_cannot_trigger_or_does_not_fit_its_dbc_is_refused(
-    bench: Bench, codec: Codec, journal: Journal
+    bench: Bench, codec: Codec, journal: Keeper
 ) -> None:
     mute = tuple(c for c in bench.channels if c.quantity is Quantity.PITCH_RATE)
     with pytest.raises(InputError, match="no channel that can trigger"):
@@ -237,7 +237,7 @@ def test_a_bench_that_cannot_trigger_or_does_not_fit_its_dbc_is_refused(
 
 
 def test_a_consumer_that_fails_costs_no_frame_and_is_named_once_a_second(
-    quick: Bench, codec: Codec, journal: Journal, monkeypatch: pytest.MonkeyPatch
+    quick: Bench, codec: Codec, journal: Keeper, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: object) -> None:
         raise RuntimeError("no luck\x1b")
@@ -258,7 +258,7 @@ def test_a_consumer_that_fails_costs_no_frame_and_is_named_once_a_second(
 
 
 def test_a_verdict_that_fails_does_not_throw_the_bump_away(
-    quick: Bench, codec: Codec, journal: Journal, monkeypatch: pytest.MonkeyPatch
+    quick: Bench, codec: Codec, journal: Keeper, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: object) -> None:
         raise ZeroDivisionError
@@ -272,7 +272,7 @@ def test_a_verdict_that_fails_does_not_throw_the_bump_away(
     assert [finding.code for finding in run.findings] == ["unjudged"]
 
 
-def test_stamps_that_fall_back_cut_the_run(quick: Bench, codec: Codec, journal: Journal) -> None:
+def test_stamps_that_fall_back_cut_the_run(quick: Bench, codec: Codec, journal: Keeper) -> None:
     recorder = armed(quick, codec, journal)
     frames = bumps(codec, 2)
     feed(recorder, blocks(frames.select(slice(0, 700))))
@@ -283,7 +283,7 @@ def test_stamps_that_fall_back_cut_the_run(quick: Bench, codec: Codec, journal: 
 
 
 def test_orders_are_written_down_and_those_that_make_no_sense_refused(
-    quick: Bench, codec: Codec, journal: Journal
+    quick: Bench, codec: Codec, journal: Keeper
 ) -> None:
     recorder = armed(quick, codec, journal)
     for order, why in (
@@ -331,7 +331,7 @@ def test_orders_are_written_down_and_those_that_make_no_sense_refused(
 
 
 def test_bench_toml_may_change_within_a_recording(
-    quick: Bench, codec: Codec, journal: Journal
+    quick: Bench, codec: Codec, journal: Keeper
 ) -> None:
     recorder = Recorder(quick, codec, journal)
     for changed, why in (
@@ -350,7 +350,7 @@ def test_bench_toml_may_change_within_a_recording(
     assert [(e.code, e.text) for e in read_journal(journal.paths).events] == [("bench", other)]
 
 
-def test_the_end_of_a_recording_cuts_the_run(quick: Bench, codec: Codec, journal: Journal) -> None:
+def test_the_end_of_a_recording_cuts_the_run(quick: Bench, codec: Codec, journal: Keeper) -> None:
     recorder = armed(quick, codec, journal)
     feed(recorder, blocks(bumps(codec, 1).select(slice(0, 700))))
     recorder.cut("the recording was ended")
@@ -359,13 +359,13 @@ def test_the_end_of_a_recording_cuts_the_run(quick: Bench, codec: Codec, journal
     assert (verdict["label"], verdict["accepted"]) == (LABELS[0], False)
 
 
-def _events(journal: Journal) -> tuple[Event, ...]:
+def _events(journal: Keeper) -> tuple[Event, ...]:
     journal.close()
     return read_journal(journal.paths).events
 
 
 def test_the_last_seconds_are_at_hand_for_the_check(
-    quick: Bench, codec: Codec, journal: Journal
+    quick: Bench, codec: Codec, journal: Keeper
 ) -> None:
     recorder = Recorder(quick, codec, journal)
     frames = bumps(codec, 12)  # 14.4 s

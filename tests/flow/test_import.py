@@ -15,9 +15,9 @@ import pytest
 import daq
 from daq.build import session_from_journal
 from daq.config import parse_bench
-from daq.journal import Journal
 from daq.journal_format import JournalHead
 from daq.journal_reader import read_journal
+from daq.keeper import Keeper
 from daq.messages import Arm, Until
 from daq.now import Now
 from daq.recorder import Recorder
@@ -86,7 +86,7 @@ def test_a_campaign_as_blf_through_a_foreign_dbc_gives_the_same_car(
     codec = parse_codec(bench.dbc_text, bench.dbc_name)
     frames = _on_grid(FrameBatch.concatenate(list(campaign_frames(bench, codec, CAR, 3, START_NS))))
     head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0)
-    with Journal(tmp_path / "journal", head) as journal:
+    with Keeper(tmp_path / "journal", head) as journal:
         recorder = Recorder(bench, codec, journal)
         recorder.carry_out(Arm(Until.COMPLETE), "test", Now(START_NS, 0.0))
         for first in range(0, len(frames), 400):

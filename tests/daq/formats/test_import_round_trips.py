@@ -10,8 +10,8 @@ import can
 import pytest
 
 from daq.formats.log import Log, read_log
-from daq.journal import Journal
 from daq.journal_format import JournalHead
+from daq.keeper import Keeper
 from daq.source import HopLosses
 from dbc import FrameBatch
 
@@ -62,7 +62,7 @@ def write_trc(path: Path, frames: Iterable[Frame]) -> None:
 
 def write_journal(path: Path, frames: list[Frame]) -> None:
     head = JournalHead("", "", "test", START_S * 10**9, 0)
-    with Journal(path.parent, head) as journal:
+    with Keeper(path.parent, head) as journal:
         for first in range(0, len(frames), 300):
             journal.append(batch_of(frames[first : first + 300]), HopLosses())
         written = journal.paths[0]
