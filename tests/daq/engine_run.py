@@ -1,0 +1,145 @@
+"""An engine in a thread of its own, and sources that give out what a test has written."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from daq.config import Bench, BusConfig
+from daq.engine import Engine
+from daq.messages import Live, Order, Reply, Status
+from daq.source import FrameSource, SourceLosses
+from dbc import FrameBatch
+
+PATIENCE_S = 30.0
+
+
+class Script:
+    """A source that gives out blocks, then fails or falls silent.
+
+    Parameters
+    ----------
+    given : sequence of FrameBatch
+        Each is returned by one call.
+    error : Exception or None
+        Raised when all is given out.
+    pause_s : float
+        Before each block.
+    """
+
+    name = "script"
+
+    def __init__(
+        self,
+        given: Sequence[FrameBatch],
+        error: Exception | None = None,
+        pause_s: float = 0.0,
+        losses: SourceLosses | None = None,
+    ) -> None:
+        self.given = list(given)
+        self.error = error
+        self.pause_s = pause_s
+        self.told = losses or SourceLosses()
+        self.exhausted = threading.Event()
+        self.closed = threading.Event()
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        if self.given:
+            if self.pause_s:
+                time.sleep(self.pause_s)
+            return self.given.pop(0)
+        self.exhausted.set()
+        if self.error:
+            raise self.error
+        self.closed.wait(min(timeout_s, 0.005))
+        return FrameBatch.empty()
+
+    def losses(self) -> SourceLosses:
+        return self.told
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+def on_bus(frames: FrameBatch, bus: int) -> FrameBatch:
+    return replace(frames, bus=frames.bus * 0 + bus)
+
+
+def sources(*scripts: FrameSource) -> Callable[[BusConfig, int], FrameSource]:
+    """Return what opens the script of each bus; a list in place of one is used up in turn."""
+    return lambda _, number: scripts[number]
+
+
+class Running:
+    """An engine at work until the end of a `with`; keeps all that it told."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        folder: Path,
+        open_source: Callable[[BusConfig, int], FrameSource],
+        **options: Any,
+    ) -> None:
+        self.engine = Engine(bench, folder, open_source, software="test", **options)
+        self.folder = folder
+        self.told: list[Status] = []
+        self.live: list[Live] = []
+        self.failure: BaseException | None = None
+        self._news = threading.Condition()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """End the engine as SIGTERM does."""
+        self._stop.set()
+        self._thread.join(PATIENCE_S)
+        assert not self._thread.is_alive()
+        if self.failure:
+            raise self.failure
+
+    def order(self, order: Order, by: str = "Ann") -> Reply:
+        return self.engine.submit(order, by).result(PATIENCE_S)
+
+    def until(self, what: Callable[[Status], bool]) -> Status:
+        """Wait for a status."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        with self._news:
+            while not (self.told and what(self.told[-1])):
+                left_s = deadline_s - time.monotonic()
+                assert left_s > 0, self.told[-1:]
+                self._news.wait(left_s)
+            return self.told[-1]
+
+    @property
+    def last(self) -> Status:
+        return self.told[-1]
+
+    def _run(self) -> None:
+        try:
+            self.engine.run(self._stop, self._publish)
+        except BaseException as error:
+            self.failure = error
+
+    def _publish(self, status: Status, live: Live | None) -> None:
+        with self._news:
+            self.told.append(status)
+            if live is not None:
+                self.live.append(live)
+            self._news.notify_all()
