@@ -147,7 +147,7 @@ def test_a_mark_of_the_bench_check_asks_for_a_push() -> None:
     rest = codec.decode(_read(source, 1.0))["SUSP_Rear.travel_rr"].value
     told[0] = replace(told[0], notes=(Remark(0, "a note"), Remark(0, "wiggle RR")))
     travel = codec.decode(_read(source, 4.0))["SUSP_Rear.travel_rr"]
-    assert np.max(np.abs(rest)) < 2.0
+    assert np.max(np.abs(rest)) < 3.0
     pushed_s = np.flatnonzero(travel.value > 5.0) * np.median(np.diff(travel.t_ns)) * 1e-9
     assert 0.2 < np.ptp(pushed_s) < 1.2  # once
 
