@@ -32,6 +32,8 @@ BY = "record"
 """Whose orders these are, in the journal."""
 TURN_S = 0.2
 FIGURES_S = 5.0
+SAME_S = 0.5
+"""A signal to the process and to its group (as timeout(1) sends it) is one wish, not two."""
 TOLD_EVERY_S = 1.0
 """systemd hears so often how the recorder is; its watchdog waits ten times as long."""
 
@@ -96,15 +98,17 @@ class _Signals:
 
     def __init__(self, end: threading.Event) -> None:
         self.end, self.reload = end, threading.Event()
-        self._counted = 0
+        self._asked_s = time.monotonic()
 
     def take(self, number: int, _frame: object) -> None:
         if number == signal.SIGHUP:
             self.reload.set()
             return
-        self._counted += 1
-        if self._counted > 1:
+        now_s = time.monotonic()
+        if self.end.is_set() and now_s - self._asked_s > SAME_S:
             os._exit(128 + number)  # what was acknowledged is on the disk
+        if not self.end.is_set():
+            self._asked_s = now_s
         self.end.set()
 
 
