@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from textwrap import wrap
+
 from textual.app import ComposeResult
 from textual.containers import Horizontal
 from textual.content import Content
@@ -11,7 +13,7 @@ from ..banner import Banner
 from ..glyphs import Glyphs, GlyphSet
 
 KINDS = ("armed", "moving", "good", "bad", "quiet")
-_WORD = 13
+_WORD, _DIGITS = 13, 10
 
 
 class BannerBar(Horizontal):
@@ -20,7 +22,7 @@ class BannerBar(Horizontal):
     def __init__(self, glyphs: Glyphs) -> None:
         super().__init__()
         self._plain = glyphs.name is GlyphSet.ASCII
-        self._shown: Banner | None = None
+        self._shown: tuple[Banner, int] | None = None
 
     def compose(self) -> ComposeResult:
         """Words on the left, digits on the right."""
@@ -29,9 +31,9 @@ class BannerBar(Horizontal):
 
     def show(self, banner: Banner) -> None:
         """Show a banner."""
-        if banner == self._shown:
+        if (banner, self.size.width) == self._shown:
             return
-        self._shown = banner
+        self._shown = banner, self.size.width
         for kind in KINDS:
             self.set_class(kind == banner.kind, f"-{kind}")
         indent = " " * 3
@@ -39,11 +41,17 @@ class BannerBar(Horizontal):
             Content.assemble(
                 (f" {banner.symbol} {banner.word:<{_WORD}}", "bold"), (banner.title, "bold")
             ),
-            Content(f"{indent}{banner.first}"),
-            Content(f"{indent}{banner.second}"),
+            *(Content(f"{indent}{line}") for line in self._folded(banner, len(indent))),
         ]
         self.query_one(Static).update(Content("\n").join(lines))
         if self._plain:
             self.query_one("#figures", Static).update(f"\n{banner.digits:>5} ")
         else:
             self.query_one(Digits).update(banner.digits)
+
+    def _folded(self, banner: Banner, indent: int) -> list[str]:
+        """Return two lines: what is too long for the first goes on before the second."""
+        room = max(20, self.size.width - _DIGITS - indent)
+        first, *rest = wrap(banner.first, room) or [""]
+        second = "  ".join(part for part in (" ".join(rest), banner.second) if part)
+        return [first, second]
