@@ -21,6 +21,7 @@ from .crash_full import disks_full
 from .crash_images import images
 from .crash_kills import kills
 from .crash_power import cuts
+from .crash_slow import slow_disk
 from .crash_taken import TAKINGS, read_only, take_away, unmounted
 
 
@@ -88,6 +89,14 @@ def _derive(folder: Path, count: int) -> str:
     )
 
 
+def _slow(folder: Path, seconds: int) -> str:
+    slow = slow_disk(folder, seconds)
+    return (
+        f"{seconds} s with fdatasync taking 1 s: 0 of {slow.frames:,} frames lost; queue at most"
+        f" {slow.queue_high} of {slow.queue_room} blocks"
+    )
+
+
 CAMPAIGNS: dict[str, tuple[Callable[[Path, int], str], int]] = {
     "R1": (_kills, 200),
     "R2": (_images, 3000),
@@ -96,6 +105,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[Path, int], str], int]] = {
     "R5": (_power, 10),
     "R6": (_taken, 3),
     "R7": (_derive, 50),
+    "R16": (_slow, 15),
 }
 
 
