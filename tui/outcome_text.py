@@ -110,7 +110,8 @@ def parameter_lines(
         interval = f"{number(row.low)} .. {number(row.high)}" if half is not None else ""
         if half is not None and not isfinite(half):
             interval = "not determined"
-        text = f"{(symbol + row.words)[:29]:<30}{number(row.value):>10} {row.unit:<6}{interval:>19} "
+        words = (symbol + row.words)[:29]
+        text = f"{words:<30}{number(row.value):>10} {row.unit:<6}{interval:>19} "
         drawn = bar(half, widest, glyphs)
         if wide:
             share = f"{half:.2f} %" if half is not None and isfinite(half) else ""

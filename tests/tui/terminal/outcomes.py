@@ -108,7 +108,9 @@ def refused() -> Outcome:
 
 
 def _matrix(diagonal: float) -> tuple[Row, ...]:
-    return tuple(tuple(diagonal if i == j else -0.25 * diagonal for j in range(7)) for i in range(7))
+    return tuple(
+        tuple(diagonal if i == j else -0.25 * diagonal for j in range(7)) for i in range(7)
+    )
 
 
 def _curve() -> Curve:
