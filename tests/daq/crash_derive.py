@@ -30,11 +30,11 @@ _STEP_NS = 62_500
 _BLOCK_FRAMES = 1600
 
 
-def journal_of_runs(folder: Path, frames: int) -> tuple[Path, ...]:
+def journal_of_runs(folder: Path, frames: int, recording: str = "ab" * 16) -> tuple[Path, ...]:
     """Record 16 000 frames a second with four bumps in them, in several segments."""
     bench = small_bench()
     one = bumps(small_codec(), 10)
-    head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0, "ab" * 16)
+    head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0, recording)
     places = [round(frames * (k + 0.5) / len(LABELS)) for k in range(len(LABELS))]
     keeper = Keeper(folder, head, RecorderConfig(segment_bytes=frames * 10.0), QuickFile)
     for first in range(0, frames, _BLOCK_FRAMES):
