@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -58,6 +59,10 @@ async def _until(pilot: Pilot[None], condition: Callable[[], object]) -> None:
     while not condition():
         assert clock() < end_s, screen_text(pilot.app)
         await pilot.pause(0.02)
+
+
+def _shows(app: BenchApp, text: str) -> bool:
+    return text in screen_text(app)
 
 
 async def _screen(pilot: Pilot[None], kind: type) -> None:
@@ -234,7 +239,7 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
         recorder.post(Live(0, BIN_S, ()))
         await pilot.press("space")
         for corner in Corner:
-            await _until(pilot, lambda c=corner: Mark(f"wiggle {c}") in recorder.orders)
+            await _until(pilot, partial(recorder.orders.__contains__, Mark(f"wiggle {corner}")))
             await _push(pilot, recorder, corner, 1.0)
         await _until(pilot, lambda: "SPACE = zero" in screen_text(app))
         assert "travel_rr moved +14 mm, sign right" in screen_text(app)
@@ -321,7 +326,7 @@ async def test_space_goes_from_weight_to_weight_and_then_on(make_app: Make) -> N
     async with app.run_test(size=(80, 24)) as pilot:
         await _screen(pilot, MassesScreen)
         for number in range(1, 9):
-            await _until(pilot, lambda n=number: f"weight {n} is bolted" in screen_text(app))
+            await _until(pilot, partial(_shows, app, f"weight {number} is bolted"))
             assert Mark("step masses done") not in recorder.orders
             await pilot.press("space")
         await _until(pilot, lambda: "all are bolted" in screen_text(app))
