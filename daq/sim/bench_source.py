@@ -17,7 +17,7 @@ from ..config import Bench
 from ..errors import BusError
 from ..messages import Phase, Status
 from ..runs import BASELINE
-from ..source import GATHER_S, SourceLosses
+from ..source import SourceLosses
 from ..vehicle import Corner
 from .acts import Act, Acts
 from .car import SimulatedCar
@@ -26,8 +26,10 @@ from .spoils import LOST_S, SPOILT_BUMP, UNPLUG_AFTER_S, UNPLUGGED_S, Fault
 
 __all__ = ["Fault", "SimulatedBench"]
 
-PIECE_S = 0.05
+PIECE_S = 0.1
 """The car is sampled in pieces of at most this length: a read takes some milliseconds."""
+BLOCK_S = 0.02
+"""Of the host's time between blocks: each costs some milliseconds, however short it is."""
 PATIENCE_S = (1.0, 1.6)
 """After arming somebody bumps the car between so early and so late."""
 WIGGLE_S = 3.0
@@ -134,8 +136,7 @@ class SimulatedBench:
             While the adapter is unplugged.
         """
         if np.isfinite(self._speed):
-            # In car time a block is GATHER_S times the speed: the host works as seldom at any.
-            wait_s = (self._done_s - self._now_s()) / self._speed + GATHER_S
+            wait_s = (self._done_s - self._now_s()) / self._speed + BLOCK_S
             time.sleep(min(max(wait_s, 0.0), timeout_s))
         self._check_plug()
         self._choose(self._wish())

@@ -21,7 +21,7 @@ from daq.messages import Phase, Status
 from daq.now import Now
 from daq.recorder import Recorder
 from daq.runs import BASELINE, Excitation
-from daq.sim.bench_source import WIGGLE_S, Fault, SimulatedBench
+from daq.sim.bench_source import PIECE_S, WIGGLE_S, Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
 from daq.sim.motion import pushed
 from daq.sim.plant import load_car
@@ -57,7 +57,7 @@ def _resting(wiggles: bool = False) -> SimulatedBench:
 
 
 def _read(source: SimulatedBench, seconds: float) -> FrameBatch:
-    return FrameBatch.concatenate([source.read(0.0) for _ in range(round(seconds / 0.05))])
+    return FrameBatch.concatenate([source.read(0.0) for _ in range(round(seconds / PIECE_S))])
 
 
 def test_a_campaign_is_recorded_as_planned_and_identified() -> None:
@@ -123,7 +123,7 @@ def test_an_unplugged_bench_comes_back_when_it_is_opened_again() -> None:
             continue
         break
     after = source.read(0.0)
-    assert (int(after.t_ns[0]) - int(before.t_ns[-1])) * 1e-9 == pytest.approx(3.0, abs=0.05)
+    assert (int(after.t_ns[0]) - int(before.t_ns[-1])) * 1e-9 == pytest.approx(3.0, abs=PIECE_S)
 
 
 def test_a_push_on_a_corner_presses_its_suspension_together_first() -> None:
