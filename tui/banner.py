@@ -44,7 +44,7 @@ class Banner:
 def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs: Glyphs) -> Banner:
     """Return the banner of a status, or of a recorder that does not answer."""
     if lost is not None:
-        advice = f"{lost.advice}; it is looked for all the time.  X = start it again"
+        advice = f"X = start it again   (or {lost.advice}; it is looked for all the time)"
         return Banner("bad", glyphs.bad, "RECORDER LOST", "", lost.text, advice)
     if status is None:
         return Banner("quiet", glyphs.paused, "CONNECTING", "", "waiting for the recorder")
