@@ -15,15 +15,19 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import can
+import numpy as np
+from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 
 from .columns import frame_columns
 from .config import BusConfig
 from .errors import BusError
+from .host_axis import HOST_AXIS
 from .slcan import open_slcan
 from .socketcan import open_socketcan
 from .source import BLOCK_FRAMES, GATHER_S, FrameSource, SourceLosses
@@ -39,6 +43,10 @@ FAULT_PAUSE_S = 0.02
 _POLL_S = 0.002
 _WALL_CLOCK_WAITS = frozenset({"pcan", "vector", "iscan", "canalystii", "robotell"})
 """Interfaces whose backends wait by the wall clock: set back an hour, they would wait an hour."""
+_WALL_CLOCK_STAMPS = frozenset(
+    {"udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"}
+)
+"""Interfaces whose frames are stamped by the host's wall clock, which may be set."""
 RECEIVE_BUFFER_BYTES = 8 << 20
 _SO_RCVBUFFORCE = 33
 _IP_MULTICAST_ALL = 49
@@ -82,7 +90,11 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
         with _one_line(config):
             return open_socketcan(config.channel, bus)
     opened = open_bus(config)
-    return PythonCanSource(opened, _name(config), bus, doze=doze_for(opened, config.interface))
+    doze = doze_for(opened, config.interface)
+    if config.interface in _WALL_CLOCK_STAMPS:
+        on_axis = HOST_AXIS.from_wall
+        return PythonCanSource(opened, _name(config), bus, time.time_ns, doze, on_axis)
+    return PythonCanSource(opened, _name(config), bus, doze=doze)
 
 
 def open_bus(config: BusConfig) -> can.BusABC:
@@ -196,6 +208,8 @@ class PythonCanSource:
     doze : callable or None
         Waits in the backend's place, which is asked only for what is there; None leaves the
         waiting to the backend.
+    on_axis : callable or None
+        Puts stamps of the wall clock, (n,) int64, on an axis that nobody can set.
     """
 
     def __init__(
@@ -203,14 +217,16 @@ class PythonCanSource:
         bus: can.BusABC,
         name: str,
         index: int,
-        now_ns: Callable[[], int] = time.time_ns,
+        now_ns: Callable[[], int] = HOST_AXIS.now_ns,
         doze: Doze | None = None,
+        on_axis: Callable[[NDArray[np.int64]], NDArray[np.int64]] | None = None,
     ) -> None:
         self.name = name
         self._bus = bus
         self._index = index
         self._now_ns = now_ns
         self._doze = doze
+        self._on_axis = on_axis
         self._garbled = 0
         self._restamped = 0
         self._faults_in_a_row = 0
@@ -297,7 +313,7 @@ class PythonCanSource:
             return FrameBatch.concatenate([first, self._batch(messages[half:], arrived_ns[half:])])
         self._garbled += garbled
         self._restamped += restamped
-        return batch
+        return replace(batch, t_ns=self._on_axis(batch.t_ns)) if self._on_axis else batch
 
 
 def _is_fault(error: BaseException) -> bool:

@@ -24,6 +24,7 @@ from .config import Bench, bench_codec
 from .derivation import Derivation
 from .frame_store import Nowhere
 from .guard import Guard
+from .host_axis import HOST_AXIS
 from .journal_contents import JournalTail
 from .journal_folder import last_recording
 from .journal_segment import SyncedFile
@@ -303,6 +304,7 @@ class Engine:
         self._begin(self._bench, now)
 
     def _begin(self, bench: Bench, now: Now) -> None:
+        HOST_AXIS.begin()  # within a recording no clock that is set may move the axis
         self._use(self._opened(bench, now))
 
     def _use(self, recording: Recording) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from dbc.frames import FrameBatch
 
 from .errors import BusError
+from .host_axis import HOST_AXIS
 from .slcan_lines import LONGEST_LINE, parse_slcan
 from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
 
@@ -61,7 +62,7 @@ class SlcanSource:
         name: str,
         bitrate: int,
         index: int,
-        now_ns: Callable[[], int] = time.time_ns,
+        now_ns: Callable[[], int] = HOST_AXIS.now_ns,
     ) -> None:
         self.name = name
         self._line = line

@@ -13,8 +13,6 @@ import os
 import select
 import socket
 import threading
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -26,6 +24,7 @@ from dbc.frames import FrameBatch
 from . import hardware_clock
 from . import socketcan_abi as abi
 from .errors import BusError
+from .host_axis import HOST_AXIS, HostAxis
 from .socketcan_frames import frame_columns
 from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
 
@@ -90,8 +89,8 @@ class SocketCanSource:
         For messages.
     index : int
         The number its frames carry.
-    now_ns : callable
-        The host's clock, ns since 1970, for frames that have no stamp.
+    axis : HostAxis
+        Where the kernel's stamps are put, and those of frames that have none.
     """
 
     def __init__(
@@ -99,12 +98,12 @@ class SocketCanSource:
         sock: socket.socket,
         name: str,
         index: int,
-        now_ns: Callable[[], int] = time.time_ns,
+        axis: HostAxis = HOST_AXIS,
     ) -> None:
         self.name = name
         self._socket = sock
         self._index = index
-        self._now_ns = now_ns
+        self._axis = axis
         self._buffer_bytes = _prepare(sock)
         self._buffers = abi.FrameBuffers(BLOCK_FRAMES)
         self._reading, self._closing = threading.Lock(), threading.Lock()
@@ -205,10 +204,10 @@ class SocketCanSource:
 
     def _stamps(self, came_with: abi.Ancillary) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Return the best stamp of each frame, and which of them are not our own."""
-        t_ns = came_with.kernel_ns
-        stamped = t_ns != 0
+        stamped = came_with.kernel_ns != 0
+        t_ns = self._axis.from_wall(came_with.kernel_ns)
         if np.count_nonzero(stamped) < len(stamped):
-            t_ns = np.where(stamped, t_ns, self._now_ns())
+            t_ns = np.where(stamped, t_ns, self._axis.now_ns())
         self._clock = StampClock.KERNEL if stamped[-1] else StampClock.ARRIVAL
         by_hardware = came_with.hardware_ns != 0
         if np.count_nonzero(by_hardware):

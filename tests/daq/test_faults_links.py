@@ -16,6 +16,7 @@ import pytest
 
 from daq import socketcan_abi as abi
 from daq.config import BusConfig
+from daq.host_axis import HostAxis
 from daq.link import Link
 from daq.slcan import SlcanSource
 from daq.socketcan import SocketCanSource
@@ -347,7 +348,9 @@ def test_an_interface_taken_down_and_one_that_has_gone_both_come_back(
     def open_socketcan(config: BusConfig, number: int) -> FrameSource:
         kernel, wire = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         wires.append(wire)
-        return SocketCanSource(kernel, "socketcan 1", number, lambda: bench.t_ns)
+        return SocketCanSource(
+            kernel, "socketcan 1", number, HostAxis(lambda: bench.t_ns, lambda: 0)
+        )
 
     buses = TwoBuses("socketcan", open_socketcan)
     bench = buses.bench

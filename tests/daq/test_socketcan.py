@@ -19,6 +19,7 @@ from daq import socketcan_abi as abi
 from daq.bus import open_source
 from daq.config import BusConfig
 from daq.errors import BusError
+from daq.host_axis import HostAxis
 from daq.socketcan import RECEIVE_BUFFER_BYTES, Reception, SocketCanSource, StampClock
 from daq.source import BLOCK_FRAMES
 from dbc.frames import FrameBatch, FrameFlag
@@ -43,7 +44,9 @@ class Feed:
 
     def __init__(self, pair: tuple[socket.socket, socket.socket]) -> None:
         self.receiving, self.sending = pair
-        self.source = SocketCanSource(self.receiving, "fed 0", 3, lambda: NOW_NS)
+        self.source = SocketCanSource(
+            self.receiving, "fed 0", 3, HostAxis(lambda: NOW_NS, lambda: 0)
+        )
 
     def send(self, *frames: bytes) -> None:
         for frame in frames:

@@ -182,7 +182,7 @@ def error_frame() -> str:
 
 
 def clock_step() -> str:
-    """Stamps follow the clock of the host when it is set; nothing waits for it or is lost."""
+    """Set the clock of the host: stamps go on, nothing waits for it or is lost."""
     source = open_socketcan("vcan0", 0)
     with sender("vcan0") as sending:
         steps_ns = []
@@ -195,8 +195,8 @@ def clock_step() -> str:
             steps_ns.append(int(source.read(1.0).t_ns[-1]) - before_ns)
             assert time.monotonic() - began_s < 1.0
     source.close()
-    assert np.abs(np.array(steps_ns) - [HOUR_NS, -HOUR_NS]).max() < 10**9
-    return f"stamps step by {steps_ns[0] / 1e9:+.2f} s and {steps_ns[1] / 1e9:+.2f} s"
+    assert all(0 < step_ns < 10**9 for step_ns in steps_ns)
+    return f"stamps go on by {steps_ns[0] / 1e9:+.3f} s and {steps_ns[1] / 1e9:+.3f} s"
 
 
 def wake_up() -> str:
