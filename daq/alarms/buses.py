@@ -22,8 +22,8 @@ _FAST_DATA = 4
 """The payload of an FD frame with bit rate switch goes so much faster; the rate is not configured
 here."""
 
-Traffic = tuple[float, int, int, float]
-"""Monotonic time of a turn, good frames, error frames and bits in it."""
+Traffic = tuple[float, int, int, float, int]
+"""Monotonic time of a turn, good frames, error frames and bits in it, its latest time stamp."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +155,7 @@ def _advance(
     for code, number in numbers.items():
         if number > 0:
             counts[code, name] = Count(number, said if code in ("error_frames", "bus_off") else "")
+    last_ns = int(frames.t_ns[-1]) if n else watch.last_ns
     connected_s = watch.connected_s if link.connected else now_s
     earlier = [turn for turn in watch.recent if turn[0] <= now_s - WINDOW_S][-1:]
     within = [turn for turn in watch.recent if turn[0] > now_s - WINDOW_S]
@@ -167,8 +168,8 @@ def _advance(
         error_s=now_s if tally else watch.error_s,
         frames=watch.frames + good,
         error_frames=watch.error_frames + len(error_rows),
-        recent=(*earlier, *within, (now_s, good, len(error_rows), bits_sent)),
-        last_ns=int(frames.t_ns[-1]) if n else watch.last_ns,
+        recent=(*earlier, *within, (now_s, good, len(error_rows), bits_sent, last_ns)),
+        last_ns=last_ns,
         said=said or watch.said,
         losses=link.losses,
     )
@@ -202,8 +203,10 @@ def _controller(
 
 def bus_status(watch: BusWatch, link: LinkFacts, silent_s: float, now_s: float) -> BusStatus:
     """Return how a bus is doing."""
-    first = watch.recent[0]
-    span_s = max(now_s - first[0], WINDOW_S / 10)
+    first, last = watch.recent[0], watch.recent[-1]
+    # A replay that runs faster than time fills no bus: it took the time that its stamps say.
+    stamped_s = (last[4] - first[4]) * 1e-9 if first[4] else 0.0
+    span_s = max(now_s - first[0], stamped_s, WINDOW_S / 10)
     return BusStatus(
         name=link.name,
         state=_state(watch, link, silent_s, now_s),
