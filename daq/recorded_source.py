@@ -1,14 +1,17 @@
-"""The frames of a recorded session as a bus: they come at their own distances, or faster."""
+"""The frames of a recording as a bus: they come at their own distances, or faster."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from dbc.frames import FrameBatch
 
+from .journal_folder import recordings_of
+from .journal_reader import read_journal
 from .replay import recorded_frames
 from .runs import Session
 from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
@@ -17,15 +20,39 @@ LONGEST_GAP_S = 3.0
 """Between two runs of a session nothing was kept that is worth a longer wait."""
 
 
+def whole_frames(session: Session, folder: Path) -> FrameBatch:
+    """Return the frames of a session, also those between its runs if the journal is still there.
+
+    A session keeps the runs only, and where a piece is missing the counters of the sensors tell of
+    losses: the run before it would be judged by them.
+
+    Parameters
+    ----------
+    session : Session
+        What is to be played.
+    folder : Path
+        Where it was derived: its journal is beside it.
+    """
+    runs = FrameBatch.concatenate(list(recorded_frames(session)))
+    if not len(runs):
+        return runs
+    span = (int(runs.t_ns.min()), int(runs.t_ns.max()) + 1)
+    for recording in recordings_of(sorted((folder / "journal").glob("*.mcap"))):
+        whole = read_journal(recording.segments, [span]).frames
+        if len(whole) >= len(runs):
+            return whole
+    return runs
+
+
 class RecordedSource:
-    """A session as a `daq.source.FrameSource`.
+    """A recording as a `daq.source.FrameSource`.
 
     Time stamps keep their distances; the first is `start_ns`, and long gaps are shortened.
 
     Parameters
     ----------
-    session : Session
-        Its runs have their raw frames.
+    frames : FrameBatch
+        As they were recorded.
     bus : int
         Only this bus of it.
     speed : float
@@ -34,8 +61,7 @@ class RecordedSource:
         Time stamp of the first frame, ns since 1970 UTC.
     """
 
-    def __init__(self, session: Session, bus: int, speed: float, start_ns: int) -> None:
-        frames = FrameBatch.concatenate(list(recorded_frames(session)))
+    def __init__(self, frames: FrameBatch, bus: int, speed: float, start_ns: int) -> None:
         gap_ns = np.diff(frames.t_ns, prepend=frames.t_ns[:1])
         t_ns = start_ns + np.cumsum(np.clip(gap_ns, 0, round(LONGEST_GAP_S * 1e9)))
         mine = frames.bus == bus
@@ -47,7 +73,7 @@ class RecordedSource:
     @property
     def name(self) -> str:
         """The bus, for messages to the operator."""
-        return "recorded session"
+        return "recording"
 
     @property
     def done(self) -> bool:
@@ -67,7 +93,7 @@ class RecordedSource:
         return self._frames.select(slice(first, self._next))
 
     def losses(self) -> SourceLosses:
-        """Return none: what was lost is in the session."""
+        """Return none: what was lost is missing from the frames."""
         return SourceLosses()
 
     def close(self) -> None:

@@ -29,8 +29,9 @@ def replay_recorder(
 
     from daq import read_foreign_session
     from daq.config import BusConfig, parse_bench
+    from daq.errors import InputError
     from daq.lock import lone_recorder
-    from daq.recorded_source import RecordedSource
+    from daq.recorded_source import RecordedSource, whole_frames
     from daq.source import FrameSource
 
     from .daemon import Habits
@@ -39,6 +40,10 @@ def replay_recorder(
     from .recording import record_campaign
 
     played = read_foreign_session(session)
+    if not {"bench_toml", "dbc"} <= played.provenance.keys():
+        what = "does not hold its bench.toml and DBC: it was not recorded from a bus"
+        raise InputError(str(session), what, "name a session that a recorder made")
+    frames = whole_frames(played, session.parent)
     about = played.provenance
     bench = parse_bench(about["bench_toml"], str(session), Path(), dbc_text=about["dbc"])
     # No driver is behind it: a bus that tells when it ends, and is not opened anew.
@@ -46,7 +51,7 @@ def replay_recorder(
     bench = replace(bench, buses=buses)
 
     def open_source(bus: BusConfig, number: int) -> FrameSource:
-        return RecordedSource(played, number, speed, time.time_ns())
+        return RecordedSource(frames, number, speed, time.time_ns())
 
     habits = Habits(True, True, None, lambda: bench)
     with lone_recorder(folder), Log(log) as lines, progress("replay") as stage:
