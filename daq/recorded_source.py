@@ -16,6 +16,7 @@ from .replay import recorded_frames
 from .runs import Session
 from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
 
+AFTER_NS = 2_000_000_000
 LONGEST_GAP_S = 3.0
 """Between two runs of a session nothing was kept that is worth a longer wait."""
 
@@ -36,7 +37,8 @@ def whole_frames(session: Session, folder: Path) -> FrameBatch:
     runs = FrameBatch.concatenate(list(recorded_frames(session)))
     if not len(runs):
         return runs
-    span = (int(runs.t_ns.min()), int(runs.t_ns.max()) + 1)
+    # A little more than the last run: the recorder ends a run at the first frame after it.
+    span = (int(runs.t_ns.min()), int(runs.t_ns.max()) + AFTER_NS)
     for recording in recordings_of(sorted((folder / "journal").glob("*.mcap"))):
         whole = read_journal(recording.segments, [span]).frames
         if len(whole) >= len(runs):
