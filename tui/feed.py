@@ -54,7 +54,7 @@ class Role:
 News = Status | Live | Lost | Role
 
 
-class Refused(Exception):
+class Refused(Exception):  # noqa: N818 - that is what happened
     """The recorder refused an order, or cannot be reached; one line for a person."""
 
 
