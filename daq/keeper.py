@@ -32,7 +32,7 @@ from .journal_gaps import DISK_GAP, ENDED, FILE_GONE, gap_event
 from .journal_segment import Block, JournalFile, Segment, SyncedFile
 from .messages import DiskStatus
 from .retention import Retention, parting_events
-from .room import Room, low_text, place_of, room_on, taken_away, too_little
+from .room import Room, place_of, room_on, taken_away, too_little
 from .runs import Event
 from .source import HopLosses
 from .written import Written
@@ -172,15 +172,8 @@ class Keeper:
             held_frames=self._backlog.frames,
             failed=self._failed,
             dropped_frames=self._backlog.dropped,
-            warning="; ".join(
-                text
-                for text in (
-                    self._trouble,
-                    low_text(self._free, self._limits),
-                    self._kept_text,
-                )
-                if text
-            ),
+            warning="; ".join(text for text in (self._trouble, self._kept_text) if text),
+            total_bytes=self._free.total,
         )
 
     @property

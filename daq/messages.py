@@ -358,8 +358,8 @@ class DiskStatus:
     dropped_frames : int
         Lost because neither disk nor memory had room; `disk_gap` events tell where.
     warning : str
-        What is wrong with the disk although it takes everything: little room, nothing that may be
-        deleted, a file that was taken away.
+        What is wrong although the disk takes everything: nothing that may be deleted, a file that
+        was taken away, a write that failed and went elsewhere.
     """
 
     free_bytes: int
@@ -370,6 +370,7 @@ class DiskStatus:
     failed: str = ""
     dropped_frames: int = 0
     warning: str = ""
+    total_bytes: int = 0
 
 
 @dataclass(frozen=True, slots=True)

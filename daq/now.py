@@ -1,4 +1,4 @@
-"""The time of a turn of the recorder, by both clocks of the host; read at the edge, never within."""
+"""The time of a turn of the recorder, by both clocks of the host; read at the edge only."""
 
 from __future__ import annotations
 

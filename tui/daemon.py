@@ -45,7 +45,7 @@ class Habits:
     Parameters
     ----------
     arm : bool
-        Arm the whole campaign at the start; else a terminal does.
+        Arm the whole campaign of each recording; else a terminal does.
     keep_on : bool
         Live on when a campaign is complete, until a signal comes.
     figures : Path or None
@@ -138,9 +138,8 @@ class _Daemon:
         self._stop = threading.Event()
         self._status: Status | None = None
         self._failure: Exception | None = None
-        self._arming: Future[Reply] | None = None
         self._ending: Future[Reply] | None = None
-        self._ended = ""
+        self._armed = self._ended = ""
         self._told: Status | None = None
         self._told_s = self._figures_s = 0.0
         self._writer = threading.Thread(target=self._write, name="writer", daemon=True)
@@ -178,11 +177,13 @@ class _Daemon:
         self._server.publish(status, live)
 
     def _lead(self, status: Status, end: bool) -> None:
-        """Arm at the start; end the recording when the campaign is complete."""
+        """Arm each recording once; end it when its campaign is complete."""
         from daq.messages import Arm, Phase, SessionState, Stop, Until
 
-        if self._habits.arm and self._arming is None and status.phase is Phase.IDLE:
-            self._arming = self._engine.submit(Arm(Until.COMPLETE), BY)
+        waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
+        if self._habits.arm and waits:
+            self._armed = status.recording
+            self._engine.submit(Arm(Until.COMPLETE), BY)
         complete = self._habits.arm and status.phase is Phase.COMPLETE
         over = complete or (end and not self._habits.keep_on)
         if over and status.recording not in ("", self._ended):

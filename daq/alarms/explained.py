@@ -77,6 +77,12 @@ EXPLAINED = MappingProxyType(
             "Frames are recorded, but something that looks at them was switched off after errors",
             "restart the recorder after the run, and report it",
         ),
+        "journal_warning": Explanation(
+            "trouble with the journal's files",
+            "A write failed and went into a new file, a file was taken away, or no old recording "
+            "may be deleted to make room",
+            "look at the disk and at who else writes there; recording goes on",
+        ),
         "disk_low": Explanation(
             "disk nearly full",
             "The room on the disk goes to the end; recording stops before the reserve is touched",

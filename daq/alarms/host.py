@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 from ..config import RecorderConfig
 from ..messages import DiskStatus, QueueStatus
+from ..room import Room, low_text
 from .symptoms import Count, Key, Symptom
 
 CLOCK_STEP_S = 0.05
 """A wall clock that has moved so far against the monotonic one was set."""
 _QUEUE_HIGH = 0.5
-_DISK_LOW_RESERVES = 5.0
 
 
 def host_symptoms(
@@ -32,12 +32,10 @@ def host_symptoms(
     if disk.failed:
         held = f"; {disk.held_frames} frames are held in memory" if disk.held_frames else ""
         found.append(Symptom("journal_failed", "", f"{disk.failed}{held}"))
-    if disk.free_bytes < _DISK_LOW_RESERVES * config.reserve_bytes:
-        text = (
-            f"{disk.free_bytes / 1e9:.2f} GB left; recording stops at "
-            f"{config.reserve_bytes / 1e9:.2f} GB"
-        )
-        found.append(Symptom("disk_low", "", text))
+    if disk.warning:
+        found.append(Symptom("journal_warning", "", disk.warning))
+    if low := low_text(Room(disk.free_bytes, disk.total_bytes), config):
+        found.append(Symptom("disk_low", "", low))
     if queue.blocks > _QUEUE_HIGH * queue.room:
         found.append(Symptom("queue_high", "", f"{queue.blocks} of {queue.room} blocks wait"))
     found += [Symptom("consumer_failed", name, why) for name, why in failed.items()]

@@ -164,6 +164,7 @@ FAULTS: list[tuple[str, str, FaultyTurn, int]] = [
     ("queue_dropped", "", queue_drops, 140),
     ("queue_high", "", facts(queue=QueueStatus(400, 400, 600)), 0),
     ("disk_low", "", facts(disk=replace(ROOMY, free_bytes=500_000_000)), 0),
+    ("journal_warning", "", facts(disk=replace(ROOMY, warning="a file was deleted")), 0),
     ("journal_failed", "", facts(disk=DiskStatus(0, 0, 0, 3.0, 812, "No space left")), 0),
     ("consumer_failed", "trigger", facts(failed={"trigger": "ValueError: x"}), 0),
 ]
