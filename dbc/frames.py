@@ -108,7 +108,7 @@ class FrameBatch:
         if not batches:
             return cls.empty()
         width = max(batch.data.shape[1] for batch in batches)
-        data = [np.pad(b.data, ((0, 0), (0, width - b.data.shape[1]))) for b in batches]
+        data = [b.data if b.data.shape[1] == width else _widened(b.data, width) for b in batches]
         return cls(
             np.concatenate([batch.t_ns for batch in batches]),
             np.concatenate([batch.can_id for batch in batches]),
@@ -117,6 +117,10 @@ class FrameBatch:
             np.concatenate([batch.length for batch in batches]),
             np.concatenate(data),
         )
+
+
+def _widened(data: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    return np.pad(data, ((0, 0), (0, width - data.shape[1])))
 
 
 _COLUMNS = (
