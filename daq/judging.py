@@ -17,6 +17,8 @@ UNJUDGED: Sequence[Finding] = (
     Finding("unjudged", True, "", 0.0, 0.0, "", "the recorder could not judge it", ""),
 )
 """When the verdict fails: a bump is not thrown away for that."""
+LOOK_NS = 300_000_000
+"""The motion that is left is looked at so often."""
 _SLACK_NS = 1_000_000_000
 
 
@@ -35,6 +37,7 @@ class Judge:
         self._bench = bench
         self._measures = measures
         self._samples = RecentSamples(bench.trigger.pre_s + bench.trigger.post_s)
+        self._left: tuple[int, int, float | None] = (0, 0, None)
         self._losses: deque[tuple[int, Losses]] = deque([(0, Losses())])
 
     def add(self, t_ns: int, block: Block, losses: Losses) -> None:
@@ -63,9 +66,14 @@ class Judge:
 
     def peak_left(self, bump_ns: int, t_ns: int) -> float | None:
         """Return the share of the motion that is left; None as long as it cannot be told."""
+        before_bump_ns, seen_ns, left = self._left
+        if before_bump_ns == bump_ns and 0 <= t_ns - seen_ns < LOOK_NS:
+            return left
         start_ns = bump_ns - round(self._bench.trigger.pre_s * 1e9)
         columns = dict(self._samples.between(start_ns, t_ns + 1))
-        return peak_left(self._bench.channels, bump_ns, columns, t_ns)
+        left = peak_left(self._bench.channels, bump_ns, columns, t_ns)
+        self._left = (bump_ns, t_ns, left)
+        return left
 
 
 def _difference(after: Losses, before: Losses) -> Losses:

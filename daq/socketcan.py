@@ -31,6 +31,9 @@ from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
 RECEIVE_BUFFER_BYTES = 8 << 20
 """Some 21,900 frames: 2.4 s of a full bus of 1 Mbit/s."""
 
+LONG_GATHER_S = 0.04
+"""With that buffer frames may gather so long: what a block costs is then spread over 360 frames of
+a full bus.  A buffer that was not granted holds 31 ms."""
 _ALL_ERRORS = 0x1FFFFFFF
 
 
@@ -104,7 +107,10 @@ class SocketCanSource:
         self._socket = sock
         self._index = index
         self._axis = axis
+        self._clock = StampClock.UNKNOWN
+        self._down = False
         self._buffer_bytes = _prepare(sock)
+        self._gather_s = GATHER_S if self.reception.clipped else LONG_GATHER_S
         self._buffers = abi.FrameBuffers(BLOCK_FRAMES)
         self._reading, self._closing = threading.Lock(), threading.Lock()
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -115,8 +121,6 @@ class SocketCanSource:
         self._closed = False
         self._more = False
         self._fault: OSError | None = None
-        self._down = False
-        self._clock = StampClock.UNKNOWN
         self._adapter: hardware_clock.HardwareClock | None = None
         self._losses = SourceLosses()
         self._drop_counter = 0
@@ -166,7 +170,7 @@ class SocketCanSource:
     def _wait(self, timeout_s: float) -> None:
         """Wait for the first frame, then for others to join it."""
         if self._arrival.poll(math.ceil(max(timeout_s, 0.0) * 1e3)):
-            self._halt.poll(GATHER_S * 1e3)
+            self._halt.poll(self._gather_s * 1e3)
 
     def _receive(self) -> int:
         """Fill the buffers and return the number of datagrams.

@@ -1,0 +1,318 @@
+"""The recorder on four full buses: cost per frame of each hop beside python-can's own, and load.
+
+``python -m tests.benchmarks.recorder 600`` runs the load for ten minutes.
+
+A kernel without CAN will do: datagrams of `struct can_frame` over UDP on the loopback stand for the
+buses, as in `receive`.  Costs are CPU time, kernel included.  Each frame is one of the bench's own,
+so all are decoded; each bus carries 9,000 a second, which is all that 1 Mbit/s holds.
+"""
+
+from __future__ import annotations
+
+import logging
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from unittest import mock
+
+import can
+import numpy as np
+from can.interfaces.socketcan import SocketcanBus, socketcan
+from cantools.database import Database, load_string
+
+from daq.alarms import AlarmState, Turn, watch
+from daq.config import Bench, BusConfig, bench_codec, load_bench
+from daq.engine import Engine
+from daq.frame_store import Nowhere
+from daq.health import HealthState, advance
+from daq.journal_format import JournalHead
+from daq.keeper import Keeper
+from daq.mapping import map_channels
+from daq.messages import Arm, Live, Status, Until
+from daq.now import Now
+from daq.recorder import Recorder
+from daq.sim.car import SimulatedCar
+from daq.sim.ecu import campaign_frames
+from daq.socketcan import SocketCanSource
+from daq.source import HopLosses, LinkFacts, SourceLosses
+from daq.standing import NO_DISK, NO_QUEUE
+from dbc import Codec, FrameBatch
+
+BUSES = 4
+FULL_BUS_HZ = 9_000
+BLOCK_S = 0.1
+HOP_SECONDS = 10.0
+LOAD_SECONDS = 20.0
+STALL_S = 2.0
+START_NS = 1_800_000_000_000_000_000
+
+SENDER = """
+import socket, sys, time
+seconds, rate_hz, path, ports = float(sys.argv[1]), int(sys.argv[2]), sys.argv[3], sys.argv[4:]
+data = open(path, "rb").read()
+frames = [data[i:i + 16] for i in range(0, len(data), 16)]
+sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in ports]
+for each, port in zip(sockets, ports):
+    each.connect(("127.0.0.1", int(port)))
+began_s, sent = time.perf_counter() + 0.2, 0
+while sent < seconds * rate_hz:
+    due = min((time.perf_counter() - began_s) * rate_hz, seconds * rate_hz)
+    while sent < due:
+        for each in sockets:
+            each.send(frames[sent % len(frames)])
+        sent += 1
+    time.sleep(0.001)
+print(sent * len(sockets))
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What a recorder under load has done.
+
+    Parameters
+    ----------
+    seconds : float
+        Wall time.
+    share : float
+        CPU time of the process over it.
+    sent, recorded, high : int
+        Frames; most blocks that waited between readers and writer.
+    """
+
+    seconds: float
+    share: float
+    sent: int
+    recorded: int
+    high: int
+
+
+def main() -> None:
+    """Print cost per frame of each hop, ours and theirs, and what a load does."""
+    logging.getLogger("can").setLevel(logging.CRITICAL)  # it misses options of a true CAN socket
+    seconds = float(sys.argv[1]) if __name__ == "__main__" and len(sys.argv) > 1 else LOAD_SECONDS
+    bench, frames = load_bench(None), _frames()
+    codec = bench_codec(bench)
+    ours = {"receive": _receive_us(frames, _our_reader)} | _our_hops(bench, codec, frames)
+    theirs = {"receive": _receive_us(frames, _their_reader)} | _their_hops(bench, frames)
+    for name, us in ours.items():
+        print(f"recorder, {name}: {us:.2f} us/frame")
+    for name, us in theirs.items():
+        print(f"recorder, python-can's {name}: {us:.2f} us/frame")
+    total, other = sum(ours.values()), sum(theirs.values())
+    print(f"recorder, in all: {total:.2f} us/frame, python-can {other:.1f}, {other / total:.1f} x")
+    done = load(seconds)
+    print(
+        f"recorder, {BUSES} full buses for {done.seconds:.0f} s with a stall of {STALL_S:g} s: "
+        f"{done.share:.1%} of a core, {done.sent - done.recorded} of {done.sent:,} frames lost, "
+        f"at most {done.high} blocks waited"
+    )
+
+
+def load(seconds: float) -> Load:
+    """Record four full buses with real threads; in the middle the writer is held up for 2 s."""
+    bench = replace(
+        load_bench(None),
+        buses=tuple(BusConfig("socketcan", f"loopback{k}", 1_000_000) for k in range(BUSES)),
+    )
+    receiving = [_socket() for _ in range(BUSES)]
+    ports = [str(each.getsockname()[1]) for each in receiving]
+    told: list[Status] = []
+    stop = threading.Event()
+    stall_at_s = time.monotonic() + seconds / 2
+
+    def publish(status: Status, live: Live | None) -> None:
+        nonlocal stall_at_s
+        told[:] = [status]
+        if time.monotonic() > stall_at_s:
+            stall_at_s = float("inf")
+            time.sleep(STALL_S)
+
+    def open_one(config: BusConfig, number: int) -> SocketCanSource:
+        return SocketCanSource(receiving[number], config.channel, number)
+
+    with TemporaryDirectory() as folder, _wire_file(_frames()) as wire:
+        engine = Engine(bench, Path(folder), open_one, software="benchmark")
+        writer = threading.Thread(target=engine.run, args=(stop, publish))
+        writer.start()
+        engine.submit(Arm(Until.COMPLETE), "benchmark").result()
+        arguments = [str(seconds), str(FULL_BUS_HZ), wire, *ports]
+        began_s, spent_s = time.monotonic(), time.process_time()
+        sender = subprocess.run(
+            [sys.executable, "-c", SENDER, *arguments], stdout=subprocess.PIPE, check=True
+        )
+        time.sleep(0.5)
+        wall_s, share = time.monotonic() - began_s, time.process_time() - spent_s
+        stop.set()
+        writer.join()
+    (last,) = told
+    sent = int(sender.stdout)
+    return Load(wall_s, share / wall_s, sent, last.disk.recorded_frames, last.queue.high)
+
+
+def _frames() -> FrameBatch:
+    """Return the frames of one bump, in order."""
+    bench = load_bench(None)
+    return next(iter(campaign_frames(bench, bench_codec(bench), SimulatedCar(), 1, START_NS)))
+
+
+def _datagrams(frames: FrameBatch) -> bytes:
+    wire = np.zeros((len(frames), 16), np.uint8)
+    wire[:, :4] = frames.can_id.astype("<u4").view(np.uint8).reshape(-1, 4)
+    wire[:, 4] = frames.length
+    wire[:, 8:] = frames.data
+    return wire.tobytes()
+
+
+@contextmanager
+def _wire_file(frames: FrameBatch) -> Iterator[str]:
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "frames")
+        path.write_bytes(_datagrams(frames))
+        yield str(path)
+
+
+def _socket() -> socket.socket:
+    receiving = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiving.bind(("127.0.0.1", 0))
+    return receiving
+
+
+Reader = tuple[Callable[[], int], Callable[[], None]]
+"""What receives and tells how many frames, and what closes."""
+
+
+def _our_reader(receiving: socket.socket) -> Reader:
+    source = SocketCanSource(receiving, "loopback", 0)
+    return lambda: len(source.read(0.1)), source.close
+
+
+def _their_reader(receiving: socket.socket) -> Reader:
+    with (
+        mock.patch.object(socketcan, "create_socket", return_value=receiving),
+        mock.patch.object(socketcan, "bind_socket"),
+    ):
+        bus = SocketcanBus("loopback")
+    return lambda: bus.recv(0.1) is not None, bus.shutdown
+
+
+def _receive_us(frames: FrameBatch, reader: Callable[[socket.socket], Reader]) -> float:
+    receiving = _socket()
+    receive, close = reader(receiving)
+    with _wire_file(frames) as wire:
+        arguments = ["2", str(FULL_BUS_HZ), wire, str(receiving.getsockname()[1])]
+        command = [sys.executable, "-c", SENDER, *arguments]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as sender:
+            count, began_s = 0, time.thread_time()
+            while (new := receive()) or sender.poll() is None:
+                count += new
+            spent_s = time.thread_time() - began_s
+    close()
+    return spent_s / count * 1e6
+
+
+def _blocks(frames: FrameBatch) -> list[FrameBatch]:
+    """Return blocks of a tenth of a second of all buses, the frames over and over."""
+    size = round(FULL_BUS_HZ * BLOCK_S)
+    blocks = []
+    for k in range(round(HOP_SECONDS / BLOCK_S)):
+        own = frames.select(np.arange(k * size, (k + 1) * size) % len(frames))
+        t_ns = START_NS + ((k + np.arange(size) / size) * BLOCK_S * 1e9).astype(np.int64)
+        each = [replace(own, t_ns=t_ns, bus=np.full(size, bus)) for bus in range(BUSES)]
+        blocks.append(FrameBatch.concatenate(each))
+    return blocks
+
+
+def _now(k: int) -> Now:
+    return Now(START_NS + round(k * BLOCK_S * 1e9), k * BLOCK_S)
+
+
+def _links() -> tuple[LinkFacts, ...]:
+    none = SourceLosses()
+    return tuple(LinkFacts(f"can{k}", 1_000_000, True, "", "", 0.0, 0, none) for k in range(BUSES))
+
+
+def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float]:
+    blocks = _blocks(frames)
+    count = sum(map(len, blocks))
+    with TemporaryDirectory() as folder:
+        head = JournalHead(bench.text, bench.dbc_text, "benchmark", START_NS, 0, "0" * 32)
+        with Keeper(Path(folder), head, bench.recorder) as keeper:
+            journal_us = _us(blocks, lambda k, block: _keep(keeper, k, block))
+    decode_us = _us(blocks, lambda _, block: codec.decode(block))
+    watch_us = _us(blocks, partial(_watch, bench, codec, [AlarmState(), HealthState()])) - decode_us
+    recorder = Recorder(bench, codec, Nowhere())
+    recorder.carry_out(Arm(Until.COMPLETE), "benchmark", _now(0))
+    links = _links()
+
+    def step(k: int, block: FrameBatch) -> None:
+        recorder.step(block, HopLosses(), _now(k), links)
+        recorder.live()
+
+    whole_us = _us(blocks, step)
+    return {
+        "journal": journal_us / count,
+        "decode": decode_us / count,
+        "health and alarms": watch_us / count,
+        "trigger, verdicts, live ring": (whole_us - decode_us - watch_us) / count,
+    }
+
+
+def _keep(keeper: Keeper, k: int, block: FrameBatch) -> None:
+    keeper.append(block, HopLosses())
+    keeper.tend(k * BLOCK_S)
+
+
+def _watch(bench: Bench, codec: Codec, states: list[object], k: int, block: FrameBatch) -> None:
+    alarms, health = states
+    assert isinstance(alarms, AlarmState)
+    assert isinstance(health, HealthState)
+    decoded = codec.decode(block)
+    health = advance(codec.messages, health, decoded)
+    turn = Turn(_now(k), block, decoded, health, _links(), HopLosses(), NO_DISK, NO_QUEUE)
+    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    states[:] = [watch(bench.recorder, codec, mapped, alarms, turn)[0], health]
+
+
+def _us(blocks: Sequence[FrameBatch], hop: Callable[[int, FrameBatch], object]) -> float:
+    """Return the CPU time of a hop over all blocks, us."""
+    began_s = time.process_time()
+    for k, block in enumerate(blocks):
+        hop(k, block)
+    return (time.process_time() - began_s) * 1e6
+
+
+def _their_hops(bench: Bench, frames: FrameBatch) -> dict[str, float]:
+    columns = (frames.t_ns.tolist(), frames.can_id.tolist(), frames.data)
+    messages = [
+        can.Message(t_ns * 1e-9, can_id, False, data=row.tobytes())
+        for t_ns, can_id, row in zip(*columns, strict=True)
+    ]
+    database = load_string(bench.dbc_text, "dbc")
+    assert isinstance(database, Database)  # load_string may also return a diagnostics database
+    began_s = time.process_time()
+    for message in messages:
+        database.decode_message(message.arbitration_id, bytes(message.data))
+    decode_s = time.process_time() - began_s
+    with TemporaryDirectory() as folder:
+        began_s = time.process_time()
+        with can.BLFWriter(Path(folder, "log.blf")) as writer:
+            for message in messages:
+                writer(message)
+        write_s = time.process_time() - began_s
+    return {
+        "BLFWriter": write_s / len(messages) * 1e6,
+        "cantools": decode_s / len(messages) * 1e6,
+    }
+
+
+if __name__ == "__main__":
+    main()
