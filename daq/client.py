@@ -25,13 +25,12 @@ from .messages import (
     REPLY,
     REQUEST,
     STATUS,
-    Hello,
     Live,
-    Order,
     Reply,
     Request,
     Status,
 )
+from .orders import Hello, Order
 
 HEARTBEAT_S = 0.5
 _SLICE_S = 0.1

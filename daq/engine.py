@@ -30,25 +30,22 @@ from .journal_folder import last_recording
 from .journal_segment import SyncedFile
 from .keeper import Keeper
 from .link import Link, OpenSource
-from .messages import (
+from .messages import DiskStatus, Live, Reply, Status
+from .now import Now
+from .opening import CreateFile, Recording, begin, resumable, session_path
+from .order_events import OrderError
+from .orders import (
     AskBench,
     AskCheck,
     AskHistory,
     AskStatus,
     Build,
-    DiskStatus,
     Hello,
-    Live,
     Order,
-    Reply,
     ShutDown,
     Start,
-    Status,
     Stop,
 )
-from .now import Now
-from .opening import CreateFile, Recording, begin, resumable, session_path
-from .order_events import OrderError
 from .preparation import configured, prepared
 from .readers import PieceQueue, Readers
 from .recorder import Recorder

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .book import Book, BookRun, BookStatus, Code, entry
 from .config import Bench
-from .messages import (
+from .orders import (
     Accept,
     Choose,
     Configure,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from .errors import printable
-from .messages import Hello
+from .orders import Hello
 
 LEASE_S = 5.0
 """Who has not been heard for so long is gone."""

@@ -22,21 +22,10 @@ from .frame_store import FrameStore
 from .guard import Guard
 from .judging import UNJUDGED, Judge
 from .live import LiveRing
-from .messages import (
-    Acknowledge,
-    Arm,
-    Choose,
-    Configure,
-    DiskStatus,
-    Live,
-    Order,
-    Pause,
-    Phase,
-    QueueStatus,
-    Status,
-)
+from .messages import DiskStatus, Live, Phase, QueueStatus, Status
 from .now import Now
 from .order_events import OrderError, order_event
+from .orders import Acknowledge, Arm, Choose, Configure, Order, Pause
 from .preparation import configured, prepared
 from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings

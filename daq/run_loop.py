@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 from .book import Book, BookRun, BookStatus
 from .campaign import Step
-from .messages import Phase, Until
+from .messages import Phase
+from .orders import Until
 from .runs import Excitation
 
 LIKE_REJECTS = 3

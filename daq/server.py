@@ -26,19 +26,16 @@ from .messages import (
     LIVE,
     LIVE_TOPIC,
     PROTOCOL,
-    QUESTIONS,
     REPLY,
     REQUEST,
     STATUS,
     STATUS_TOPIC,
-    AskStatus,
-    Hello,
     Live,
-    Order,
     Reply,
     Request,
     Status,
 )
+from .orders import QUESTIONS, AskStatus, Hello, Order
 from .peers import Peers
 
 MAX_REQUEST_BYTES = 4_000_000

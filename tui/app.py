@@ -19,17 +19,8 @@ from textual.message import Message
 from textual.screen import Screen
 
 from daq.errors import InputError
-from daq.messages import (
-    QUESTIONS,
-    AskBench,
-    AskHistory,
-    BusState,
-    Live,
-    Order,
-    Phase,
-    Reply,
-    Status,
-)
+from daq.messages import BusState, Live, Phase, Reply, Status
+from daq.orders import QUESTIONS, AskBench, AskHistory, Order
 
 from .feed import Feed, Lost, News, Refused, Role
 from .glyphs import Glyphs

@@ -178,7 +178,8 @@ class _Daemon:
 
     def _lead(self, status: Status, end: bool) -> None:
         """Arm each recording once; end it when its campaign is complete."""
-        from daq.messages import Arm, Phase, SessionState, Stop, Until
+        from daq.messages import Phase, SessionState
+        from daq.orders import Arm, Stop, Until
 
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
         if self._habits.arm and waits:

@@ -12,7 +12,8 @@ from typing import Protocol
 from daq.address import control_address
 from daq.client import Client, OrderRefused, RecorderGone
 from daq.errors import BumpbenchError
-from daq.messages import AskCheck, Live, Order, Reply, Status
+from daq.messages import Live, Reply, Status
+from daq.orders import AskCheck, Order
 
 RETRY_S = 0.5
 SLICE_S = 0.25

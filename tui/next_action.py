@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from daq.messages import Arm, Order, Phase, Status
+from daq.messages import Phase, Status
+from daq.orders import Arm, Order
 
 from .steps import BenchStep, progress
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from textual.command import DiscoveryHit, Hit, Hits, Provider
 
-from daq.messages import Acknowledge, Arm, Build, Pause, Redo, Reject, Stop, Undo
+from daq.orders import Acknowledge, Arm, Build, Pause, Redo, Reject, Stop, Undo
 
 from .steps import BenchStep
 
 if TYPE_CHECKING:
-    from daq.messages import Order
+    from daq.orders import Order
 
     from .app import BenchApp
 

@@ -36,8 +36,9 @@ from daq.health import HealthState, advance
 from daq.journal_format import JournalHead
 from daq.keeper import Keeper
 from daq.mapping import map_channels
-from daq.messages import Arm, Live, Status, Until
+from daq.messages import Live, Status
 from daq.now import Now
+from daq.orders import Arm, Until
 from daq.recorder import Recorder
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames

@@ -12,7 +12,8 @@ from typing import Any, Self
 
 from daq.config import Bench, BusConfig
 from daq.engine import Engine
-from daq.messages import Live, Order, Reply, Status
+from daq.messages import Live, Reply, Status
+from daq.orders import Order
 from daq.source import FrameSource, SourceLosses
 from dbc import FrameBatch
 

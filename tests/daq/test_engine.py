@@ -23,25 +23,22 @@ from daq.journal_contents import JournalContents
 from daq.journal_folder import last_recording, segments_in
 from daq.journal_reader import read_journal
 from daq.journal_segment import SyncedFile
-from daq.messages import (
+from daq.messages import BusState, Phase, SessionState, Status
+from daq.order_events import OrderError
+from daq.orders import (
     Arm,
     AskBench,
     AskCheck,
     AskHistory,
     AskStatus,
     Build,
-    BusState,
     Configure,
     Mark,
-    Phase,
-    SessionState,
     ShutDown,
     Start,
-    Status,
     Stop,
     Until,
 )
-from daq.order_events import OrderError
 from daq.readers import Piece, PieceQueue
 from daq.runs import Event
 from daq.slcan import SlcanSource, open_slcan

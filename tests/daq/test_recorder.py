@@ -16,7 +16,10 @@ from daq.config import Bench
 from daq.errors import InputError
 from daq.journal_reader import read_journal
 from daq.keeper import JournalError, Keeper
-from daq.messages import (
+from daq.messages import Phase, QueueStatus, SessionStatus, Status
+from daq.now import Now
+from daq.order_events import OrderError
+from daq.orders import (
     Accept,
     Acknowledge,
     Arm,
@@ -26,17 +29,11 @@ from daq.messages import (
     Note,
     OverrideWarning,
     Pause,
-    Phase,
-    QueueStatus,
     Redo,
     Reject,
-    SessionStatus,
-    Status,
     Undo,
     Until,
 )
-from daq.now import Now
-from daq.order_events import OrderError
 from daq.procedure import Procedure
 from daq.recorder import Recorder
 from daq.runs import Event, Excitation, Losses
@@ -215,9 +212,7 @@ def test_a_block_that_cannot_be_stored_is_not_used(bench: Bench, codec: Codec) -
     assert status(recorder).t_ns == 0
 
 
-def test_stamps_of_another_epoch_are_told_once(
-    bench: Bench, codec: Codec, journal: Keeper
-) -> None:
+def test_stamps_of_another_epoch_are_told_once(bench: Bench, codec: Codec, journal: Keeper) -> None:
     recorder = Recorder(bench, codec, journal)
     first = recorder.step(FrameBatch.empty(), HopLosses(restamped=5), now())
     again = recorder.step(FrameBatch.empty(), HopLosses(restamped=9), now())

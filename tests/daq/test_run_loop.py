@@ -9,7 +9,8 @@ import pytest
 from daq import run_loop
 from daq.book import Book, Code, Finding, advance, entry, next_step, verdict_entry
 from daq.campaign import Campaign
-from daq.messages import Phase, Until
+from daq.messages import Phase
+from daq.orders import Until
 from daq.run_loop import LoopState, Surroundings
 from daq.runs import Event, Excitation
 

@@ -18,20 +18,8 @@ import zmq
 from daq.address import Address, control_address
 from daq.client import Client, OrderRefused, RecorderGone, is_running
 from daq.errors import InputError
-from daq.messages import (
-    PROTOCOL,
-    REPLY,
-    Arm,
-    AskBench,
-    AskStatus,
-    Lane,
-    Live,
-    Mark,
-    Order,
-    Pause,
-    Reply,
-    Status,
-)
+from daq.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status
+from daq.orders import Arm, AskBench, AskStatus, Mark, Order, Pause
 from daq.server import MAX_REQUEST_BYTES, Server
 
 from .a_status import a_status

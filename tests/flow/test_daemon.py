@@ -23,7 +23,8 @@ import zmq
 from daq.address import control_address
 from daq.client import Client
 from daq.journal_reader import read_journal
-from daq.messages import Arm, AskStatus, Phase, Status
+from daq.messages import Phase, Status
+from daq.orders import Arm, AskStatus
 from tui.cli import run
 from tui.diagnostics import ExitCode
 

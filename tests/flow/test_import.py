@@ -18,8 +18,8 @@ from daq.config import parse_bench
 from daq.journal_format import JournalHead
 from daq.journal_reader import read_journal
 from daq.keeper import Keeper
-from daq.messages import Arm, Until
 from daq.now import Now
+from daq.orders import Arm, Until
 from daq.recorder import Recorder
 from daq.sim.ecu import campaign_frames
 from daq.source import HopLosses

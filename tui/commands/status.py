@@ -17,7 +17,8 @@ def status(
     """Ask the recorder of a folder how it is; exit 1 if none runs there."""
     from daq.address import control_address
     from daq.client import Client, OrderRefused, RecorderGone
-    from daq.messages import STATUS, AskStatus
+    from daq.messages import STATUS
+    from daq.orders import AskStatus
 
     from ..diagnostics import say
     from ..output import print_json, print_line

@@ -7,7 +7,8 @@ from typing import ClassVar
 from textual.binding import Binding, BindingType
 
 from daq.book import BookRun, BookStatus
-from daq.messages import Accept, Acknowledge, Choose, Pause, Phase, Redo, Reject, Undo
+from daq.messages import Phase
+from daq.orders import Accept, Acknowledge, Choose, Pause, Redo, Reject, Undo
 
 from ..banner import run_words
 from ..next_action import next_action

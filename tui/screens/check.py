@@ -13,7 +13,8 @@ from textual.widgets import Static
 
 from daq.config_edit import with_channel
 from daq.errors import InputError, printable
-from daq.messages import AskCheck, CheckItem, Configure, Mark, OverrideWarning, Phase, Status
+from daq.messages import CheckItem, Phase, Status
+from daq.orders import AskCheck, Configure, Mark, OverrideWarning
 from daq.vehicle import Corner
 from daq.wiggle import ORDER, Wiggle, can_tell, judge_wiggle
 

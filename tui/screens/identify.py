@@ -13,7 +13,8 @@ from textual.widgets import Static
 
 from daq.book import BookStatus
 from daq.errors import printable
-from daq.messages import Build, SessionState, Status
+from daq.messages import SessionState, Status
+from daq.orders import Build
 
 from ..long_work import LongWork, Stage, after, work_text
 from ..outcome import Outcome, parse_outcome

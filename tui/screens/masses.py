@@ -18,7 +18,8 @@ from textual.widgets import Static
 from daq.config_edit import with_weights
 from daq.errors import InputError, printable
 from daq.loading import expected_car, loading
-from daq.messages import AskCheck, Configure, Mark, Note, Status
+from daq.messages import Status
+from daq.orders import AskCheck, Configure, Mark, Note
 from daq.vehicle import VehicleParameters
 
 from ..bench_check import rest_levels

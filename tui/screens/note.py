@@ -12,7 +12,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Static, TextArea
 
 from daq.errors import printable
-from daq.messages import Note
+from daq.orders import Note
 
 from ..drafts import read_draft, remove_draft, write_draft
 

@@ -11,7 +11,8 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Static
 
 from daq.errors import printable
-from daq.messages import Mark, SessionState, Start, Status
+from daq.messages import SessionState, Status
+from daq.orders import Mark, Start
 
 from ..long_work import LongWork, Stage, after, work_text
 from ..sessions import report_of, size_text

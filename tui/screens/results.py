@@ -14,7 +14,8 @@ from textual.widgets.option_list import Option
 
 from daq.book import BookStatus
 from daq.errors import printable
-from daq.messages import Accept, Mark, Reject, Status
+from daq.messages import Status
+from daq.orders import Accept, Mark, Reject
 
 from ..outcome import Outcome
 from ..outcome_text import (

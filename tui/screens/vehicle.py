@@ -13,7 +13,8 @@ from textual.timer import Timer
 from textual.widgets import Static
 
 from daq.errors import InputError
-from daq.messages import Configure, Hello, Mark, Note, Status
+from daq.messages import Status
+from daq.orders import Configure, Hello, Mark, Note
 
 from ..drafts import last_form, read_draft, remove_draft, write_draft
 from ..forms import Field, FieldError

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 from daq.config import Bench, bench_codec
 from daq.errors import BusError
-from daq.messages import Arm, DiskStatus, QueueStatus, SessionStatus, Status, Until
+from daq.messages import DiskStatus, QueueStatus, SessionStatus, Status
 from daq.now import Now
+from daq.orders import Arm, Until
 from daq.recorder import Recorder
 from daq.runs import Event
 from daq.sim.bench_source import Fault, SimulatedBench

@@ -11,7 +11,8 @@ from textual.pilot import Pilot
 from textual.widgets import Input
 
 from daq.config import parse_bench
-from daq.messages import CheckItem, Configure, Hello, Lane, Live, Mark, Note, OverrideWarning
+from daq.messages import CheckItem, Lane, Live
+from daq.orders import Configure, Hello, Mark, Note, OverrideWarning
 from daq.vehicle import BodyWeight, Corner, HubWeight
 from tui.app import BenchApp
 from tui.gain import Gain, Shift

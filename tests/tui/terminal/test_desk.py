@@ -12,7 +12,8 @@ from textual.pilot import Pilot
 from textual.widgets import TextArea
 
 from daq.alarms import EXPLAINED
-from daq.messages import Build, Mark, Note, Reject, SessionState, SessionStatus, Start
+from daq.messages import SessionState, SessionStatus
+from daq.orders import Build, Mark, Note, Reject, Start
 from daq.verdict import WORDS
 from tui.app import BenchApp
 from tui.help_pages import SCREEN_PAGES, page_of

@@ -6,18 +6,8 @@ from collections.abc import Callable
 
 from textual.pilot import Pilot
 
-from daq.messages import (
-    Accept,
-    Acknowledge,
-    Arm,
-    Choose,
-    Order,
-    Pause,
-    Phase,
-    Redo,
-    Reject,
-    Undo,
-)
+from daq.messages import Phase
+from daq.orders import Accept, Acknowledge, Arm, Choose, Order, Pause, Redo, Reject, Undo
 from tui.app import BenchApp
 from tui.feed import Lost, Role
 from tui.screens.home import HomeScreen

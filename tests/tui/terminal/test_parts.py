@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from daq.book import Code, entry
-from daq.messages import Arm, Lane, Live, Phase
+from daq.messages import Lane, Live, Phase
+from daq.orders import Arm
 from tui.banner import banner
 from tui.feed import Lost
 from tui.glyphs import GlyphSet, choose_glyphs

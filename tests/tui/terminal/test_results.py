@@ -9,7 +9,8 @@ import pytest
 from textual.app import App
 from textual.pilot import Pilot
 
-from daq.messages import Accept, Build, Mark, Reject, SessionState, SessionStatus
+from daq.messages import SessionState, SessionStatus
+from daq.orders import Accept, Build, Mark, Reject
 from tui.app import BenchApp
 from tui.glyphs import GlyphSet
 from tui.outcome import Outcome

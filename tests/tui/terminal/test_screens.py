@@ -9,7 +9,8 @@ import pytest
 from textual.app import App
 from textual.pilot import Pilot
 
-from daq.messages import Alarm, BusState, BusStatus, Mark, Note, OverrideWarning, Phase
+from daq.messages import Alarm, BusState, BusStatus, Phase
+from daq.orders import Mark, Note, OverrideWarning
 from tui.app import BenchApp
 from tui.feed import Lost
 from tui.glyphs import GlyphSet
