@@ -31,8 +31,8 @@ from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
 RECEIVE_BUFFER_BYTES = 8 << 20
 """Some 21,900 frames: 2.4 s of a full bus of 1 Mbit/s."""
 
-LONG_GATHER_S = 0.08
-"""With that buffer frames may gather so long: what a block costs is then spread over 360 frames of
+LONG_GATHER_S = 0.06
+"""With that buffer frames may gather so long: what a block costs is then spread over 540 frames of
 a full bus.  A buffer that was not granted holds 31 ms."""
 _ALL_ERRORS = 0x1FFFFFFF
 
