@@ -25,7 +25,7 @@ RESERVED = {
     "sdnotify": ("daq/systemd.py",),
     "prometheus_client": ("daq/figures_file.py",),
     "textual": ("tui/app.py", "tui/screens/", "tui/widgets/", "tui/palette.py", "tui/themes.py"),
-    "textual_plot": ("tui/widgets/",),
+    "textual_serve": ("tui/commands/tui.py",),
     "asammdf": ("daq/formats/",),
     "pandas": ("daq/formats/", "daq/runs.py", "tui/commands/batch/"),  # runs.py: the type only
     "matplotlib": ("identify/figures/", "identify/report/", "identify/plots.py"),
