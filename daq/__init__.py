@@ -1,31 +1,57 @@
-"""From the wire to a session file."""
+"""From the wire to a session file.
 
-from .arrays import session_from_arrays
-from .channels import Channel, Quantity, paper_channels
-from .errors import BumpbenchError, BusError, InputError
-from .runs import (
-    ADDED,
-    BASELINE,
-    Event,
-    Excitation,
-    Losses,
-    Run,
-    RunStatus,
-    SampleGroup,
-    Session,
-)
-from .session import read_foreign_session, read_session, validate_session, write_session
-from .vehicle import (
-    FORD_GRANADA,
-    AddedMass,
-    BodyWeight,
-    Corner,
-    HubWeight,
-    MassState,
-    Vehicle,
-    VehicleGeometry,
-    VehicleParameters,
-)
+What is public here is loaded when it is first asked for: a terminal that is to show its first
+screen within a second reads no session file before.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .arrays import session_from_arrays
+    from .channels import Channel, Quantity, paper_channels
+    from .errors import BumpbenchError, BusError, InputError
+    from .runs import (
+        ADDED,
+        BASELINE,
+        Event,
+        Excitation,
+        Losses,
+        Run,
+        RunStatus,
+        SampleGroup,
+        Session,
+    )
+    from .session import read_foreign_session, read_session, validate_session, write_session
+    from .vehicle import (
+        FORD_GRANADA,
+        AddedMass,
+        BodyWeight,
+        Corner,
+        HubWeight,
+        MassState,
+        Vehicle,
+        VehicleGeometry,
+        VehicleParameters,
+    )
+
+_HOMES = {
+    "arrays": ("session_from_arrays",),
+    "channels": ("Channel", "Quantity", "paper_channels"),
+    "errors": ("BumpbenchError", "BusError", "InputError"),
+    "runs": (
+        "ADDED", "BASELINE", "Event", "Excitation", "Losses", "Run", "RunStatus", "SampleGroup",
+        "Session",
+    ),
+    "session": ("read_foreign_session", "read_session", "validate_session", "write_session"),
+    "vehicle": (
+        "FORD_GRANADA", "AddedMass", "BodyWeight", "Corner", "HubWeight", "MassState", "Vehicle",
+        "VehicleGeometry", "VehicleParameters",
+    ),
+}  # fmt: skip
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
     "ADDED",
@@ -58,3 +84,15 @@ __all__ = [
     "validate_session",
     "write_session",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module 'daq' has no attribute {name!r}")
+    value: object = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

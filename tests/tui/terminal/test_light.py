@@ -34,4 +34,4 @@ def test_home_and_run_screen_need_neither_scipy_nor_matplotlib() -> None:
     )
     loaded = set(done.stdout.split())
     assert "textual" in loaded
-    assert not loaded & {"scipy", "matplotlib", "pandas", "asammdf", "can", "textual_plot"}
+    assert not loaded & {"scipy", "matplotlib", "pandas", "asammdf", "can", "h5py"}
