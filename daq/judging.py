@@ -37,6 +37,7 @@ class Judge:
         self._bench = bench
         self._measures = measures
         self._samples = RecentSamples(bench.trigger.pre_s + bench.trigger.post_s)
+        self._saturated: dict[str, int] = {}
         self._left: tuple[int, int, float | None] = (0, 0, None)
         self._losses: deque[tuple[int, Losses]] = deque([(0, Losses())])
 
@@ -49,13 +50,19 @@ class Judge:
         while len(self._losses) > 1 and not -_SLACK_NS <= t_ns - self._losses[1][0] <= kept_ns:
             self._losses.popleft()
 
+    def saw_saturated(self, t_ns: int, channels: Sequence[str]) -> None:
+        """Take in which channels are at the end of their range."""
+        self._saturated.update(dict.fromkeys(channels, t_ns))
+
     def verdict(self, step: Step, bump_ns: int, book: Book) -> tuple[Finding, ...]:
         """Judge the run of a step."""
         start_ns = bump_ns - round(self._bench.trigger.pre_s * 1e9)
         stop_ns = bump_ns + round(self._bench.trigger.post_s * 1e9)
         before = next((lost for t_ns, lost in reversed(self._losses) if t_ns < start_ns), None)
         lost = _difference(self._losses[-1][1], before or self._losses[0][1])
-        window = RunWindow(bump_ns, self._samples.between(start_ns, stop_ns), lost)
+        samples = self._samples.between(start_ns, stop_ns)
+        saturated = tuple(name for name, t_ns in self._saturated.items() if t_ns >= bump_ns)
+        window = RunWindow(bump_ns, samples, lost, saturated=saturated)
         accepted = [
             self._measures[run.label]
             for run in book.of(step.mass_state, step.excitation)

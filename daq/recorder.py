@@ -387,5 +387,7 @@ class Recorder:
         self._alarms, told = watch(
             self._bench.recorder, self._codec, self._mapped, self._alarms, turn
         )
+        at_end = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
+        self._judge.saw_saturated(self._t_ns, at_end)
         for event in told:
             self._tell(event, events)
