@@ -110,6 +110,8 @@ class Client:
     def ask(self, order: Order, timeout_s: float = 2.0) -> Reply:
         """Send an order and return the recorder's answer; may be called by any thread.
 
+        Who said another name or wish for control goes by it from then on.
+
         Raises
         ------
         RecorderGone
@@ -117,6 +119,12 @@ class Client:
         OrderRefused
             With the recorder's reason.
         """
+        reply = self._answer(order, timeout_s)
+        if isinstance(order, Hello):
+            self._hello = Hello(order.name, order.control)
+        return reply
+
+    def _answer(self, order: Order, timeout_s: float) -> Reply:
         with self._lock:
             if self._closed.is_set():
                 raise self._gone("the connection is closed")
@@ -171,7 +179,7 @@ class Client:
         """Say that this client lives, also to a recorder that has restarted meanwhile."""
         while not self._closed.wait(HEARTBEAT_S):
             try:
-                self.ask(self._hello, timeout_s=HEARTBEAT_S)
+                self._answer(self._hello, HEARTBEAT_S)
             except OrderRefused:  # somebody has taken over: look on, and do not fight for it
                 self._hello = Hello(self._hello.name)
             except RecorderGone:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +14,13 @@ from daq.address import control_address
 from daq.client import Client, OrderRefused, RecorderGone
 from daq.errors import BumpbenchError
 from daq.messages import Live, Reply, Status
-from daq.orders import AskCheck, Order
+from daq.orders import AskCheck, Hello, Order
 
 RETRY_S = 0.5
 SLICE_S = 0.25
 ANSWER_S, SLOW_S = 2.0, 15.0
+HEIR_S = 4.0
+"""A terminal that comes just after one that was killed has the control as soon as that is free."""
 SILENT_S = 2.0
 """A recorder speaks ten times a second; silent for so long, it is gone or hangs."""
 
@@ -144,11 +147,14 @@ class RecorderFeed:
             raise Refused("no recorder answers: start one (Ctrl+P, restart the recorder)")
         timeout_s = SLOW_S if isinstance(order, AskCheck) else ANSWER_S
         try:
-            return client.ask(order, timeout_s)
+            reply = client.ask(order, timeout_s)
         except OrderRefused as error:
             raise Refused(str(error)) from error
         except RecorderGone as error:
             raise Refused(f"{error.what}: {error.advice}") from error
+        if isinstance(order, Hello):
+            self._name = order.name  # also to a recorder that comes back
+        return reply
 
     def _listen(self, post: Callable[[News], None]) -> None:
         """Connect, tell the news, and connect again, until stopped."""
@@ -188,6 +194,7 @@ class RecorderFeed:
     def _tell(self, client: Client, post: Callable[[News], None]) -> str:
         """Tell the news until the recorder falls silent; return what happened, '' if stopped."""
         silent_s, in_control = 0.0, client.in_control
+        begun_s, was_refused = time.monotonic(), not in_control
         while not self._stop.is_set() and not self._reconnect.is_set():
             news = client.news(SLICE_S)
             silent_s = silent_s + SLICE_S if news is None else 0.0
@@ -198,4 +205,8 @@ class RecorderFeed:
             if in_control and not client.in_control:
                 in_control = False
                 post(Role(False, "somebody else has taken over"))
+            if was_refused and isinstance(news, Status) and not news.controller:
+                was_refused = False
+                if time.monotonic() - begun_s < HEIR_S:
+                    self._reconnect.set()
         return ""
