@@ -143,6 +143,11 @@ def block_head(message: bytes) -> tuple[int, int]:
     return number, frames
 
 
+def first_stamp(message: bytes) -> int:
+    """Return the time stamp of the first frame of a block that has one."""
+    return int.from_bytes(message[BLOCK_HEAD : BLOCK_HEAD + 8], "little", signed=True)
+
+
 def pack_events(number: int, events: Sequence[Event]) -> bytes:
     """Return the message for events: JSON, so that any MCAP tool can show it."""
     body = {"number": number, "events": [list(astuple(event)) for event in events]}

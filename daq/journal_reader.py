@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, DataEnd, McapRecord, Message
+from mcap.records import Channel, DataEnd, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
@@ -236,7 +236,7 @@ def _is_end(path: Path, at: int) -> bool:
     """Whether what broke off was the end of the file, not a block."""
     with path.open("rb") as file:
         file.seek(at)
-        return file.read(1) == bytes([Opcode.DATA_END])
+        return file.read(1) in (bytes([Opcode.METADATA]), bytes([Opcode.DATA_END]))
 
 
 def _unclosed(path: Path) -> JournalLoss:
@@ -269,4 +269,7 @@ def _whole_bytes(record: McapRecord) -> int:
     """Return the size in the file of a record of a body, 0 for one that is out of place."""
     if isinstance(record, Message):
         return 9 + 22 + len(record.data)
+    if isinstance(record, Metadata):
+        texts = (record.name, *record.metadata, *record.metadata.values())
+        return 9 + 4 + sum(4 + len(text.encode()) for text in texts)
     return 9 + 4 if isinstance(record, DataEnd) else 0

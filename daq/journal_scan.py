@@ -22,10 +22,12 @@ from .journal_format import (
     PROFILE,
     JournalHead,
     block_head,
+    first_stamp,
     parse_head,
     unpack_events,
     unpack_frames,
 )
+from .journal_summary import Summary, read_summary
 from .runs import Event
 
 LARGEST_RECORD_BYTES = 256 << 20
@@ -36,7 +38,6 @@ _MAGIC_BYTES = len(_MAGIC)
 _RECORD = struct.Struct("<BQ")  # kind, length
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, time, time
 _CHANNEL, _MESSAGE_KIND, _DATA_END = 0x04, 0x05, 0x0F
-_STAMP = struct.Struct("<q")
 _CREDIBLE_STEP = 1 << 24
 """A number so far ahead is no number: some ten days of blocks."""
 
@@ -131,7 +132,7 @@ def holds_blocks(path: Path) -> bool:
 def scan(path: Path) -> SegmentInfo | None:
     """Return what is in a segment, None if it ends before its head does.
 
-    Only events and the last block are checked for flipped bits: that much a crash can leave.
+    A segment with its proper end tells of itself, however large it is.
 
     Raises
     ------
@@ -142,49 +143,62 @@ def scan(path: Path) -> SegmentInfo | None:
     if found is None:
         return None
     head, segment = found
+    with path.open("rb") as file:
+        size = path.stat().st_size
+        summary = read_summary(file.fileno(), size)
+        sealed = summary is not None
+        if summary is None:
+            summary, sealed = _walked(file.fileno(), size)
+    return SegmentInfo(
+        path, head.identity, segment, size, summary.first, summary.stop, summary.frames,
+        summary.first_ns, summary.last_ns, summary.events, sealed,
+    )  # fmt: skip
+
+
+def _walked(fd: int, size: int) -> tuple[Summary, bool]:
+    """Return what is in a file without a summary, record by record; and whether it has its end.
+
+    Only events and the last block are checked for flipped bits: that much a crash can leave.
+    """
     topics: dict[int, str] = {}
     first = stop = None
     frames = first_ns = last_ns = 0
     events: list[tuple[int, Event]] = []
     sealed = False
-    with path.open("rb") as file:
-        fd, size = file.fileno(), path.stat().st_size
-        for kind, offset, length in _records(fd, size):
-            if kind == _DATA_END:
-                sealed = True
-            elif kind == _CHANNEL:
-                channel, name = _channel(os.pread(fd, length, offset))
-                topics[channel] = name
-            if kind != _MESSAGE_KIND or length < _MESSAGE.size:
+    for kind, offset, length in _records(fd, size):
+        if kind == _DATA_END:
+            sealed = True
+        elif kind == _CHANNEL:
+            channel, name = _channel(os.pread(fd, length, offset))
+            topics[channel] = name
+        if kind != _MESSAGE_KIND or length < _MESSAGE.size:
+            continue
+        body, inner = offset + _MESSAGE.size, length - _MESSAGE.size
+        channel, _, latest_ns, _ = _MESSAGE.unpack(os.pread(fd, _MESSAGE.size, offset))
+        count = 0
+        told: tuple[Event, ...] = ()
+        try:
+            if topics.get(channel) == FRAMES_TOPIC:
+                number, count = block_head(os.pread(fd, BLOCK_HEAD, body))
+                if offset + length == size:
+                    unpack_frames(os.pread(fd, inner, body))
+            elif topics.get(channel) == EVENTS_TOPIC:
+                number, told = unpack_events(os.pread(fd, inner, body))
+            else:
                 continue
-            body, inner = offset + _MESSAGE.size, length - _MESSAGE.size
-            channel, _, latest_ns, _ = _MESSAGE.unpack(os.pread(fd, _MESSAGE.size, offset))
-            count = 0
-            told: tuple[Event, ...] = ()
-            try:
-                if topics.get(channel) == FRAMES_TOPIC:
-                    number, count = block_head(os.pread(fd, BLOCK_HEAD, body))
-                    if offset + length == size:
-                        unpack_frames(os.pread(fd, inner, body))
-                elif topics.get(channel) == EVENTS_TOPIC:
-                    number, told = unpack_events(os.pread(fd, inner, body))
-                else:
-                    continue
-            except (ValueError, struct.error):
-                continue
-            if stop is not None and not 0 <= number - stop < _CREDIBLE_STEP:
-                continue
-            first, stop = (number if first is None else first), number + 1
-            frames += count
-            events += ((number, event) for event in told)
-            if count:
-                if not first_ns:
-                    first_ns = _STAMP.unpack(os.pread(fd, 8, body + BLOCK_HEAD))[0]
-                last_ns = max(last_ns, latest_ns)
-    return SegmentInfo(
-        path, head.identity, segment, size, first or 0, stop or 0, frames, first_ns, last_ns,
-        tuple(events), sealed,
-    )  # fmt: skip
+        except (ValueError, struct.error):
+            continue
+        if stop is not None and not 0 <= number - stop < _CREDIBLE_STEP:
+            continue
+        first, stop = (number if first is None else first), number + 1
+        frames += count
+        events += ((number, event) for event in told)
+        if count:
+            if not first_ns:
+                first_ns = first_stamp(os.pread(fd, BLOCK_HEAD + 8, body))
+            last_ns = max(last_ns, latest_ns)
+    summary = Summary(first or 0, stop or 0, frames, first_ns, last_ns, tuple(events))
+    return summary, sealed
 
 
 def _records(fd: int, size: int) -> Iterator[tuple[int, int, int]]:

@@ -26,7 +26,10 @@ from .journal_format import (
     HEAD_RECORD,
     PROFILE,
     JournalHead,
+    first_stamp,
+    unpack_events,
 )
+from .journal_summary import SUMMARY_RECORD, Summary, pack_summary
 
 
 class JournalFile(Protocol):
@@ -111,10 +114,11 @@ class Segment:
         self.path = path
         self.file = file
         self.first: int | None = None
-        self.frames = 0
+        self._stop = self._frames = self._first_ns = self._last_ns = 0
+        self._events: list[bytes] = []
         self._stream = _Unbuffered(file)
         self._writer = Writer(
-            cast(IO[bytes], self._stream), use_chunking=False, index_types=IndexType.NONE
+            cast(IO[bytes], self._stream), use_chunking=False, index_types=IndexType.METADATA
         )
         try:
             self._writer.start(PROFILE, head.software)
@@ -153,9 +157,8 @@ class Segment:
                 sequence=block.number & 0xFFFF_FFFF,
             )
         self.file.sync()
-        if self.first is None:
-            self.first = blocks[0].number
-        self.frames += sum(block.frames for block in blocks)
+        for block in blocks:
+            self._note(block)
 
     def finish(self) -> None:
         """Write the end that MCAP tools expect, and close.
@@ -166,6 +169,7 @@ class Segment:
             If the end is not on the disk; the file is closed, and all blocks are in it.
         """
         try:
+            self._writer.add_metadata(SUMMARY_RECORD, pack_summary(self._summary()))
             self._writer.finish()  # type: ignore[no-untyped-call]
             self.file.sync()
         finally:
@@ -184,6 +188,24 @@ class Segment:
         """Close the file and touch nothing else: what bears its name is another's."""
         with suppress(OSError):
             self.file.close()
+
+    def _note(self, block: Block) -> None:
+        """Take note of a block that is on the disk."""
+        if self.first is None:
+            self.first = block.number
+        self._stop = block.number + 1
+        if block.topic == EVENTS_TOPIC:
+            self._events.append(block.message)
+        elif block.frames:
+            self._frames += block.frames
+            self._first_ns = self._first_ns or first_stamp(block.message)
+            self._last_ns = max(self._last_ns, block.t_ns)
+
+    def _summary(self) -> Summary:
+        told = [unpack_events(message) for message in self._events]
+        events = tuple((number, event) for number, block in told for event in block)
+        first = self._stop if self.first is None else self.first
+        return Summary(first, self._stop, self._frames, self._first_ns, self._last_ns, events)
 
     def discard(self) -> None:
         """Close and delete the file: there is nothing in it that was reported as written."""
