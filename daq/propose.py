@@ -27,6 +27,35 @@ _CHECKSUM = {"crc", "crc8", "checksum", "chk", "chksum", "cs"}
 _TIME = {"time", "timestamp", "stamp", "millitime", "sampletime", "tow"}
 _STEADY = 0.9
 _FEWEST = 20
+_REST = """
+[vehicle]
+name = "vehicle"  # FILL IN
+
+[campaign]
+excitations = ["bounce", "pitch", "roll"]  # "warp" tells more than any of these
+repeats = 2
+method = "roll_over"  # or "drop", "push"
+bump_height_mm = 40.0
+
+[trigger]
+level = 3.0  # m/s2 from rest, on any hub
+post_s = 2.5  # until the motion has decayed
+
+# The known weights of the state "added": a table for each, on the floor or on a hub.
+# [[weight]]  # FILL IN
+# mass_kg = 32.5
+# x_m = 0.14  # from the middle of the front axle, forward positive
+# y_m = 0.55  # left positive
+
+# [[weight]]  # FILL IN
+# mass_kg = 4.0
+# hub = "FL"
+
+# With scales under the wheels there need not be any.
+# [[fact]]
+# quantity = "total_mass_kg"
+# value = 1551.8
+# sigma = 1.0""".splitlines()
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +98,15 @@ def propose_bench(dbc: str, dbc_text: str, codec: Codec, frames: FrameBatch | No
         seen = _Seen(frame_table(codec.messages, frames).known, codec.decode(frames))
     comments = signal_comments(dbc_text)
     lines = [
-        "# Proposed by bumpbench check.  Read it, and prove it: bumpbench check --config FILE.",
-        "# Fill in what is marked FILL IN, then vehicle, weights and trigger: see the shipped one.",
+        "# Proposed by bumpbench check.  Read it, and prove it: bumpbench check FILE.",
+        "# Fill in what is marked FILL IN; nobody can guess it.",
         f"dbc = {json.dumps(dbc)}",
         "",
         "[bus]",
         'interface = "socketcan"  # FILL IN',
         'channel = "can0"  # FILL IN',
         "bitrate = 500000  # FILL IN",
+        *_REST,
     ]
     absent, used = [], set[str]()
     for message in codec.messages:
@@ -99,7 +129,9 @@ def propose_bench(dbc: str, dbc_text: str, codec: Codec, frames: FrameBatch | No
 def _rule(message: MessageLayout, seen: _Seen | None) -> list[str]:
     """Return a `[[message]]` table, if the DBC leaves something unsaid."""
     lines = []
-    if message.cycle_s is None and seen is not None:
+    if message.cycle_s is None and seen is None:
+        lines.append("# cycle_ms = 10  # FILL IN: the DBC does not say, nor was there traffic")
+    elif message.cycle_s is None and seen is not None:
         rate = seen.known[message.name].rate_hz
         if rate > 0 and len(seen.known[message.name].t_ns) >= _FEWEST:
             lines.append(f"cycle_ms = {1e3 / rate:.4g}  # measured {rate:.1f} Hz")
@@ -108,9 +140,11 @@ def _rule(message: MessageLayout, seen: _Seen | None) -> list[str]:
     if message.crc is None:
         lines += _first(_checksum(message, signal, seen) for signal in message.signals)
     lines += _first(_time(message, signal, seen) for signal in message.signals)
-    if not any(not line.startswith("#") for line in lines):
-        return lines
-    return ["[[message]]", f"name = {json.dumps(message.name)}", *lines]
+    head = ["[[message]]", f"name = {json.dumps(message.name)}"]
+    if all(line.startswith("#") for line in lines):
+        # Whoever uncomments a line needs the table it stands in.
+        return [f"# {line}" for line in head] + lines if lines else []
+    return [*head, *lines]
 
 
 def _first(found: Iterable[list[str]]) -> list[str]:

@@ -190,7 +190,7 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
             raise InputError(
                 bench.dbc_name,
                 f"message {name} has no cycle time",
-                "state GenMsgCycleTime for it, or leave its channels out",
+                "state cycle_ms for it in a [[message]] of bench.toml",
             )
         if message.length > _MAX_CLASSIC_BYTES:
             raise InputError(

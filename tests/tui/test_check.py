@@ -58,7 +58,7 @@ def test_a_fault_fails(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
         '[[channel]]\nname = "z"\nsignal = "IMU_Accel.acc_z"\nsign = -1\n'
         'quantity = "body_acceleration"\n'
     )
-    assert run(["check", "--config", str(bench), "--log", str(log), "--json"]) == 1
+    assert run(["check", str(bench), "--log", str(log), "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert document["verdict"] == "FAIL"
     (line,) = [x for x in document["lines"] if x["subject"] == "channel z"]
@@ -151,9 +151,9 @@ def test_a_proposal_from_a_dbc_alone(tmp_path: Path, capsys: pytest.CaptureFixtu
     [
         (["--dbc", "x.dbc"], "is for --propose"),
         (["--layout", "nosuch", "--log", "x.log"], "there is no such layout"),
-        (["--layout", "sbg_ecan", "--config", "x.toml"], "exclude each other"),
+        (["x.toml", "--layout", "sbg_ecan"], "exclude each other"),
         (["--log", "nosuch.log"], "nosuch.log"),
-        (["--config", "nosuch.toml"], "nosuch.toml"),
+        (["nosuch.toml"], "nosuch.toml"),
         ([], "virtual"),
         (["--propose", "/nosuch/new.toml"], "/nosuch/new.toml"),
     ],

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 def check(
-    config: Annotated[
-        Path | None, typer.Option(help="bench.toml; the shipped one if absent.")
+    bench: Annotated[
+        Path | None, typer.Argument(help="bench.toml; the shipped bench if absent.")
     ] = None,
     log: Annotated[Path | None, typer.Option(help="A bus log instead of a live bus.")] = None,
     seconds: Annotated[float, typer.Option(help="How much to look at.", min=0.1, max=600)] = 5.0,
@@ -27,7 +27,7 @@ def check(
     ] = None,
     dbc: Annotated[Path | None, typer.Option(help="DBC for --propose.")] = None,
     layout: Annotated[
-        str | None, typer.Option(help="Ready map to check in place of --config.")
+        str | None, typer.Option(help="Ready map to check in place of a bench.toml.")
     ] = None,
     layouts: Annotated[bool, typer.Option("--layouts", help="List the ready maps.")] = False,
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
@@ -45,17 +45,17 @@ def check(
     from daq.config import bench_codec
     from daq.errors import InputError
 
-    if layout is not None and config is not None:
-        raise InputError("--layout", "and --config exclude each other", "name one of them")
+    if layout is not None and bench is not None:
+        raise InputError("--layout", "and a bench.toml exclude each other", "name one of them")
     if dbc is not None and propose is None:
         raise InputError("--dbc", "is for --propose", "name the DBC in bench.toml as dbc")
     if propose is not None:
-        bench = _proposed(propose, config, layout, dbc, log, seconds, interface, channel)
-        if bench is None:
+        proposed = _proposed(propose, bench, layout, dbc, log, seconds, interface, channel)
+        if proposed is None:
             return ExitCode.OK
-        described, frames = bench
+        described, frames = proposed
     else:
-        described = _bench(config, layout, log, interface, channel)
+        described = _bench(bench, layout, log, interface, channel)
         frames = None
     codec = bench_codec(described)  # before anything is opened
     say_left_out(codec)
