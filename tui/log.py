@@ -39,6 +39,8 @@ class Log:
     def __init__(self, path: Path | None) -> None:
         self._bounded = path is not None
         self._file = sys.stderr.fileno() if path is None else _opened(path)
+        # A bar of progress may stand in the line: it draws itself again below.
+        self._before = "\r\x1b[K" if os.isatty(self._file) else ""
         self._lines: deque[str] = deque(maxlen=HELD_LINES)
         self._dropped = 0
         self._seen: dict[str, tuple[float, int]] = {}
@@ -106,7 +108,7 @@ class Log:
                 with suppress(OSError):  # nobody reads: so be it
                     if self._bounded and os.fstat(self._file).st_size > MAX_FILE_BYTES:
                         os.ftruncate(self._file, 0)
-                    os.write(self._file, f"bumpbench: {text}\n".encode())
+                    os.write(self._file, f"{self._before}bumpbench: {text}\n".encode())
 
     def _thread_died(self, died: threading.ExceptHookArgs) -> None:
         name = died.thread.name if died.thread else "a thread"

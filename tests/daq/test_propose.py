@@ -94,7 +94,7 @@ def test_every_line_that_is_left_to_the_reader_can_be_uncommented() -> None:
     bench_codec(bench)
     assert [rule.cycle_s for rule in bench.message_rules] == [0.01] * 4
     assert [weight.mass_kg for weight in bench.mass_states[1].added.weights] == [32.5, 4.0]
-    assert bench.facts[0].value == pytest.approx(1551.8)
+    assert bench.vehicle.facts[0].value == pytest.approx(1551.8)
 
 
 def test_traffic_tells_the_axis_the_sign_the_counter_the_checksum_and_the_clock() -> None:

@@ -51,6 +51,16 @@ def test_a_reader_that_has_gone_holds_nothing_up() -> None:
     assert out == b"went on\n"
 
 
+def test_a_line_is_not_glued_to_a_bar_of_progress() -> None:
+    master, terminal = os.openpty()
+    script = "from tui.log import Log\nwith Log(None) as log: log.line('alarm')"
+    with subprocess.Popen([sys.executable, "-c", script], stderr=terminal) as process:
+        assert process.wait(60) == 0
+    assert os.read(master, 1000) == b"\r\x1b[Kbumpbench: alarm\r\n"
+    os.close(terminal)
+    os.close(master)
+
+
 def test_what_repeats_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [0.0]
     monkeypatch.setattr("tui.log.time.monotonic", lambda: clock[0])
