@@ -21,6 +21,8 @@ SLICE_S = 0.25
 ANSWER_S, SLOW_S = 2.0, 15.0
 HEIR_S = 4.0
 """A terminal that comes just after one that was killed has the control as soon as that is free."""
+BIRTH_S = 5.0
+"""A recorder that a terminal starts needs a second or two, on a slow machine more."""
 SILENT_S = 2.0
 """A recorder speaks ten times a second; silent for so long, it is gone or hangs."""
 
@@ -159,17 +161,19 @@ class RecorderFeed:
     def _listen(self, post: Callable[[News], None]) -> None:
         """Connect, tell the news, and connect again, until stopped."""
         told: Lost | None = None
+        patient_s = time.monotonic() + BIRTH_S
         while not self._stop.is_set():
             try:
                 client = self._connect(post)
             except BumpbenchError as error:
                 lost = Lost(error.what, error.advice)
-                if lost != told:
+                # One that was started just now is not lost: it is not there yet.
+                if lost != told and time.monotonic() > patient_s:
                     post(lost)
                     told = lost
                 self._stop.wait(RETRY_S)
                 continue
-            told = None
+            told, patient_s = None, 0.0
             self._client = client
             lost_text = self._tell(client, post)
             self._client = None

@@ -1,0 +1,41 @@
+"""When a recorder that does not answer is called lost."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from queue import Empty, Queue
+from typing import NoReturn
+
+import pytest
+
+from daq.client import RecorderGone
+from tui import feed
+from tui.feed import BIRTH_S, Lost, News, RecorderFeed
+
+
+def test_a_recorder_that_has_only_just_been_started_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    tried = threading.Semaphore(0)
+
+    def nobody(*_: object, **__: object) -> NoReturn:
+        tried.release()
+        raise RecorderGone("here", "no recorder is running there", "start one")
+
+    monkeypatch.setattr(feed, "Client", nobody)
+    monkeypatch.setattr(feed, "RETRY_S", 0.01)
+    monkeypatch.setattr("tui.feed.time.monotonic", lambda: clock[0])
+    told: Queue[News] = Queue()
+    listener = RecorderFeed(tmp_path, "MK", lambda: None)
+    listener.start(told.put)
+    try:
+        for _ in range(3):
+            assert tried.acquire(timeout=10)
+        with pytest.raises(Empty):
+            told.get_nowait()
+        clock[0] = BIRTH_S + 1
+        assert told.get(timeout=10) == Lost("no recorder is running there", "start one")
+    finally:
+        listener.stop()
