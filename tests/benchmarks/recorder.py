@@ -35,7 +35,7 @@ from daq.frame_store import Nowhere
 from daq.health import HealthState, advance
 from daq.journal_format import JournalHead
 from daq.keeper import Keeper
-from daq.mapping import map_channels
+from daq.mapping import MappedChannel, map_channels
 from daq.messages import Live, Status
 from daq.now import Now
 from daq.orders import Arm, Until
@@ -202,7 +202,18 @@ def _their_reader(receiving: socket.socket) -> Reader:
         mock.patch.object(socketcan, "bind_socket"),
     ):
         bus = SocketcanBus("loopback")
-    return lambda: bus.recv(0.1) is not None, bus.shutdown
+    lock, listeners = threading.Lock(), (lambda message: None,) * 2  # for writing and decoding
+
+    def receive() -> int:  # as the loop of `can.Notifier` does it
+        message = bus.recv(0.1)
+        if message is None:
+            return 0
+        with lock:
+            for listener in listeners:
+                listener(message)
+        return 1
+
+    return receive, bus.shutdown
 
 
 def _receive_us(frames: FrameBatch, reader: Callable[[socket.socket], Reader]) -> float:
@@ -249,7 +260,9 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
         with Keeper(Path(folder), head, bench.recorder) as keeper:
             journal_us = _us(blocks, lambda k, block: _keep(keeper, k, block))
     decode_us = _us(blocks, lambda _, block: codec.decode(block))
-    watch_us = _us(blocks, partial(_watch, bench, codec, [AlarmState(), HealthState()])) - decode_us
+    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    states: list[object] = [AlarmState(), HealthState()]
+    watch_us = _us(blocks, partial(_watch, bench, codec, mapped, states)) - decode_us
     recorder = Recorder(bench, codec, Nowhere())
     recorder.carry_out(Arm(Until.COMPLETE), "benchmark", _now(0))
     links = _links()
@@ -272,14 +285,20 @@ def _keep(keeper: Keeper, k: int, block: FrameBatch) -> None:
     keeper.tend(k * BLOCK_S)
 
 
-def _watch(bench: Bench, codec: Codec, states: list[object], k: int, block: FrameBatch) -> None:
+def _watch(
+    bench: Bench,
+    codec: Codec,
+    mapped: Sequence[MappedChannel],
+    states: list[object],
+    k: int,
+    block: FrameBatch,
+) -> None:
     alarms, health = states
     assert isinstance(alarms, AlarmState)
     assert isinstance(health, HealthState)
     decoded = codec.decode(block)
     health = advance(codec.messages, health, decoded)
     turn = Turn(_now(k), block, decoded, health, _links(), HopLosses(), NO_DISK, NO_QUEUE)
-    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     states[:] = [watch(bench.recorder, codec, mapped, alarms, turn)[0], health]
 
 
