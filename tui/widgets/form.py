@@ -8,6 +8,7 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
+from textual.content import Content
 from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Input, Static
@@ -74,6 +75,30 @@ class ChoiceField(Static, can_focus=True):
 FieldWidget = TextField | ChoiceField
 
 
+class Label(Static):
+    """What stands between two fields: the end of the one, the name of the other.
+
+    One widget and not three, because a form of thirty fields has to be there at once.
+    """
+
+    def __init__(self, before: str, words: str) -> None:
+        self._before, self._words, self._bad = before, words, False
+        super().__init__(self._text())
+
+    def mark(self, bad: bool) -> None:
+        """Show whether the field behind it is wrong: by a mark, and in colour."""
+        if bad != self._bad:
+            self._bad = bad
+            self.update(self._text())
+
+    def _text(self) -> Content:
+        if not self._words:
+            return Content(self._before)
+        style = "bold $error" if self._bad else ""
+        mark = "!" if self._bad else " "
+        return Content.assemble(self._before, (f"{mark}{self._words[1:]}[", style))
+
+
 class Form(VerticalScroll, can_focus=False):
     """Fields in rows; what is typed stays, be it right or wrong.
 
@@ -88,10 +113,9 @@ class Form(VerticalScroll, can_focus=False):
     DEFAULT_CSS = """
     Form { height: 1fr; }
     Form Horizontal { height: 1; }
-    Form .label, Form .unit { width: auto; height: 1; }
+    Form Label { width: auto; height: 1; }
     Form TextField, Form ChoiceField { height: 1; background: $surface; }
     Form TextField:focus, Form ChoiceField:focus { text-style: bold reverse; }
-    Form .bad { color: $error; text-style: bold; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("down", "screen.focus_next", "Next field", show=False),
@@ -108,7 +132,7 @@ class Form(VerticalScroll, can_focus=False):
         super().__init__()
         self._rows, self._label_width = rows, label_width
         self._fields: dict[str, FieldWidget] = {}
-        self._labels: dict[str, Static] = {}
+        self._labels: dict[str, Label] = {}
 
     def compose(self) -> ComposeResult:
         """Lay out the rows."""
@@ -116,16 +140,17 @@ class Form(VerticalScroll, can_focus=False):
             yield Horizontal(*self._row(row))
 
     def _row(self, row: Sequence[Field]) -> Iterable[Widget]:
+        before = ""
         for position, field in enumerate(row):
             short = "±" if field.name.endswith(".sigma") else field.label
-            label = f" {short}".ljust(self._label_width) if position == 0 else f"  {short} "
-            self._labels[field.name] = Static(label, classes="label", markup=False)
-            yield self._labels[field.name]
-            yield Static("[", classes="unit", markup=False)
+            words = f" {short}".ljust(self._label_width) if position == 0 else f" {short} "
+            label = Label(before, words)
             widget = ChoiceField(field) if field.choices else TextField(field, _width(field))
-            self._fields[field.name] = widget
+            self._labels[field.name], self._fields[field.name] = label, widget
+            yield label
             yield widget
-            yield Static(f"] {field.unit:<4}", classes="unit", markup=False)
+            before = f"] {field.unit:<4} "
+        yield Label(before.rstrip(" "), "")
 
     @property
     def values(self) -> dict[str, str]:
@@ -143,9 +168,7 @@ class Form(VerticalScroll, can_focus=False):
         """Show which fields are wrong: by a mark before the label, and in colour."""
         bad = {error.field for error in errors}
         for name, label in self._labels.items():
-            label.set_class(name in bad, "bad")
-            text = str(label.content)
-            label.update(("!" if name in bad else " ") + text[1:])
+            label.mark(name in bad)
 
     def enter(self, name: str = "") -> None:
         """Put the cursor into a field; into the first one without a name."""
