@@ -6,9 +6,12 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import fields
 
+from dbc import Codec
+
 from .book import Book, BookStatus, Finding
 from .campaign import Step
 from .config import Bench
+from .message_rules import sensor_clocks
 from .recent import Block, RecentSamples
 from .runs import Losses
 from .verdict import RunMeasure, RunWindow, judge, peak_left
@@ -29,13 +32,16 @@ class Judge:
     ----------
     bench : Bench
         Channels, trigger and procedure.
+    codec : Codec
+        The bench's DBC.
     measures : dict of label to RunMeasure
         What was measured of the runs so far; later ones are added.
     """
 
-    def __init__(self, bench: Bench, measures: dict[str, RunMeasure]) -> None:
+    def __init__(self, bench: Bench, codec: Codec, measures: dict[str, RunMeasure]) -> None:
         self._bench = bench
         self._measures = measures
+        self._timed = _timed(bench, codec)
         self._samples = RecentSamples(bench.trigger.pre_s + bench.trigger.post_s)
         self._saturated: dict[str, int] = {}
         self._left: tuple[int, int, float | None] = (0, 0, None)
@@ -62,7 +68,7 @@ class Judge:
         lost = _difference(self._losses[-1][1], before or self._losses[0][1])
         samples = self._samples.between(start_ns, stop_ns)
         saturated = tuple(name for name, t_ns in self._saturated.items() if t_ns >= bump_ns)
-        window = RunWindow(bump_ns, samples, lost, saturated=saturated)
+        window = RunWindow(bump_ns, samples, lost, (), saturated, self._timed)
         accepted = [
             self._measures[run.label]
             for run in book.of(step.mass_state, step.excitation)
@@ -81,6 +87,12 @@ class Judge:
         left = peak_left(self._bench.channels, bump_ns, columns, t_ns)
         self._left = (bump_ns, t_ns, left)
         return left
+
+
+def _timed(bench: Bench, codec: Codec) -> frozenset[str]:
+    """Return the messages that tell themselves when their samples were taken."""
+    counted = {m.name for m in codec.messages if m.counter is not None and m.cycle_s is not None}
+    return frozenset(counted | sensor_clocks(codec, bench.message_rules).keys())
 
 
 def _difference(after: Losses, before: Losses) -> Losses:

@@ -93,7 +93,7 @@ class Recorder:
         mapped, triggers = prepared(bench, codec)
         self._bench, self._codec, self._mapped, self._triggers = bench, codec, mapped, triggers
         self._live = LiveRing([m.channel.name for m in mapped])
-        self._judge = Judge(bench, self._measures)
+        self._judge = Judge(bench, codec, self._measures)
         self._trigger = trigger.TriggerState()
         self._alarms = AlarmState()
 

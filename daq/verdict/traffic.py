@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..book import Finding
 from ..channels import Channel, Quantity
 from ..config import Bench
+from ..counter import FASTEST
 from .finding import finding
 from .window import RunWindow, Trace
 
@@ -109,7 +110,7 @@ def lost_frames(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Ite
     came = sum(len(t_ns) for t_ns in _messages(bench.channels, window).values())
     share = lost / max(lost + came, 1)
     text = f"{lost} frames lost or unusable, {share:.1%} (limit {LOST_SHARE:.0%})"
-    gap_s, limit_s, name = _early_gap(seen)
+    gap_s, limit_s, name = _early_gap(window, seen)
     if gap_s > limit_s and share <= LOST_SHARE:
         text = (
             f"no sample of {name} for {gap_s * 1e3:.0f} ms (limit {limit_s * 1e3:.0f}) while the "
@@ -120,16 +121,30 @@ def lost_frames(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Ite
     yield finding("lost_frames", share <= LOST_SHARE, share, LOST_SHARE, "", text)
 
 
-def _early_gap(seen: tuple[Trace, ...]) -> tuple[float, float, str]:
+def _early_gap(window: RunWindow, seen: tuple[Trace, ...]) -> tuple[float, float, str]:
     worst = (0.0, GAP_S, "")
     for trace in seen:
-        period_s = float(np.median(np.diff(trace.time_s)))
+        time_s = trace.time_s
+        period_s = float(np.median(np.diff(time_s)))
         limit_s = max(GAP_S, GAP_CYCLES * period_s)
-        first, last = np.searchsorted(trace.time_s, [0.0, WHEEL_MOTION_S])
-        times = trace.time_s[max(first - 1, 0) : last + 1]
+        if _message(trace.channel) in window.timed:
+            time_s = _sent_by(time_s)
+        first, last = np.searchsorted(time_s, [0.0, WHEEL_MOTION_S])
+        times = time_s[max(first - 1, 0) : last + 1]
         gap_s = float(np.max(np.diff(times))) if len(times) > 1 else 0.0
         worst = max(worst, (gap_s, limit_s, trace.channel.name), key=lambda w: w[0] / w[1])
     return worst
+
+
+def _sent_by(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return when each frame was sent at the latest: those that came after it took a cycle each.
+
+    A reader that is held up hands over a bunch of frames at one instant.  That is late, but the
+    gap before it is as long as the bunch; where frames are missing, the bunch is too short.
+    """
+    cycle_s = FASTEST * (time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    sent_s = np.arange(len(time_s)) * cycle_s
+    return np.asarray(np.minimum.accumulate((time_s - sent_s)[::-1])[::-1] + sent_s)
 
 
 def overload(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:

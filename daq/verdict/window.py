@@ -49,6 +49,9 @@ class RunWindow:
         samples.
     saturated : tuple of str
         Channels of which samples touched the end of the signal's range.
+    timed : frozenset of str
+        Messages whose counter or time stamp tells when a sample was taken: their frames may come
+        late, in a bunch, and nothing is lost.
     """
 
     bump_ns: int
@@ -56,6 +59,7 @@ class RunWindow:
     losses: Losses = field(default_factory=Losses)
     stale: tuple[str, ...] = ()
     saturated: tuple[str, ...] = ()
+    timed: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,6 +39,29 @@ def test_findings_tell_value_limit_and_advice() -> None:
     assert {finding.code for finding in findings} <= set(WORDS)
 
 
+def _held_up(window: RunWindow, lost: bool) -> RunWindow:
+    """Hold the reader up for 60 ms every 100 ms; or lose what it did not read."""
+    channels = {}
+    for name, (t_ns, value) in window.channels.items():
+        since_ns = t_ns - window.bump_ns
+        held = since_ns % 100_000_000 < 60_000_000
+        late_ns = np.where(held, since_ns // 100_000_000 * 100_000_000 + 60_000_000, since_ns)
+        kept = ~(held & (since_ns > 0) & (since_ns < 100_000_000)) if lost else slice(None)
+        channels[name] = ((late_ns + window.bump_ns)[kept], value[kept])
+    return replace(window, channels=channels)
+
+
+@pytest.mark.parametrize(("timed", "lost", "passed"), [(1, 0, 1), (0, 0, 0), (1, 1, 0)])
+def test_late_is_not_lost_where_a_counter_tells_the_time(
+    timed: bool, lost: bool, passed: bool
+) -> None:
+    messages = {channel.signal.partition(".")[0] for channel in ALL.described.channels}
+    window = replace(good(ALL, 8), timed=frozenset(messages if timed else ()))
+    findings, _ = judged(ALL, _held_up(window, lost))
+    found = next(finding for finding in findings if finding.code == "lost_frames")
+    assert found.passed == passed
+
+
 def test_the_time_of_a_second_bump_is_told() -> None:
     moving = motion("linear", BASELINE, Excitation.BOUNCE, 1.0, (0.84, 1.0))
     findings, _ = judged(ALL, windowed(ALL, moving, 3))
