@@ -7,6 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daq.remarks import notes_of, overrides_of
+
 from .output import print_line, print_table
 from .recording import print_summary, summary
 
@@ -67,7 +69,12 @@ def print_contents(path: Path, session: Session) -> None:
     if rows:
         print_table("Known beforehand", ["what", "value", ""], rows)
         print_line()
-    rows = [[name, text] for name, text in _provenance(session.provenance).items()]
+    told = _provenance(session.provenance)
+    if "verdicts" in told:
+        told["verdicts"] = "findings of each run: --json shows them"
+    rows = [[name, text] for name, text in told.items() if name not in ("notes", "overrides")]
+    rows += [["note", text] for text in notes_of(session.provenance)]
+    rows += [["warning overridden", text] for text in overrides_of(session.provenance)]
     if rows:
         print_table("Provenance", ["what", "value"], rows)
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import nan
 from typing import TYPE_CHECKING
 
-from daq.book import Code
+from daq.remarks import overrides_of
 from daq.runs import RunStatus, Session
 from identify.report.blocks import Gallery
 from identify.report.decays import decay_section
@@ -53,7 +52,7 @@ def outcome_of(
         meaning=MEANING[quality.verdict],
         chi2_per_n=quality.chi2_per_n,
         findings=tuple(Told(f.gate, str(f.severity), f.text) for f in quality.findings),
-        overrides=tuple(dict.fromkeys(_overrides(session))),
+        overrides=overrides_of(session.provenance),
         parameters=tuple(
             _estimated(name, parameter_words(name), e, largest_share(result.drivers.get(name, {})))
             for name, e in result.parameters.items()
@@ -126,17 +125,3 @@ def _curve(trace: Trace) -> Curve:
 
 def _mean(row: Mapping[str, float]) -> float:
     return sum(row.values()) / len(row) if row else nan
-
-
-def _overrides(session: Session) -> list[str]:
-    """Return the warnings that a person answered for, as the events of the runs tell them."""
-    told = []
-    for event in (event for run in session.runs for event in run.events):
-        if event.code != Code.OVERRIDE:
-            continue
-        try:
-            body = json.loads(event.text)
-            told.append(f"{body['subject']}: {body['reason']} ({body['by']})")
-        except (ValueError, KeyError, TypeError):
-            told.append(event.text)
-    return told

@@ -22,6 +22,7 @@ from typing import Any
 import h5py
 
 from ..errors import InputError
+from ..remarks import notes_of
 from .load import DAMAGED_ADVICE, open_session, plain_attributes
 
 _FILE_S = 4
@@ -95,7 +96,7 @@ def glance(path: Path) -> Glance:
         str(about.get("provenance_created", "")),
         accepted,
         len(runs) - accepted,
-        str(about.get("provenance_notes", "")),
+        "\n".join(notes_of({"notes": str(about.get("provenance_notes", ""))})),
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import asdict
 import numpy as np
 
 from daq.channels import Quantity
+from daq.remarks import notes_of, overrides_of
 from daq.runs import Run, RunStatus, Session
 from daq.trigger import BUMP
 
@@ -107,8 +108,11 @@ def _trace(session: Session, source: Source) -> Table:
         ("identified by", f"bumpbench {source.version}"),
         ("with", ", ".join(f"{name} {version}" for name, version in source.libraries.items())),
     ]
-    texts = ("bench_toml", "dbc")
+    # The runs' table has what was decided of each.
+    texts = ("bench_toml", "dbc", "verdicts", "notes", "overrides")
     rows += [(plain(k), v) for k, v in session.provenance.items() if k not in texts]
+    rows += [("note", text) for text in notes_of(session.provenance)]
+    rows += [("warning overridden", text) for text in overrides_of(session.provenance)]
     if session.provenance.get("dbc"):
         text = session.provenance["dbc"]
         rows.append(("sha256 of the DBC", hashlib.sha256(text.encode()).hexdigest()))
