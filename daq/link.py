@@ -16,7 +16,7 @@ from dbc.frames import FrameBatch
 
 from .config import BusConfig
 from .errors import BusError
-from .source import FrameSource, LinkFacts, SourceLosses
+from .source import FrameSource, Interface, LinkFacts, SourceLosses
 
 BACK_OFF_S = (0.1, 2.0)
 """First and longest pause before a bus is opened again; each is twice the one before."""
@@ -88,7 +88,10 @@ class Link:
         elif self._is_dumb() and now_s - self._alive_s >= SILENT_S:
             self._alive_s = now_s
             self._drop()
-        self._facts = replace(self._facts, heartbeat_s=now_s, losses=self._losses())
+        down = not len(frames) and self._is_down()
+        self._facts = replace(
+            self._facts, heartbeat_s=now_s, losses=self._losses(), interface_down=down
+        )
         return frames
 
     def halt(self) -> None:
@@ -100,6 +103,9 @@ class Link:
         self._halted.set()
         self._drop()
         self._facts = replace(self._facts, connected=False, losses=self._before)
+
+    def _is_down(self) -> bool:
+        return isinstance(self._source, Interface) and self._source.interface_down
 
     def _is_dumb(self) -> bool:
         """Whether silence may mean that the device has gone."""

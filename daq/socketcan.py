@@ -60,13 +60,10 @@ class Reception:
         Who stamped the latest frames.
     buffer_bytes : int
         What the kernel may hold for us until we read.
-    interface_down : bool
-        The interface was taken down and no frame has come since.
     """
 
     clock: StampClock
     buffer_bytes: int
-    interface_down: bool
 
     @property
     def clipped(self) -> bool:
@@ -155,7 +152,12 @@ class SocketCanSource:
     @property
     def reception(self) -> Reception:
         """How frames are received at present."""
-        return Reception(self._clock, self._buffer_bytes, self._down)
+        return Reception(self._clock, self._buffer_bytes)
+
+    @property
+    def interface_down(self) -> bool:
+        """Whether the interface was taken down and no frame has come since."""
+        return self._down
 
     def close(self) -> None:
         """Wake a thread that is reading and close the socket."""

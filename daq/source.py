@@ -6,8 +6,8 @@ reading loses frames in the adapter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import astuple, dataclass
+from typing import Protocol, runtime_checkable
 
 from dbc.frames import FrameBatch
 
@@ -54,6 +54,11 @@ class HopLosses:
     restamped: int = 0
     queue_dropped: int = 0
 
+    def since(self, before: HopLosses) -> HopLosses:
+        """Return what was lost since an earlier count."""
+        lost = zip(astuple(self), astuple(before), strict=True)
+        return HopLosses(*(now - then for now, then in lost))
+
 
 @dataclass(frozen=True, slots=True)
 class LinkFacts:
@@ -75,6 +80,8 @@ class LinkFacts:
         How often the bus came back.
     losses : SourceLosses
         Summed over all sources so far.
+    interface_down : bool
+        Whether a source is open on an interface that somebody took down.
     """
 
     name: str
@@ -85,6 +92,7 @@ class LinkFacts:
     heartbeat_s: float
     reopened: int
     losses: SourceLosses
+    interface_down: bool = False
 
 
 class FrameSource(Protocol):
@@ -111,3 +119,12 @@ class FrameSource(Protocol):
 
     def close(self) -> None:
         """Release the interface; never raises."""
+
+
+@runtime_checkable
+class Interface(Protocol):
+    """A source on a network interface, which can be taken down and up while it is open."""
+
+    @property
+    def interface_down(self) -> bool:
+        """Whether it was taken down, and no frame has come since."""

@@ -242,7 +242,10 @@ def bus_symptoms(
     if status.state is BusState.BUS_OFF:
         return [Symptom("bus_off", name, watch.said)]
     found = []
-    if status.state is BusState.SILENT:
+    if link.interface_down:
+        advice = f"sudo ip link set {name.split()[-1]} up"
+        found.append(Symptom("interface_down", name, "the interface is down", advice=advice))
+    elif status.state is BusState.SILENT:
         errors = sum(turn[2] for turn in watch.recent)
         waited = f"{now_s - watch.good_s:.1f} s"
         if errors:

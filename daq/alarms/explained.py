@@ -46,6 +46,12 @@ EXPLAINED = MappingProxyType(
             "check termination, wiring and bit rate; `ip link set can0 type can restart-ms 100` "
             "lets the controller come back by itself",
         ),
+        "interface_down": Explanation(
+            "interface down",
+            "Somebody, or a driver, took the network interface down; frames come again once it is "
+            "up",
+            "sudo ip link set can0 up",
+        ),
         "queue_dropped": Explanation(
             "frames lost in the queue",
             "The writer was too far behind and frames that were received are not recorded",

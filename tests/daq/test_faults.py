@@ -55,6 +55,13 @@ def unplugged(bench: WatchedBench, k: int) -> object:
     return None
 
 
+def taken_down(bench: WatchedBench, k: int) -> object:
+    bench.link(1, interface_down=True)
+    bench.turn(bench.healthy())
+    bench.link(1, interface_down=False)
+    return None
+
+
 def error_turn(classes: ErrorClass, data: bytes, n: int, also_good: bool) -> FaultyTurn:
     def turn(bench: WatchedBench, k: int) -> object:
         bad = error_frames(classes, data, bench.t_ns + 90_000_000, n=n)
@@ -150,6 +157,7 @@ FAULTS: list[tuple[str, str, FaultyTurn, int]] = [
     ("overrun", "can1", losing("dropped", 13), 260),
     ("garbled", "can1", losing("garbled", 3), 60),
     ("restamped", "can1", losing("restamped", 5), 100),
+    ("interface_down", "can1", taken_down, 0),
     ("bus_silent", "can1", silent, 0),
     ("stale", "IMU_Rate", sensor_silent, 0),
     ("wrong_length", "SUSP_Rear", cut_short, 60),

@@ -126,3 +126,30 @@ def test_a_bus_that_was_never_heard_is_left_open() -> None:
     for _ in range(1000):
         link.read(0.1)
     assert not source.closed
+
+
+class NetworkSource(Source):
+    """On an interface that is down for the second and the third read."""
+
+    reads = 0
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        self.reads += 1
+        return super().read(timeout_s)
+
+    @property
+    def interface_down(self) -> bool:
+        return self.reads in (2, 3)
+
+
+def test_an_interface_that_was_taken_down_is_told_until_frames_come_again() -> None:
+    clock = Clock()
+    nothing = FrameBatch.empty()
+    source = NetworkSource(clock, [ONE, nothing, nothing, ONE])
+    link = link_to(clock, source, interface="socketcan")
+    told = []
+    for _ in range(5):
+        link.read(0.1)
+        told.append(link.facts().interface_down)
+    assert told == [False, False, True, True, False]  # the first turn opens it
+    assert not source.closed

@@ -317,12 +317,12 @@ def faulty(monkeypatch: pytest.MonkeyPatch, feed: Feed) -> Feed:
 def test_an_interface_that_was_taken_down_is_told_and_read_on(faulty: Feed) -> None:
     FaultyBuffers.faults = [errno.ENETDOWN]
     assert len(faulty.read()) == 0
-    assert faulty.source.reception.interface_down
+    assert faulty.source.interface_down
     assert len(faulty.read()) == 0
-    assert faulty.source.reception.interface_down
+    assert faulty.source.interface_down
     faulty.send(frame(5))
     assert list(faulty.read().can_id) == [5]
-    assert not faulty.source.reception.interface_down
+    assert not faulty.source.interface_down
 
 
 @pytest.mark.parametrize("code", [errno.ENODEV, errno.EBADF, errno.ENXIO])
@@ -376,8 +376,8 @@ def test_a_buffer_that_was_not_granted_is_told(monkeypatch: pytest.MonkeyPatch) 
     fed.sending.close()
     assert reception.buffer_bytes == min(limit, RECEIVE_BUFFER_BYTES)
     assert reception.clipped == (limit < RECEIVE_BUFFER_BYTES)
-    assert Reception(StampClock.KERNEL, RECEIVE_BUFFER_BYTES - 1, False).clipped
-    assert not Reception(StampClock.KERNEL, RECEIVE_BUFFER_BYTES, False).clipped
+    assert Reception(StampClock.KERNEL, RECEIVE_BUFFER_BYTES - 1).clipped
+    assert not Reception(StampClock.KERNEL, RECEIVE_BUFFER_BYTES).clipped
 
 
 def open_descriptors() -> int:
