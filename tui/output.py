@@ -9,9 +9,10 @@ from contextlib import contextmanager
 from math import isfinite
 from typing import Any, Protocol
 
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 _FILE_WIDTH = 400
 
@@ -37,17 +38,23 @@ def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
     """Write a table: the first column to the left, numbers to the right."""
     table = Table(box=None, pad_edge=False)
     for i, column in enumerate(columns):
-        table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
+        justify: JustifyMethod = "left" if i == 0 else "right"
+        table.add_column(Text(_visible(column)), justify=justify, overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(_visible(cell)) for cell in row))
     out = console()
-    out.print(title, style="bold", markup=False, highlight=False, soft_wrap=True)
+    out.print(_visible(title), style="bold", markup=False, highlight=False, soft_wrap=True)
     out.print(table)
 
 
 def print_line(text: str = "") -> None:
     """Write one line to stdout, foreign text included: nothing in it is markup."""
-    console().print(text, markup=False, highlight=False, soft_wrap=True)
+    console().print(_visible(text), markup=False, highlight=False, soft_wrap=True)
+
+
+def _visible(text: str) -> str:
+    """Return foreign text without what would move the cursor or colour the screen."""
+    return "".join(c if c.isprintable() or c == "\n" else "\ufffd" for c in text)
 
 
 def console() -> Console:

@@ -14,6 +14,7 @@ from daq.formats.export import ExportFormat
 from daq.vehicle import DOF, Vehicle
 from tui.cli import run
 from tui.commands.export import Format
+from tui.output import print_line, print_table
 
 from ..daq.small_session import small_session
 from ..identify.bumps import PAPER_DELTA_MASS, paper_records
@@ -138,6 +139,14 @@ def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     assert "schema v1" in out
     assert "/runs/r001_LABEL" in out
+
+
+def test_foreign_text_is_neither_markup_nor_control(capsys: pytest.CaptureFixture[str]) -> None:
+    print_table("T [/x]", ["a [/b]", "c"], [["[/nope]", "[red]x[/red]\x1b[2J"]])
+    print_line("[/y]\x1b[31m")
+    out = capsys.readouterr().out
+    for text in ("T [/x]", "a [/b]", "[/nope]", "[red]x[/red]\ufffd[2J", "[/y]\ufffd[31m"):
+        assert text in out
 
 
 def test_inspect(capsys: pytest.CaptureFixture[str], car: str) -> None:
