@@ -11,6 +11,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
+from math import isfinite
 from typing import Any
 
 from .campaign import Campaign, Step
@@ -198,6 +199,9 @@ def entry(code: Code, t_ns: int, value: float = 0.0, **body: Any) -> Event:
 def verdict_entry(t_ns: int, label: str, findings: Iterable[Finding]) -> Event:
     """Return the event of the recorder's verdict on a run."""
     told = [asdict(finding) for finding in findings]
+    for finding in told:  # JSON has no other numbers, and no client could read the status
+        for key in ("value", "limit"):
+            finding[key] = finding[key] if isfinite(finding[key]) else 0.0
     accepted = all(finding["passed"] for finding in told)
     return entry(Code.VERDICT, t_ns, label=label, accepted=accepted, findings=told)
 
@@ -269,10 +273,8 @@ def _entered(book: Book, code: Code, t_ns: int, body: Mapping[str, Any]) -> Book
         return book
     if code is Code.VERDICT:
         findings = tuple(Finding(**finding) for finding in body["findings"])
-        if run.status is not BookStatus.OPEN:  # a person was faster; what was found is kept
-            return replace(book, runs=_replaced(book, replace(run, findings=findings)))
         status = BookStatus.ACCEPTED if body["accepted"] else BookStatus.REJECTED
-        return _decided(book, run, replace(run, status=status, findings=findings))
+        return _judged(book, run, status, findings)
     status = BookStatus.ACCEPTED if code is Code.ACCEPT else BookStatus.REJECTED
     return _decided(book, run, replace(run, status=status, by=body["by"], reason=body["reason"]))
 
@@ -291,13 +293,34 @@ def _decided(book: Book, before: BookRun, after: BookRun) -> Book:
     return replace(book, runs=_replaced(book, after), done=done, undone=())
 
 
+def _judged(book: Book, run: BookRun, status: BookStatus, findings: tuple[Finding, ...]) -> Book:
+    """Return the book after the recorder's verdict."""
+    if run.status is BookStatus.OPEN:
+        return _decided(book, run, replace(run, status=status, findings=findings))
+    # A person was faster: what was found lies beneath that verdict, and comes up if it is undone.
+    beneath = replace(run, status=status, findings=findings, by="", reason="")
+
+    def known(one: BookRun) -> BookRun:
+        if one.label != run.label:
+            return one
+        return beneath if one.status is BookStatus.OPEN else replace(one, findings=findings)
+
+    return replace(
+        book,
+        runs=tuple(known(one) for one in book.runs),
+        done=tuple(Change(known(each.before), known(each.after)) for each in book.done),
+        undone=tuple(Change(known(each.before), known(each.after)) for each in book.undone),
+    )
+
+
 def _stepped_back(book: Book) -> Book:
     if not book.done:
         return book
     change = book.done[-1]
-    # Nobody can be put back into a run that is being recorded: the other verdict is what is meant.
+    # Nobody can be put back into a run that has ended: the other verdict is what is meant.  One
+    # that a person has rejected while it is recorded is open again until the recorder judges it.
     before = change.before
-    if before.status is BookStatus.OPEN:
+    if before.status is BookStatus.OPEN and not change.after.by:
         accepted = change.after.status is BookStatus.ACCEPTED
         other = BookStatus.REJECTED if accepted else BookStatus.ACCEPTED
         before = replace(change.after, status=other, by="undo", reason="")
@@ -314,13 +337,14 @@ def _stepped_forth(book: Book) -> Book:
 
 
 def _cut(book: Book) -> Book:
-    run = book.open
-    if run is None:
-        return book
     text = "cut: the recorder was stopped in mid-run"
     finding = Finding("cut", False, "", 0.0, 0.0, "", text, "bump again")
-    status = BookStatus.REJECTED
-    return _decided(book, run, replace(run, status=status, findings=(finding,)))
+    rejected = (each.after for each in book.done if each.before.status is BookStatus.OPEN)
+    unjudged = {run.label for run in rejected if run.by}
+    for run in book.runs:
+        if run.status is BookStatus.OPEN or run.label in unjudged:
+            book = _judged(book, run, BookStatus.REJECTED, (finding,))
+    return book
 
 
 def _replaced(book: Book, after: BookRun) -> tuple[BookRun, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .book import Book, BookRun, BookStatus, Code, entry
 from .config import Bench
+from .errors import printable
 from .orders import (
     Accept,
     Choose,
@@ -51,12 +52,12 @@ def order_event(order: Order, by: str, t_ns: int, book: Book, bench: Bench) -> E
                 raise OrderError(f"{run.label} is accepted already")
             if not order.reason:
                 raise OrderError(f"{run.label} was rejected: say why it is to be used")
-            return entry(Code.ACCEPT, t_ns, label=run.label, by=by, reason=order.reason)
+            return entry(Code.ACCEPT, t_ns, label=run.label, by=by, reason=_said(order.reason))
         case Reject():
             run = _found(book, order.label)
             if run.status is BookStatus.REJECTED:
                 raise OrderError(f"{run.label} is rejected already")
-            return entry(Code.REJECT, t_ns, label=run.label, by=by, reason=order.reason)
+            return entry(Code.REJECT, t_ns, label=run.label, by=by, reason=_said(order.reason))
         case Undo():
             if not book.done:
                 raise OrderError("there is no verdict to undo")
@@ -68,13 +69,14 @@ def order_event(order: Order, by: str, t_ns: int, book: Book, bench: Bench) -> E
         case Choose():
             return _choice(order, t_ns, book, bench)
         case Mark():
-            return Event(t_ns, Code.MARK, text=order.text)
+            return Event(t_ns, Code.MARK, text=_said(order.text))
         case Note():
             if order.label:
                 _found(book, order.label)
-            return entry(Code.NOTE, t_ns, text=order.text, label=order.label, by=by)
+            return entry(Code.NOTE, t_ns, text=_said(order.text), label=order.label, by=by)
         case OverrideWarning():
-            return entry(Code.OVERRIDE, t_ns, subject=order.subject, reason=order.reason, by=by)
+            subject, reason = _said(order.subject), _said(order.reason)
+            return entry(Code.OVERRIDE, t_ns, subject=subject, reason=reason, by=by)
         case Configure():
             return Event(t_ns, Code.BENCH, text=order.bench_text)
     return None
@@ -88,6 +90,14 @@ def _choice(order: Choose, t_ns: int, book: Book, bench: Bench) -> Event:
         raise OrderError(f"{book.open.label} is being recorded: wait for its end")
     kind = str(order.excitation)
     return entry(Code.CHOOSE, t_ns, mass_state=order.mass_state, excitation=kind)
+
+
+def _said(text: str) -> str:
+    """Return what a person wrote, line by line without control characters.
+
+    It goes to terminals, reports and session files, where they would do harm or be refused.
+    """
+    return "\n".join(printable(line, len(text) * 10) for line in text.split("\n"))
 
 
 def _found(book: Book, label: str) -> BookRun:

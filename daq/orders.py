@@ -138,7 +138,7 @@ class Accept:
     """Take a run, also one that was rejected; a reason is needed then."""
 
     label: str
-    reason: str = ""
+    reason: Annotated[str, Field(max_length=500)] = ""
     order: Literal["accept"] = "accept"
 
 
@@ -153,7 +153,7 @@ class Reject:
     """
 
     label: str = ""
-    reason: str = ""
+    reason: Annotated[str, Field(max_length=500)] = ""
     order: Literal["reject"] = "reject"
 
 
@@ -192,7 +192,7 @@ class Note:
 class OverrideWarning:
     """Go on although the bench check warns; reason and name go to the report."""
 
-    subject: str
+    subject: Annotated[str, Field(max_length=200)]
     reason: Annotated[str, Field(min_length=1, max_length=500)]
     order: Literal["override"] = "override"
 
