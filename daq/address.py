@@ -43,11 +43,16 @@ def control_address(folder: Path) -> Address:
     Raises
     ------
     InputError
-        If the directory cannot be made, belongs to somebody else, or its path is too long.
+        If the directory cannot be made, belongs to somebody else, or its path is too long; or if
+        the folder's name is no text that a client could be told.
     """
     if not hasattr(os, "getuid"):
         what = "has no sockets that only one user can reach"
         raise InputError("this system", what, "run the recorder on Linux or macOS")
+    try:
+        str(folder.resolve()).encode()
+    except UnicodeEncodeError as error:
+        raise InputError(str(folder), "has a name that is not UTF-8", "rename it") from error
     named = os.environ.get(_DIRECTORY, "").split(":")[0]
     directory = Path(named) if named else Path("/tmp", f"bumpbench-{os.getuid()}")
     _make_private(directory)

@@ -19,6 +19,7 @@ from .check_lines import CheckLine, Verdict
 from .mapping import MappedChannel
 from .message_rules import MEND_MESSAGE
 from .sample_groups import Timekeeping
+from .wire_bits import wire_bits
 
 _RATE_WARN, _RATE_FAIL = 0.02, 0.10
 _LOST_FAIL = 0.01
@@ -110,8 +111,7 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
         else:
             unknown.append(arrivals)
     unknown.sort(key=lambda a: -len(a.t_ns))
-    # A classic frame has 47 bits around its data, 20 more with 29 bits, and a stuff bit in thirty.
-    bits = float(np.sum((47 + 20 * extended + 8.0 * data.length) * 31 / 30))
+    bits = float(np.sum(wire_bits(data)))
     return FrameTable(known, tuple(unknown), int(frames.t_ns.min()), int(frames.t_ns.max()), bits)
 
 

@@ -35,9 +35,8 @@ class Derivation:
 
     def begin(self, target: Path, segments: Sequence[Path]) -> None:
         """Have the session file of these segments built; never raises."""
-        job = _Job(target, tuple(segments))
-        if job not in self._jobs:
-            self._jobs.append(job)
+        waiting = [job for job in self._jobs if job.target != target]  # the newer one has it all
+        self._jobs = deque([*waiting, _Job(target, tuple(segments))])
         self.status = SessionStatus(SessionState.BUILDING, str(target))
         self.poll()
 

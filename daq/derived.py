@@ -19,7 +19,7 @@ def remember(folder: Path, recording: str, stop: int, session: Path) -> None:
     text = json.dumps(
         {"stop": stop, "session": str(session.resolve()), "bytes": session.stat().st_size}
     )
-    path = folder / f"derived_{recording}.json"
+    path = _memory(folder, recording)
     beside = path.with_suffix(".tmp")
     with suppress(OSError):
         with beside.open("w", encoding="utf-8") as stream:
@@ -37,9 +37,22 @@ def derived_recordings(folder: Path, segments: Iterable[SegmentInfo]) -> set[str
     return {recording for recording, stop in stops.items() if _is_derived(folder, recording, stop)}
 
 
+def is_outdated(folder: Path, recording: str, stop: int) -> bool:
+    """Whether a session file was derived of a recording that has not its blocks up to `stop`."""
+    try:
+        told = json.loads(_memory(folder, recording).read_text("utf-8"))
+        return bool(told["stop"] < stop)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _memory(folder: Path, recording: str) -> Path:
+    return folder / f"derived_{recording}.json"
+
+
 def _is_derived(folder: Path, recording: str, stop: int) -> bool:
     try:
-        told = json.loads((folder / f"derived_{recording}.json").read_text("utf-8"))
+        told = json.loads(_memory(folder, recording).read_text("utf-8"))
         # It was written beside and renamed: with its size it is whole.
         return bool(told["stop"] >= stop and Path(told["session"]).stat().st_size == told["bytes"])
     except (OSError, ValueError, KeyError, TypeError):

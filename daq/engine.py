@@ -7,32 +7,31 @@ it is told to, never because of a bus or a disk.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
 from dbc.frames import FrameBatch
 
 from .beats import Beats
-from .checking import answer_check
+from .checking import Checks
 from .config import Bench, bench_codec
 from .derivation import Derivation
 from .frame_store import Nowhere
 from .guard import Guard
 from .host_axis import HOST_AXIS
 from .journal_contents import JournalTail
-from .journal_folder import last_recording
 from .journal_segment import SyncedFile
 from .keeper import Keeper
 from .link import Link, OpenSource
 from .messages import DiskStatus, Live, Reply, Status
 from .now import Now
-from .opening import CreateFile, Recording, begin, resumable, session_path
+from .opening import CreateFile, Recording, begin, resumable, unfinished
 from .order_events import OrderError
 from .orders import (
     AskBench,
@@ -49,7 +48,7 @@ from .orders import (
 from .preparation import configured, prepared
 from .readers import PieceQueue, Readers
 from .recorder import Recorder
-from .source import LinkFacts
+from .source import HopLosses, LinkFacts
 from .standing import NO_DISK, Host
 
 BLOCK_S = 0.1
@@ -60,6 +59,8 @@ HALT_S = 2.0
 JOURNAL_FOLDER = "journal"
 
 Publish = Callable[[Status, Live | None], None]
+
+_log = logging.getLogger("recorder")
 
 
 class Engine:
@@ -115,9 +116,10 @@ class Engine:
         self._ended = False
         self._guard = Guard()
         self._derivation = Derivation()
-        self._checks = ThreadPoolExecutor(1, "check")
+        self._checks = Checks()
         self._recording: Recording | None = None
         self._recorder = Recorder(bench, bench_codec(bench), Nowhere(), guard=self._guard)
+        self._hops_before = HopLosses()
         self._idle_disk = NO_DISK
         self._lag_s = 0.0
         self._next_s = 0.0
@@ -188,7 +190,7 @@ class Engine:
         pieces = self._readers.take(BLOCK_FRAMES)
         batch = FrameBatch.concatenate([piece.frames for piece in pieces])
         facts, keeper = links or self._readers.facts(), self._keeper
-        hops, queue = self._readers.hops(), self._pieces.status
+        hops, queue = self._readers.hops().since(self._hops_before), self._pieces.status
         self._recorder.step(batch, hops, now, facts, self._disk(), queue)
         if keeper is not None:
             keeper.tend(now.monotonic_s)
@@ -205,9 +207,8 @@ class Engine:
 
     def _publish(self, publish: Publish) -> None:
         now = _now()
-        status = self._status(now)
         live = self._guard.value("live", now, None, self._recorder.live)
-        self._guard.run("publish", now, lambda: publish(status, live))
+        self._guard.run("publish", now, lambda: publish(self._status(now), live))
 
     def _status(self, now: Now) -> Status:
         recording = self._recording
@@ -251,8 +252,7 @@ class Engine:
                 return Reply(0, bench_text=self._recorder.bench.text)
             case AskCheck():
                 frames = self._recorder.recent(order.seconds)
-                bench = self._recorder.bench
-                self._checks.submit(answer_check, bench, frames, answer)
+                self._checks.begin(self._recorder.bench, frames, answer)
                 return None
             case Start():
                 bench = configured(self._bench, order.bench_text or self._recorder.bench.text)
@@ -263,14 +263,16 @@ class Engine:
                 self._end("the recording was ended")
             case Build():
                 recording = self._required()
+                recording.keeper.cut()
                 self._derive(recording)
             case ShutDown():
                 self._ended = True
             case Bench():
                 self._reload(order, now)
             case _:
-                self._required()
+                recording = self._required()
                 self._recorder.carry_out(order, by, now)
+                recording.keeper.limits = self._recorder.bench.recorder
         return Reply(0, status=self._status(now))
 
     # Recordings --------------------------------------------------------------------------------
@@ -290,14 +292,11 @@ class Engine:
         found = resumable(self._journal, self._bench) if self._resume else None
         if found is not None:
             tail, bench = found
+            HOST_AXIS.begin(tail.t_ns)
             self._use(self._opened(bench, now, tail))
             return
-        with suppress(OSError, ValueError):
-            tail_before = last_recording(self._journal)
-            if tail_before is not None:
-                target = session_path(self._folder, tail_before.segments)
-                if not target.exists():
-                    self._derivation.begin(target, tail_before.segments)
+        if (left := unfinished(self._journal)) is not None:
+            self._derivation.begin(left[0], left[1].segments)
         self._begin(self._bench, now)
 
     def _begin(self, bench: Bench, now: Now) -> None:
@@ -307,6 +306,7 @@ class Engine:
     def _use(self, recording: Recording) -> None:
         self._recording, self._recorder = recording, recording.recorder
         self._bench = recording.recorder.bench
+        self._hops_before = self._readers.hops()  # what was lost before is not lost from this one
 
     def _opened(self, bench: Bench, now: Now, tail: JournalTail | None = None) -> Recording:
         return begin(self._journal, bench, self._software, now, self._guard, self._create, tail)
@@ -317,32 +317,36 @@ class Engine:
         if recording is None:
             return
         self._store()
-        recording.recorder.cut(why)
-        recording.keeper.close(ended=True)
+        recording.end(why)
         self._recording = None
         bench = recording.recorder.bench
         self._recorder = Recorder(bench, bench_codec(bench), Nowhere(), guard=self._guard)
+        self._hops_before = self._readers.hops()
         self._derive(recording)
 
     def _derive(self, recording: Recording) -> None:
-        segments = recording.segments
-        self._derivation.begin(session_path(self._folder, segments), segments)
+        self._derivation.begin(recording.session, recording.segments)
 
     def _reload(self, bench: Bench, now: Now) -> None:
         prepared(bench, bench_codec(bench))
-        if self._recorder.book.open is not None:
-            raise OrderError(f"{self._recorder.book.open.label} is being recorded: try again")
+        if self._recorder.running:
+            raise OrderError(f"{self._recorder.running} is being recorded: try again")
         before = self._recorder.bench
-        if bench.buses != before.buses:
+        rewired = bench.buses != before.buses
+        if rewired:
             self._stop_readers()
-        if bench.dbc_text != before.dbc_text and self._recording is not None:
-            self._end("the DBC was changed")
-            self._begin(bench, now)
-        else:
-            self._recorder.reconfigure(bench, now)
-        self._bench = bench
-        if bench.buses != before.buses:
-            self._start_readers()
+        try:
+            if bench.dbc_text != before.dbc_text and self._recording is not None:
+                self._end("the DBC was changed")
+                self._begin(bench, now)
+            else:
+                self._recorder.reconfigure(bench, now)
+            if self._keeper is not None:
+                self._keeper.limits = bench.recorder
+            self._bench = bench
+        finally:
+            if rewired:  # the old ones, if the new bench could not be taken over
+                self._start_readers()
 
     # Readers -----------------------------------------------------------------------------------
 
@@ -365,12 +369,14 @@ class Engine:
         self._stop_readers()
         while self._orders:
             self._orders.popleft()[2].cancel()
+        if self._keeper is not None:
+            self._keeper.close()
+            if held := self._keeper.status.held_frames:
+                _log.error("%d frames were in memory, and the disk did not take them", held)
         self._derivation.poll()
         self._publish(publish)
         self._derivation.close()
-        self._checks.shutdown(wait=False, cancel_futures=True)
-        if self._recording is not None:
-            self._recording.keeper.close()
+        self._checks.close()
 
     def _put(self, order: Order | Bench, by: str) -> Future[Reply]:
         answer: Future[Reply] = Future()

@@ -40,11 +40,19 @@ class HostAxis:
         self._lock = threading.Lock()
         self.begin()
 
-    def begin(self) -> None:
-        """Begin anew with the wall clock as it is now set."""
+    def begin(self, not_before_ns: int = 0) -> None:
+        """Begin anew with the wall clock as it is now set.
+
+        Parameters
+        ----------
+        not_before_ns : int
+            The axis begins there if the wall clock is behind: on a machine without a battery it
+            falls back at each start, and time must not run twice within a recording.
+        """
         with self._lock:
-            self._zero_ns = self._wall_ns() - self._monotonic_ns()
-            self._offset_ns = self._zero_ns
+            monotonic_ns = self._monotonic_ns()
+            self._offset_ns = self._wall_ns() - monotonic_ns
+            self._zero_ns = max(self._offset_ns, not_before_ns - monotonic_ns)
             self._before: tuple[tuple[int, int], ...] = ()
 
     def now_ns(self) -> int:

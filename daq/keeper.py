@@ -63,7 +63,7 @@ class Keeper:
     head : JournalHead
         Goes into every segment.  With `resume`, its `recording` is that of the tail.
     limits : RecorderConfig
-        When segments end, what is deleted, what is left free.
+        When segments end, what is deleted, what is left free; may be set anew at any time.
     create : callable
         Creates a file for writing.
     resume : JournalTail, optional
@@ -86,7 +86,7 @@ class Keeper:
         resume: JournalTail | None = None,
         room: Callable[[Path], Room] = room_on,
     ) -> None:
-        self._folder, self._head, self._limits = folder, head, limits
+        self._folder, self._head, self.limits = folder, head, limits
         self._create, self._room_on = create, room
         self._number = resume.next_number if resume else 0
         self._t_ns = resume.t_ns if resume else 0
@@ -178,11 +178,22 @@ class Keeper:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The segments written by this keeper, in order."""
-        own = set(self._written.paths)
-        if self._segment is not None:
-            own.add(self._segment.path)
-        return tuple(sorted(own, key=segment_number))
+        """The segments in which this keeper has blocks, in order."""
+        return tuple(sorted(self._written.paths, key=segment_number))
+
+    def flush(self) -> bool:
+        """Write what waits in memory; return whether all is on the disk."""
+        if self._segment is None and not self._stopped:
+            self._open_next()
+        self._drain()
+        return self._segment is not None and not len(self._backlog)
+
+    def cut(self) -> None:
+        """Finish the open segment and go on in the next: others may read all up to here."""
+        self.flush()
+        if self._segment is not None and self._segment.first is not None:
+            self._seal()
+            self._open_next()
 
     def close(self, ended: bool = False) -> None:
         """Finish the file.  All that was recorded is safe without this.
@@ -192,9 +203,8 @@ class Keeper:
         ended : bool
             Whether the recording is over; if not, it may be taken up again.
         """
-        if self._segment is None and len(self._backlog) and not self._stopped:
-            self._open_next()
-        self._drain()
+        if len(self._backlog):
+            self.flush()
         if ended:
             self.append_events([Event(self._t_ns, ENDED)])
         self._seal()
@@ -287,7 +297,7 @@ class Keeper:
             self._warn(f"{name}: {_told(error)}; not closed properly")
 
     def _rotate(self) -> None:
-        segment, limits = self._segment, self._limits
+        segment, limits = self._segment, self.limits
         if segment is None or segment.first is None:
             return  # a silent bus makes no files
         age_s = (self._now_s or 0.0) - self._opened_s
@@ -309,12 +319,12 @@ class Keeper:
         except OSError as error:
             self._failed = _told(error)
             return
-        stopped = too_little(self._free, self._limits, self._stopped)
+        stopped = too_little(self._free, self.limits, self._stopped)
         if stopped and not self._stopped:
             self._seal()
         self._stopped = stopped
         if stopped:
-            reserve = self._limits.reserve_bytes / 1e6
+            reserve = self.limits.reserve_bytes / 1e6
             self._failed = f"the disk is full but for the reserve of {reserve:.0f} MB"
 
     def _look_for_file(self) -> None:
@@ -348,8 +358,8 @@ class Keeper:
 
     def _make_room(self) -> None:
         """Delete what may go, if there is too much or too little room."""
-        reserve = self._limits.reserve_bytes
-        excess = self._retention.bytes + self._size - self._limits.keep_bytes
+        reserve = self.limits.reserve_bytes
+        excess = self._retention.bytes + self._size - self.limits.keep_bytes
         if self._free.free < 2 * reserve:
             excess = max(excess, 2 * reserve - self._free.free)
         if excess <= 0:
@@ -361,6 +371,7 @@ class Keeper:
         for info in going:
             self.append_events(parting_events(info, self._head.identity, self._t_ns))
             self._retention.delete(info)
+            self._written.forget(info.path)
         self._kept_text = (
             ""
             if going

@@ -43,6 +43,7 @@ class Peers:
         holder = self.controller(now_s)
         if holder and self._controller != client and not hello.take_over:
             self._seen_s.pop(client, None)
+            self._names.pop(client)
             return f"{holder} is in control (take over, or look on)"
         self._controller = client
         return ""

@@ -95,13 +95,15 @@ class Reader(threading.Thread):
         self.number = number
         self.dropped = 0
         self._pieces = pieces
-        self._halt = threading.Event()
+        self._halt, self._left = threading.Event(), threading.Event()
 
     def run(self) -> None:
         """Read until halted; the link never raises."""
         told = (SourceLosses(), 0)
         while not self._halt.is_set():
             frames = self.link.read(READ_TIMEOUT_S)
+            if self._left.is_set():
+                break  # it hung for too long: its bus may have another reader by now
             counts = (self.link.facts().losses, self.dropped)
             if len(frames) or counts != told:
                 if self._pieces.put(self._piece(frames, counts[0])):
@@ -114,6 +116,10 @@ class Reader(threading.Thread):
         """Ask it to end."""
         self._halt.set()
         self.link.halt()
+
+    def leave(self) -> None:
+        """Take nothing from it any more, should it ever come back."""
+        self._left.set()
 
     def counts(self) -> Piece:
         """Return the counts as they stand."""
@@ -151,6 +157,7 @@ class Readers:
         deadline_s = time.monotonic() + within_s
         for reader in self._readers:
             reader.join(max(deadline_s - time.monotonic(), 0.0))
+            reader.leave()
 
     def take(self, frames: int) -> list[Piece]:
         """Return what was read; `hops` has the counts up to it."""

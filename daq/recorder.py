@@ -14,7 +14,7 @@ from dbc import Codec
 from dbc.frames import FrameBatch
 
 from . import health, run_loop, trigger
-from .alarms import AlarmState, Turn, acknowledged, watch
+from .alarms import AlarmState, Turn, acknowledged, reconfigured, watch
 from .book import Book, Code, Finding, advance, next_step, parse_label, verdict_entry
 from .campaign import Step
 from .config import Bench, bench_codec
@@ -80,6 +80,7 @@ class Recorder:
         self._bump_ns = 0
         self._raw = RecentFrames()
         self._measures: dict[str, RunMeasure] = {}
+        self._alarms = AlarmState()
         self.adopt(bench, codec)
 
     def adopt(self, bench: Bench, codec: Codec) -> None:
@@ -95,7 +96,9 @@ class Recorder:
         self._live = LiveRing([m.channel.name for m in mapped])
         self._judge = Judge(bench, codec, self._measures)
         self._trigger = trigger.TriggerState()
-        self._alarms = AlarmState()
+        self._alarms = reconfigured(self._alarms)
+        # One that was killed behind the last run, or that now plans fewer of them, is complete.
+        self._loop = run_loop.decided(self._loop, self._surroundings(self._t_ns))
 
     @property
     def bench(self) -> Bench:
@@ -106,6 +109,11 @@ class Recorder:
     def book(self) -> Book:
         """The runs and what was decided."""
         return self._book
+
+    @property
+    def running(self) -> str:
+        """Label of the run that is being recorded, also if it is rejected already; else empty."""
+        return self._loop.label if self._loop.running else ""
 
     @property
     def complete(self) -> bool:
@@ -225,12 +233,11 @@ class Recorder:
 
     def cut(self, why: str) -> None:
         """End the run that is being recorded, if any: it cannot be brought to its end."""
-        run = self._book.open
-        if run is not None:
-            finding = Finding("cut", False, "", 0.0, 0.0, "", f"cut: {why}", "bump again")
-            self._tell(verdict_entry(self._t_ns, run.label, [finding]), [])
-        if self._loop.running:
-            self._loop = run_loop.judged(self._loop, self._surroundings(self._t_ns))
+        if not self.running:
+            return
+        finding = Finding("cut", False, "", 0.0, 0.0, "", f"cut: {why}", "bump again")
+        self._tell(verdict_entry(self._t_ns, self.running, [finding]), [])
+        self._loop = run_loop.judged(self._loop, self._surroundings(self._t_ns))
 
     def note(self, code: str, value: float, text: str, now: Now) -> None:
         """Store an event that is not in the frames, at the time of the latest one."""
@@ -292,8 +299,8 @@ class Recorder:
         return next_step(self._bench.campaign, self._book)
 
     def _configured(self, text: str) -> Bench:
-        if self._book.open is not None:
-            raise OrderError(f"{self._book.open.label} is being recorded: wait for its end")
+        if self.running:
+            raise OrderError(f"{self.running} is being recorded: wait for its end")
         return configured(self._bench, text)
 
     def _tell(self, event: Event, events: list[Event]) -> None:

@@ -6,6 +6,7 @@ there and has everything, of one without a run, and of the open one what lies fa
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -21,6 +22,7 @@ from .runs import Event
 
 REACH_NS = 1_200_000_000_000
 """Longer than any run reaches before and after its bump."""
+_BOOKED = frozenset(Code)
 _SCANS = 8
 """So many old segments are looked through in a turn."""
 
@@ -46,11 +48,11 @@ def expendable(
         times = [event.t_ns for _, event in info.events if event.code == Code.BUMP]
         bumps.setdefault(info.recording, []).extend(times)
     ordered = sorted(segments, key=lambda info: info.number)
+    # A bump may come at any moment, and what is before it belongs to it.
+    wanted = sorted([*bumps.get(open_recording, ()), now_ns])
     may = []
     for info in ordered:
         if info.recording == open_recording:
-            # A bump may come at any moment, and what is before it belongs to it.
-            wanted = [*bumps[info.recording], now_ns]
             free = not _tells(info) and not _near(info, wanted)
         else:
             free = info.recording in derived or not bumps[info.recording]
@@ -93,11 +95,13 @@ def parting_events(info: SegmentInfo, open_recording: str, t_ns: int) -> tuple[E
 
 def _tells(info: SegmentInfo) -> bool:
     """Whether the book of the recording hangs on an event of this segment."""
-    return any(event.code in set(Code) for _, event in info.events)
+    return any(event.code in _BOOKED for _, event in info.events)
 
 
-def _near(info: SegmentInfo, times_ns: Iterable[int]) -> bool:
-    return any(info.first_ns - REACH_NS <= t <= info.last_ns + REACH_NS for t in times_ns)
+def _near(info: SegmentInfo, times_ns: Sequence[int]) -> bool:
+    """Whether one of these times, in order, is within reach of a segment."""
+    after = bisect_left(times_ns, info.first_ns - REACH_NS)
+    return after < len(times_ns) and times_ns[after] <= info.last_ns + REACH_NS
 
 
 class Retention:

@@ -7,6 +7,7 @@ fetch is dropped at its own high-water mark.
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 import time
@@ -48,6 +49,8 @@ _HELD_MESSAGES = 100
 _HELD_NEWS = 16
 _LINGER_MS = 300
 _POLL_MS = 500
+
+_log = logging.getLogger("recorder")
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +140,11 @@ class Server:
         poller.register(self._requests, zmq.POLLIN)
         poller.register(self._wake_in, zmq.POLLIN)
         while not self._closing.is_set():
-            ready = dict(poller.poll(_POLL_MS))
-            self._turn(bool(ready.get(self._requests)))
+            try:
+                ready = dict(poller.poll(_POLL_MS))
+                self._turn(bool(ready.get(self._requests)))
+            except Exception as error:  # whatever it was: the next client is to be heard
+                _log.error("control: %r", error)
         self._turn(False)
 
     def _turn(self, requested: bool) -> None:

@@ -46,6 +46,10 @@ class Written:
         )
         return frames
 
+    def forget(self, path: Path) -> None:
+        """Take note that a segment was deleted on purpose."""
+        self._spans.pop(path, None)
+
     def take_gone(self, also: Path | None) -> dict[Path, Gap]:
         """Return what was in segments that are not there any more, and forget it.
 

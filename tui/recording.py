@@ -97,9 +97,16 @@ def record_campaign(
     say_left_out(codec)
     map_channels(bench.channels, codec.messages, bench.dbc_name)  # before anything is made
     if habits.arm:  # nobody is asked whether a run will do: the next bump may come at once
-        bench = replace(bench, procedure=replace(bench.procedure, accept_after_s=0.0))
+        reread = habits.reread
+        habits = replace(habits, reread=lambda: _unasked(reread()))
+        bench = _unasked(bench)
     engine = Engine(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
     return run_recorder(engine, out, habits, log, stage)
+
+
+def _unasked(bench: Bench) -> Bench:
+    """Return a bench whose runs are taken without a person's time to reject them."""
+    return replace(bench, procedure=replace(bench.procedure, accept_after_s=0.0))
 
 
 def recorded_session(last: Status) -> tuple[Path, Session]:

@@ -2,7 +2,7 @@
 
 from .explained import EXPLAINED, GRAVITY, Explanation
 from .ledger import ALARM, ALARM_END
-from .watch import CLOCK_STEP, AlarmState, Turn, acknowledged, watch
+from .watch import CLOCK_STEP, AlarmState, Turn, acknowledged, reconfigured, watch
 
 __all__ = [
     "ALARM",
@@ -14,5 +14,6 @@ __all__ = [
     "Explanation",
     "Turn",
     "acknowledged",
+    "reconfigured",
     "watch",
 ]

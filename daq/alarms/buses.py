@@ -13,15 +13,12 @@ from dbc.frames import FrameBatch, FrameFlag
 from ..error_frames import ControllerState, ErrorTally, tally_error_frames
 from ..messages import BusState, BusStatus
 from ..source import LinkFacts, SourceLosses
+from ..wire_bits import wire_bits
 from .symptoms import WINDOW_S, Count, Key, Symptom
 
 _CALM_S = 2.0
 """A controller that receives and has met no error for so long is no longer error-passive: many
 drivers do not tell."""
-_FAST_DATA = 4
-"""The payload of an FD frame with bit rate switch goes so much faster; the rate is not configured
-here."""
-
 Traffic = tuple[float, int, int, float, int]
 """Monotonic time of a turn, good frames, error frames and bits in it, its latest time stamp."""
 
@@ -32,6 +29,8 @@ class BusWatch:
 
     Parameters
     ----------
+    name : str
+        Of the link: another one in its place begins anew.
     connected_s, heard_s, good_s : float
         Monotonic time since which it is connected; of the last frame of any kind; of the last good
         one.  Both are at least `connected_s`.
@@ -53,6 +52,7 @@ class BusWatch:
         At the last turn.
     """
 
+    name: str
     connected_s: float
     heard_s: float
     good_s: float
@@ -66,19 +66,6 @@ class BusWatch:
     rx_errors: int | None = None
     said: str = ""
     losses: SourceLosses = field(default_factory=SourceLosses)
-
-
-def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
-    """Return the bits that each frame takes on the wire, estimated, (n,).
-
-    A classic frame has 47 bits around its data, 20 more with 29 bits, and a stuff bit in thirty.
-    """
-    data = 8.0 * frames.length
-    fast = frames.flags & np.uint16(FrameFlag.BITRATE_SWITCH)
-    if np.count_nonzero(fast):
-        data /= np.where(fast, _FAST_DATA, 1)
-    extended = frames.flags & np.uint16(FrameFlag.EXTENDED)
-    return np.asarray((47 + 20 * extended + data) * (31 / 30))
 
 
 def advance_buses(
@@ -108,8 +95,8 @@ def advance_buses(
     for number, link in enumerate(links):
         watch = (
             watches[number]
-            if number < len(watches)
-            else BusWatch(now_s, now_s, now_s, losses=link.losses)
+            if number < len(watches) and watches[number].name == link.name
+            else BusWatch(link.name, now_s, now_s, now_s, losses=link.losses)
         )
         own = batch.bus == number
         if not own.all():

@@ -188,6 +188,14 @@ def acknowledged(state: AlarmState) -> AlarmState:
     return replace(state, signals=replace(state.signals, overloaded=()))
 
 
+def reconfigured(state: AlarmState) -> AlarmState:
+    """Return the state for other channels; what was counted before is not news."""
+    messages = MessagesWatch(missing=state.messages.missing)
+    return replace(
+        state, messages=messages, signals=SignalsWatch(overloaded=state.signals.overloaded)
+    )
+
+
 def _merged(states: Sequence[Symptom], counted: Sequence[Symptom]) -> list[Symptom]:
     """Give a state that is counted, too (bus-off), its count."""
     numbers = {(each.code, each.subject): (each.new, each.recent) for each in counted}

@@ -180,7 +180,7 @@ def test_a_segment_ends_by_size_and_by_age_but_not_without_blocks(tmp_path: Path
         keeper.tend(0.0)
         for k in range(1, 40):
             keeper.tend(float(k))  # silent
-        assert len(keeper.paths) == 1
+        assert len(segments_in(tmp_path)) == 1
         keeper.append(block(0, 10), HopLosses())
         keeper.tend(40.0)
         keeper.append(block(10, 10), HopLosses())

@@ -19,7 +19,8 @@ from daq.address import Address, control_address
 from daq.client import Client, OrderRefused, RecorderGone, is_running
 from daq.errors import InputError
 from daq.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status
-from daq.orders import Arm, AskBench, AskStatus, Mark, Order, Pause
+from daq.orders import Arm, AskBench, AskStatus, Hello, Mark, Order, Pause
+from daq.peers import Peers
 from daq.server import MAX_REQUEST_BYTES, Server
 
 from .a_status import a_status
@@ -190,6 +191,32 @@ def test_a_client_survives_a_restart_of_the_recorder(engine: Engine, address: Ad
     until(in_control_again)
     client.close()
     second.close()
+
+
+def test_a_turn_that_fails_is_not_the_last(
+    server: Server, engine: Engine, address: Address, caplog: pytest.LogCaptureFixture
+) -> None:
+    server.publish(object(), None)  # type: ignore[arg-type]
+    until(lambda: "control: TypeError" in caplog.text)
+    client = Client(address, "Anna", control=True)
+    assert client.ask(Mark("still there")).status == a_status(1)
+    client.close()
+
+
+def test_who_is_refused_leaves_nothing_behind() -> None:
+    peers = Peers()
+    assert not peers.hello("1-a", Hello("Anna", control=True), 0.0)
+    peers.seen("1-a", 0.0)
+    for k in range(100):
+        peers.seen(f"1-{k}", 1.0)
+        assert "Anna is in control" in peers.hello(f"1-{k}", Hello("Ben", control=True), 1.0)
+    assert list(peers._names) == ["1-a"]
+    assert list(peers._seen_s) == ["1-a"]
+
+
+def test_a_folder_that_cannot_be_named_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="not UTF-8"):
+        control_address(tmp_path / os.fsdecode(b"caf\xe9"))
 
 
 def test_a_stale_socket_is_replaced(engine: Engine, address: Address) -> None:
