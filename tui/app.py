@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.command import Provider
+from textual.filter import LineFilter
 from textual.message import Message
 from textual.screen import Screen
 
@@ -23,11 +24,12 @@ from daq.messages import BusState, Live, Phase, Reply, Status
 from daq.orders import QUESTIONS, AskBench, AskHistory, Order
 
 from .feed import Feed, Lost, News, Refused, Role
-from .glyphs import Glyphs
+from .glyphs import Glyphs, GlyphSet
 from .lanes import Lanes
 from .screens.news import LiveArrived, RecorderLost, StatusArrived
 from .steps import SCREEN_OF, BenchStep, progress
 from .themes import THEMES
+from .widgets.plain_ascii import PlainAscii
 
 if TYPE_CHECKING:
     from daq.config import Bench
@@ -116,6 +118,7 @@ class BenchApp(App[None]):
         self.bench_text = ""
         self.step = BenchStep.VEHICLE
         self.bell_on = False
+        self._ascii = PlainAscii()
         self._news: deque[News] = deque()
         self._landed = False
         self._halted = ""
@@ -129,6 +132,11 @@ class BenchApp(App[None]):
         self.feed.start(self.post)
         if self.auto:
             self.set_interval(AUTO_S, self._press_next)
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Let nothing but ASCII pass to a terminal that is not trusted with more."""
+        filters = super().get_line_filters()
+        return [*filters, self._ascii] if self.glyphs.name is GlyphSet.ASCII else filters
 
     def on_unmount(self) -> None:
         """Leave the recorder alone."""

@@ -35,6 +35,7 @@ _DECAYS = _PAGES.index("Decays")
 _WIDE = 160
 """From here on a decay has its place beside every page."""
 _VERDICT_LINES, _VERDICT_LINES_TALL = 4, 8
+_NEXT = f"SPACE = step {BenchStep.REPORT.title}"
 _REASON = "excluded at the results"
 
 
@@ -244,7 +245,8 @@ class ResultsScreen(BenchScreen):
         names = [f"[{n}]" if i == self._page else f" {n} " for i, n in enumerate(_PAGES)]
         name = printable(Path(outcome.session).name, 60)
         tail = f"  {name}" if size.width >= _WIDE else ""
-        self.query_one("#pages", Static).update("".join(names) + tail)
+        pages = Content.assemble("".join(names) + tail, "  ", (_NEXT, "bold $accent"))
+        self.query_one("#pages", Static).update(pages)
         self.set_class(self._page == _DECAYS, "decays")
         self.set_class(size.width >= _WIDE, "beside")
         room = size.width - 2 if size.width < _WIDE else min(124, size.width // 2 - 3)
