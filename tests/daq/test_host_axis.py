@@ -50,6 +50,20 @@ def test_stamps_go_on_when_the_clock_is_set(step_s: int) -> None:
     assert host.axis.now_ns() == host.wall()
 
 
+def test_an_axis_that_goes_on_never_begins_before_its_end() -> None:
+    host = Host()
+    end_ns = host.wall() + 7200 * S
+    host.axis.begin(end_ns)
+    stamps = np.array([host.wall() - 5, host.wall()])
+    assert host.axis.from_wall(stamps).tolist() == [end_ns - 5, end_ns]
+    host.pass_time(2.0)
+    assert host.axis.now_ns() == end_ns + 2 * S
+    host.set_ns += 10_000 * S  # the time server answers at last
+    assert host.axis.from_wall(np.array([host.wall()])).tolist() == [end_ns + 2 * S]
+    host.axis.begin(end_ns)  # a clock that is ahead is believed
+    assert host.axis.now_ns() == host.wall()
+
+
 def test_a_clock_that_is_set_again_and_again() -> None:
     host = Host()
     told: list[int] = []

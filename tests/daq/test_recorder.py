@@ -345,6 +345,26 @@ def test_bench_toml_may_change_within_a_recording(
     assert [(e.code, e.text) for e in read_journal(journal.paths).events] == [("bench", other)]
 
 
+def test_what_was_lost_before_bench_toml_changed_is_no_news(
+    quick: Bench, codec: Codec, journal: Keeper
+) -> None:
+    recorder = Recorder(quick, codec, journal)
+    frames = bumps(codec, 1)
+    whole = frames.select(np.delete(np.arange(len(frames)), [50, 51]))
+    given, lost = blocks(whole), HopLosses(queue_dropped=9)
+    for block in given[: len(given) // 2]:
+        recorder.step(block, lost, now(block), [LINK])
+    recorder.carry_out(Configure(quick.text), "Ann", now())
+    told = [
+        event.text.partition(":")[0]
+        for block in given[len(given) // 2 :]
+        for event in recorder.step(block, lost, now(block), [LINK])
+        if event.code == "alarm"
+    ]
+    assert not {"queue_dropped", "counter_gap HUB_Front"} & set(told), told
+    assert status(recorder).buses[0].frames == len(whole)
+
+
 def test_the_end_of_a_recording_cuts_the_run(quick: Bench, codec: Codec, journal: Keeper) -> None:
     recorder = armed(quick, codec, journal)
     feed(recorder, blocks(bumps(codec, 1).select(slice(0, 700))))

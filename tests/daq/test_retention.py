@@ -129,6 +129,7 @@ def test_hours_without_a_run_go_from_the_open_recording_and_are_no_loss(tmp_path
             frames = block(3_840_000 * k, 100)
             keeper.append(frames, HopLosses())
             keeper.tend(240.0 * k)
+    assert keeper.paths == segments_in(tmp_path)  # a session is derived of these
     contents = read_journal(segments_in(tmp_path))
     read = numbers(contents.frames)
     assert len(read) < 60 * 100

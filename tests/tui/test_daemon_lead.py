@@ -1,0 +1,95 @@
+"""What a recorder without a person orders by itself, recording after recording."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import Any, cast
+
+import pytest
+
+from daq.config import Bench
+from daq.messages import Phase, Reply, SessionState, SessionStatus, Status
+from daq.orders import Arm, Order, Stop, Until
+from tui.daemon import Habits, _Daemon
+from tui.log import Log
+
+from ..daq.a_status import a_status
+
+
+class Engine:
+    """Remembers its orders."""
+
+    def __init__(self) -> None:
+        self.orders: list[Order] = []
+        self.refuses = False
+
+    def submit(self, order: Order, by: str) -> Future[Reply]:
+        self.orders.append(order)
+        future: Future[Reply] = Future()
+        if self.refuses:
+            future.set_exception(ValueError("the disk refuses"))
+        else:
+            future.set_result(Reply(0))
+        return future
+
+
+def daemon(engine: Engine, arm: bool = True, keep_on: bool = True) -> _Daemon:
+    habits = Habits(arm, keep_on, None, lambda: cast(Bench, None))
+    return _Daemon(cast(Any, engine), cast(Any, None), cast(Any, None), habits, Log(None))
+
+
+def at(recording: str, phase: Phase, session: SessionState = SessionState.NONE) -> Status:
+    state = SessionStatus(session)
+    return replace(a_status(), recording=recording, phase=phase, session=state)
+
+
+def test_each_recording_of_a_daemon_is_armed_once_and_ended_when_complete() -> None:
+    engine = Engine()
+    one = daemon(engine)
+    for status in (
+        at("a", Phase.IDLE),
+        at("a", Phase.IDLE),
+        at("a", Phase.WAITING),
+        at("a", Phase.COMPLETE),
+        at("a", Phase.COMPLETE),
+        at("", Phase.IDLE, SessionState.BUILDING),
+        at("", Phase.IDLE, SessionState.READY),
+        at("b", Phase.IDLE),  # a terminal has begun another
+        at("b", Phase.ARMED),
+        at("b", Phase.PAUSED),
+        at("b", Phase.IDLE),
+    ):
+        one._lead(status, end=False)
+    arm = Arm(Until.COMPLETE)
+    assert engine.orders == [arm, Stop(), arm]
+    assert not one._stop.is_set()
+
+
+def test_without_arming_nothing_is_ordered() -> None:
+    engine = Engine()
+    one = daemon(engine, arm=False)
+    for phase in Phase:
+        one._lead(at("a", phase), end=False)
+    assert engine.orders == []
+
+
+@pytest.mark.parametrize("end", [False, True])
+def test_a_campaign_ends_with_its_session_file(end: bool) -> None:
+    engine = Engine()
+    one = daemon(engine, keep_on=False)
+    one._lead(at("a", Phase.ARMED if end else Phase.COMPLETE), end)
+    one._lead(at("", Phase.IDLE, SessionState.BUILDING), end)
+    assert not one._stop.is_set()
+    one._lead(at("", Phase.IDLE, SessionState.READY), end)
+    assert one._stop.is_set()
+    assert engine.orders == [Stop()]
+
+
+def test_a_refused_end_ends_the_recorder_and_keeps_the_recording() -> None:
+    engine = Engine()
+    engine.refuses = True
+    one = daemon(engine, keep_on=False)
+    one._lead(at("a", Phase.COMPLETE), end=False)
+    one._lead(at("a", Phase.COMPLETE), end=False)
+    assert one._stop.is_set()
