@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from textual.command import DiscoveryHit, Hit, Hits, Provider
 
-from daq.orders import Acknowledge, Arm, Build, Pause, Redo, Reject, Stop, Undo
+from daq.orders import Acknowledge, Arm, Build, Pause, Redo, Reject, ShutDown, Stop, Undo
 
 from .steps import BenchStep
 
@@ -70,11 +70,12 @@ def commands(app: BenchApp) -> Iterator[Command]:
         yield "note: on the last run", f"write a note on {last}", partial(app.action_note, last)
     yield "recorder: take control", "become the one who gives orders", app.action_take_over
     yield "recorder: restart", "start the recorder if none runs", app.action_restart_recorder
+    yield "recorder: shut down", "end it and this terminal: recording stops", partial(_end, app)
     yield "view: bell", "ring at bumps and verdicts, or do not", app.action_toggle_bell
     for theme in ("bench-dark", "bench-light", "ansi-dark", "ansi-light"):
         if theme in app.available_themes:
             yield f"theme: {theme}", "colours of the terminal", partial(_set_theme, app, theme)
-    yield "help: this screen", "what it is for, and its keys", partial(_help, app)
+    yield "help: this screen", "what it is for, and its keys", app.action_help
     yield "app: quit", "close the terminal; the recording goes on", app.action_quit
 
 
@@ -91,10 +92,10 @@ def _of_screen(app: BenchApp) -> Iterator[Command]:
             yield name, words, partial(app.screen.run_action, action)
 
 
+async def _end(app: BenchApp) -> None:
+    if await app.ask(ShutDown()) is not None:
+        app.exit()
+
+
 def _set_theme(app: BenchApp, theme: str) -> None:
     app.theme = theme
-
-
-def _help(app: BenchApp) -> None:
-    page = getattr(app.screen, "HELP_PAGE", "")
-    app.show_help(page)

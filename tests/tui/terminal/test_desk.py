@@ -13,7 +13,7 @@ from textual.widgets import TextArea
 
 from daq.alarms import EXPLAINED
 from daq.messages import SessionState, SessionStatus
-from daq.orders import Build, Mark, Note, Reject, Start
+from daq.orders import Build, Mark, Note, Reject, ShutDown, Start
 from daq.verdict import WORDS
 from tui.app import BenchApp
 from tui.help_pages import SCREEN_PAGES, page_of
@@ -36,7 +36,7 @@ from tui.work_lines import (
     Trouble,
 )
 
-from .conftest import SIZES, screen_text
+from .conftest import at_every_size, screen_text
 from .fake_recorder import FakeRecorder
 from .outcomes import outcome
 from .test_results import measured
@@ -108,9 +108,8 @@ def played(app: BenchApp, size: tuple[int, int], play: Play) -> None:
     asyncio.run(act())
 
 
-@pytest.mark.parametrize("size", SIZES)
 def test_identify_from_space_to_results(
-    size: str, make_app: MakeApp, worker: FakeWorker, snapshot: Snapshot
+    make_app: MakeApp, worker: FakeWorker, snapshot: Snapshot
 ) -> None:
     recorder = measured()
     recorder.changes["session"] = SessionStatus()
@@ -119,7 +118,7 @@ def test_identify_from_space_to_results(
 
     async def play(pilot: Pilot[None]) -> None:
         assert app.screen is app.get_screen("identify"), "a complete campaign begins here"
-        snapshot(app, f"identify_{size}")
+        await at_every_size(pilot, snapshot, "identify")
         await pilot.press("space")
         await pilot.pause()
         assert isinstance(recorder.orders[-1], Build)
@@ -128,13 +127,13 @@ def test_identify_from_space_to_results(
         await pilot.pause()
         assert worker.tasks == [IdentifyTask(PATH)]
         await pilot.pause()
-        snapshot(app, f"identify_fitting_{size}")
+        await at_every_size(pilot, snapshot, "identify_fitting")
         worker.go.set()
         await pilot.pause()
         await pilot.pause()
         assert app.screen is app.get_screen("results")
 
-    played(app, SIZES[size], play)
+    played(app, (100, 30), play)
 
 
 def test_a_failed_build_and_a_failed_fit_say_what_to_do(
@@ -164,9 +163,8 @@ def test_a_failed_build_and_a_failed_fit_say_what_to_do(
     played(app, (80, 24), play)
 
 
-@pytest.mark.parametrize("size", SIZES)
 def test_report_written_and_the_next_vehicle(
-    size: str, make_app: MakeApp, worker: FakeWorker, snapshot: Snapshot
+    make_app: MakeApp, worker: FakeWorker, snapshot: Snapshot
 ) -> None:
     recorder = measured()
     recorder.mark("identify")
@@ -184,7 +182,7 @@ def test_report_written_and_the_next_vehicle(
         assert task.pdf == "/bench/session_0001.pdf"
         assert Mark("step report done") in recorder.orders
         assert not app.screen.ready  # type: ignore[attr-defined]
-        snapshot(app, f"report_{size}")
+        await at_every_size(pilot, snapshot, "report")
         await pilot.press("space")
         assert not [o for o in recorder.orders if isinstance(o, Start)], "SPACE ends nothing"
         await pilot.press("w")
@@ -192,11 +190,10 @@ def test_report_written_and_the_next_vehicle(
         assert isinstance(recorder.orders[-1], Start) or Start() in recorder.orders
         assert app.screen is app.get_screen("vehicle")
 
-    played(app, SIZES[size], play)
+    played(app, (100, 30), play)
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_sessions(size: str, make_app: MakeApp, worker: FakeWorker, snapshot: Snapshot) -> None:
+def test_sessions(make_app: MakeApp, worker: FakeWorker, snapshot: Snapshot) -> None:
     app = make_app(measured())
 
     async def play(pilot: Pilot[None]) -> None:
@@ -207,9 +204,9 @@ def test_sessions(size: str, make_app: MakeApp, worker: FakeWorker, snapshot: Sn
         for text in ("open", "reported", "damaged", "[/foo]", "[@click="):
             assert text in seen, text
         assert "\x1b" not in seen
-        snapshot(app, f"sessions_{size}")
+        await at_every_size(pilot, snapshot, "sessions")
 
-    played(app, SIZES[size], play)
+    played(app, (100, 30), play)
 
 
 def test_sessions_are_found_opened_compared_and_exported(
@@ -272,9 +269,8 @@ def test_every_screen_names_a_page_of_help(make_app: MakeApp) -> None:
         assert app.get_screen(name).HELP_PAGE in SCREEN_PAGES  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("size", SIZES)
 def test_help_tells_the_keys_of_the_screen(
-    size: str, make_app: MakeApp, worker: FakeWorker, snapshot: Snapshot
+    make_app: MakeApp, worker: FakeWorker, snapshot: Snapshot
 ) -> None:
     app = make_app(measured())
 
@@ -282,7 +278,7 @@ def test_help_tells_the_keys_of_the_screen(
         await pilot.press("f1")
         await pilot.pause()
         assert isinstance(app.screen, HelpScreen)
-        snapshot(app, f"help_identify_{size}")
+        await at_every_size(pilot, snapshot, "help_identify")
         await pilot.press("escape")
         await pilot.pause()
         assert not isinstance(app.screen, HelpScreen)
@@ -290,7 +286,7 @@ def test_help_tells_the_keys_of_the_screen(
         await pilot.pause()
         assert "bumped twice" in screen_text(app)
 
-    played(app, SIZES[size], play)
+    played(app, (100, 30), play)
 
 
 def test_a_note_outlives_the_dialog_and_a_refusal(make_app: MakeApp, snapshot: Snapshot) -> None:
@@ -353,5 +349,8 @@ def test_the_commands_of_the_palette_act(make_app: MakeApp, worker: FakeWorker) 
         await pilot.press(*"undo")
         await pilot.pause(0.3)
         assert "run: undo" in screen_text(app)
+        await do("recorder: shut down")
+        assert isinstance(recorder.orders[-1], ShutDown)
+        assert app._exit
 
     played(app, (80, 24), play)
