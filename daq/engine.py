@@ -48,6 +48,7 @@ from .orders import (
 from .preparation import configured, prepared
 from .readers import PieceQueue, Readers
 from .recorder import Recorder
+from .remeasured import recall
 from .source import HopLosses, LinkFacts
 from .standing import NO_DISK, Host
 
@@ -294,6 +295,7 @@ class Engine:
             tail, bench = found
             HOST_AXIS.begin(tail.t_ns)
             self._use(self._opened(bench, now, tail))
+            recall(tail, bench, self._recorder.measures.update)
             return
         if (left := unfinished(self._journal)) is not None:
             self._derivation.begin(left[0], left[1].segments)

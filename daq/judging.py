@@ -11,7 +11,7 @@ from dbc import Codec
 from .book import Book, BookStatus, Finding
 from .campaign import Step
 from .config import Bench
-from .message_rules import sensor_clocks
+from .message_rules import timed_messages
 from .recent import Block, RecentSamples
 from .runs import Losses
 from .verdict import RunMeasure, RunWindow, judge, peak_left
@@ -41,7 +41,7 @@ class Judge:
     def __init__(self, bench: Bench, codec: Codec, measures: dict[str, RunMeasure]) -> None:
         self._bench = bench
         self._measures = measures
-        self._timed = _timed(bench, codec)
+        self._timed = timed_messages(codec, bench.message_rules)
         self._samples = RecentSamples(bench.trigger.pre_s + bench.trigger.post_s)
         self._saturated: dict[str, int] = {}
         self._left: tuple[int, int, float | None] = (0, 0, None)
@@ -87,12 +87,6 @@ class Judge:
         left = peak_left(self._bench.channels, bump_ns, columns, t_ns)
         self._left = (bump_ns, t_ns, left)
         return left
-
-
-def _timed(bench: Bench, codec: Codec) -> frozenset[str]:
-    """Return the messages that tell themselves when their samples were taken."""
-    counted = {m.name for m in codec.messages if m.counter is not None and m.cycle_s is not None}
-    return frozenset(counted | sensor_clocks(codec, bench.message_rules).keys())
 
 
 def _difference(after: Losses, before: Losses) -> Losses:

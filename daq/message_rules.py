@@ -182,6 +182,12 @@ def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, Se
     }
 
 
+def timed_messages(codec: Codec, rules: Sequence[MessageRule]) -> frozenset[str]:
+    """Return the messages that tell themselves when their samples were taken."""
+    counted = {m.name for m in codec.messages if m.counter is not None and m.cycle_s is not None}
+    return frozenset(counted | sensor_clocks(codec, rules).keys())
+
+
 def _clock(message: MessageLayout, time: TimeRule) -> SensorClock:
     signal, where = _signal(message, time.signal, MEND_MESSAGE), f"message {message.name}"
     try:

@@ -79,7 +79,7 @@ class Recorder:
         self._t_ns = self._first_ns = 0
         self._bump_ns = 0
         self._raw = RecentFrames()
-        self._measures: dict[str, RunMeasure] = {}
+        self.measures: dict[str, RunMeasure] = {}
         self._alarms = AlarmState()
         self.adopt(bench, codec)
 
@@ -94,7 +94,7 @@ class Recorder:
         mapped, triggers = prepared(bench, codec)
         self._bench, self._codec, self._mapped, self._triggers = bench, codec, mapped, triggers
         self._live = LiveRing([m.channel.name for m in mapped])
-        self._judge = Judge(bench, codec, self._measures)
+        self._judge = Judge(bench, codec, self.measures)
         self._trigger = trigger.TriggerState()
         self._alarms = reconfigured(self._alarms)
         # One that was killed behind the last run, or that now plans fewer of them, is complete.
