@@ -21,7 +21,7 @@ from textual.screen import Screen
 
 from daq.errors import InputError
 from daq.messages import BusState, Live, Phase, Reply, Status
-from daq.orders import QUESTIONS, AskBench, AskHistory, Order
+from daq.orders import QUESTIONS, AskBench, AskHistory, Hello, Order
 
 from .feed import Feed, Lost, News, Refused, Role
 from .glyphs import Glyphs, GlyphSet
@@ -186,11 +186,23 @@ class BenchApp(App[None]):
         if not self._landed:
             self._landed = True
             await self.go_to(progress(status).due)
+            if not self.operator and not self.auto and self.step is not BenchStep.VEHICLE:
+                self._ask_name()
         self._tell_title(before, status)
         self.screen.post_message(StatusArrived(status))
         if status.halted and status.halted != self._halted:
             self.show_help(status.halted)
         self._halted = status.halted
+
+    def _ask_name(self) -> None:
+        """Ask who this is where the form of the vehicle, which asks too, is behind us."""
+        from .screens.question import Question
+
+        async def answered(name: str | None) -> None:
+            if name and await self.ask(Hello(name, self.in_control)) is not None:
+                self.operator = name
+
+        self.push_screen(Question("Your name or initials, for every verdict", "name"), answered)
 
     async def _fetch_history(self) -> None:
         with suppress(Refused):

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+VEHICLE_FORM = "vehicle.json"
+"""The form of the vehicle as it was applied, beside the recording."""
 _LARGEST = 1_000_000
 
 

@@ -64,15 +64,36 @@ def tui(
 
     if web:
         return _serve(sys.argv[1:])
+    _check_terminal()
     folder = out or Path("bumpbench-demo" if demo else "bumpbench-replay" if replay else ".")
     start = _starter(folder, bench, (interface, channel), demo, fault, speed, replay)
-    name = operator or os.environ.get("USER", "")
-    feed = RecorderFeed(folder, name, start)
+    name = operator or known_operator(folder)
+    feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
     attach(folder, start)
     chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
     app = BenchApp(feed, folder, chosen, name, theme, auto)
     app.run()
     return app.return_code or ExitCode.OK
+
+
+def known_operator(folder: Path) -> str:
+    """Return who filled the form of the vehicle in this folder; empty if nobody did."""
+    from ..drafts import VEHICLE_FORM, read_draft
+
+    told = read_draft(folder / VEHICLE_FORM).get("operator")
+    return told.strip() if isinstance(told, str) else ""
+
+
+def _check_terminal() -> None:
+    """Say at once that there is nothing to draw on, before a recorder is started."""
+    import sys
+
+    from daq.errors import InputError
+
+    for name in ("stdin", "stdout", "stderr"):
+        if not getattr(sys, name).isatty():
+            advice = "start it in one; `bumpbench record` and `status` need none"
+            raise InputError("bumpbench tui", f"{name} is no terminal", advice)
 
 
 def attach(folder: Path, start: Callable[[], subprocess.Popen[bytes]]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -16,14 +17,14 @@ from daq.errors import InputError
 from daq.messages import Status
 from daq.orders import Configure, Hello, Mark, Note
 
-from ..drafts import last_form, read_draft, remove_draft, write_draft
+from ..drafts import VEHICLE_FORM, last_form, read_draft, remove_draft, write_draft
 from ..forms import Field, FieldError
 from ..steps import BenchStep
 from ..vehicle_form import VEHICLE_FIELDS, check_vehicle, vehicle_text, vehicle_values
 from ..widgets.form import Form
 from .base import BenchScreen
 
-DRAFT, APPLIED = "draft_vehicle.json", "vehicle.json"
+DRAFT = "draft_vehicle.json"
 _DRAFT_S = 0.5
 _NEXT = "SPACE = this is the car: go on to step 2 Check"
 _ROWS = (
@@ -83,7 +84,7 @@ class VehicleScreen(BenchScreen):
             return
         self._filled = True
         form = self.query_one(Form)
-        form.fill(vehicle_values(bench, self.bench_app.operator))
+        form.fill(vehicle_values(bench, self.bench_app.operator or os.environ.get("USER", "")))
         draft = read_draft(self.bench_app.folder / DRAFT)
         told = {name: value for name, value in draft.items() if isinstance(value, str)}
         form.fill(told)
@@ -127,7 +128,7 @@ class VehicleScreen(BenchScreen):
 
     def _remember(self, name: str) -> None:
         """Take over what was said of this vehicle last time, where nothing was typed."""
-        before = last_form(self.bench_app.folder, APPLIED, name) if name else {}
+        before = last_form(self.bench_app.folder, VEHICLE_FORM, name) if name else {}
         kept = self._touched | {"name", "operator", "notes"}
         self.query_one(Form).fill({k: v for k, v in before.items() if k not in kept})
 
@@ -203,7 +204,7 @@ class VehicleScreen(BenchScreen):
             return
         if self._writing is not None:
             self._writing.stop()
-        await asyncio.to_thread(write_draft, app.folder / APPLIED, values)
+        await asyncio.to_thread(write_draft, app.folder / VEHICLE_FORM, values)
         await asyncio.to_thread(remove_draft, app.folder / DRAFT)
         self.set_focus(None)
         await app.go_to(BenchStep.CHECK)

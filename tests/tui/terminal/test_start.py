@@ -1,0 +1,76 @@
+"""Where the terminal begins: who sits there, and whether there is a terminal at all."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from daq.orders import Hello
+from tui.app import BenchApp
+from tui.cli import run
+from tui.commands.tui import known_operator
+from tui.diagnostics import ExitCode
+from tui.widgets.form import Form
+
+from .conftest import screen_text
+from .fake_recorder import FakeRecorder
+
+
+def test_without_a_terminal_nothing_is_started(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["tui", "--demo", "--out", str(tmp_path / "demo")]) == ExitCode.BAD_INPUT
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "is no terminal" in said
+    assert not (tmp_path / "demo").exists()
+
+
+def test_the_name_is_known_from_the_form_that_was_applied(tmp_path: Path) -> None:
+    assert known_operator(tmp_path) == ""
+    (tmp_path / "vehicle.json").write_text(json.dumps({"operator": " Anna "}))
+    assert known_operator(tmp_path) == "Anna"
+    (tmp_path / "vehicle.json").write_text(json.dumps({"operator": 3}))
+    assert known_operator(tmp_path) == ""
+
+
+def test_the_name_is_asked_for_once_if_nobody_has_said_it(
+    make_app: Callable[..., BenchApp],
+) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    app.operator = ""
+
+    async def act() -> None:
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.pause()
+            await pilot.pause()
+            assert "Your name or initials" in screen_text(app)
+            await pilot.press(*"Anna", "enter")
+            await pilot.pause()
+            assert app.operator == "Anna"
+            assert Hello("Anna", control=True) in recorder.orders
+            assert "op. Anna" in screen_text(app)
+
+    asyncio.run(act())
+
+
+def test_the_form_proposes_the_name_of_the_login(
+    make_app: Callable[..., BenchApp], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("USER", "anna")
+    app = make_app(FakeRecorder())
+    app.operator = ""
+
+    async def act() -> None:
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.pause()
+            await pilot.pause()
+            assert app.screen.query_one(Form).values["operator"] == "anna"
+
+    asyncio.run(act())
