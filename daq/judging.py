@@ -12,7 +12,7 @@ from .book import Book, BookStatus, Finding
 from .campaign import Step
 from .config import Bench
 from .message_rules import timed_messages
-from .recent import Block, RecentSamples
+from .recent import MOST_BLOCKS, Block, RecentSamples
 from .runs import Losses
 from .verdict import RunMeasure, RunWindow, judge, peak_left
 
@@ -45,7 +45,7 @@ class Judge:
         self._samples = RecentSamples(bench.trigger.pre_s + bench.trigger.post_s)
         self._saturated: dict[str, int] = {}
         self._left: tuple[int, int, float | None] = (0, 0, None)
-        self._losses: deque[tuple[int, Losses]] = deque([(0, Losses())])
+        self._losses: deque[tuple[int, Losses]] = deque([(0, Losses())], MOST_BLOCKS)
 
     def add(self, t_ns: int, block: Block, losses: Losses) -> None:
         """Take in a block whose latest stamp is `t_ns`, and the losses counted up to it."""

@@ -12,6 +12,8 @@ from dbc.frames import FrameBatch
 
 Block = Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]]
 CHECK_S = 10.0
+MOST_BLOCKS = 20_000
+"""Of a bus whose stamps stand still nothing would ever grow old; half an hour, ten a second."""
 _SLACK_NS = 1_000_000_000
 _MOST_BYTES = 64 << 20
 
@@ -57,7 +59,7 @@ class RecentSamples:
 
     def __init__(self, kept_s: float) -> None:
         self._kept_ns = round(kept_s * 1e9) + _SLACK_NS
-        self._blocks: deque[tuple[int, Block]] = deque()
+        self._blocks: deque[tuple[int, Block]] = deque(maxlen=MOST_BLOCKS)
 
     def add(self, t_ns: int, block: Block) -> None:
         """Take in a block whose latest stamp is `t_ns`."""
