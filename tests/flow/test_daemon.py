@@ -158,6 +158,7 @@ def test_a_daemon_from_start_to_end(daemon: Daemon, capsys: pytest.CaptureFixtur
         assert f"pid {daemon.process.pid}" in second.stderr
         assert second.stderr.count("\n") == 1
 
+        daemon.hears("WATCHDOG=1")  # and with that its queue has room again
         daemon.process.terminate()
         assert daemon.process.wait(END_S) == 0
         client.close()
