@@ -19,7 +19,7 @@ from textual.filter import LineFilter
 from textual.message import Message
 from textual.screen import Screen
 
-from daq.errors import InputError
+from daq.errors import InputError, printable
 from daq.messages import BusState, Live, Phase, Reply, Status
 from daq.orders import QUESTIONS, AskBench, AskHistory, Hello, Order
 
@@ -89,6 +89,7 @@ class BenchApp(App[None]):
     COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {_palette}
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "Quit", show=False, priority=True),
+        Binding("f1", "help", "Help", key_display="F1", priority=True),
     ]
 
     def __init__(
@@ -119,6 +120,8 @@ class BenchApp(App[None]):
         self.step = BenchStep.VEHICLE
         self.bell_on = False
         self._ascii = PlainAscii()
+        self.typed: dict[str, str] = {}
+        """What was typed last in answer to each question."""
         self._news: deque[News] = deque()
         self._landed = False
         self._halted = ""
@@ -239,11 +242,11 @@ class BenchApp(App[None]):
 
     def warn(self, text: str) -> None:
         """Tell the operator something in a corner of the screen."""
-        self.notify(text, severity="warning", markup=False)
+        self.notify(printable(text, 600), severity="warning", markup=False)
 
     def tell(self, text: str) -> None:
         """Tell the operator that something is done."""
-        self.notify(text, markup=False)
+        self.notify(printable(text, 600), markup=False)
 
     # Ways ---------------------------------------------------------------------------------------
 
@@ -288,6 +291,16 @@ class BenchApp(App[None]):
         from .screens.help import HelpScreen
 
         self.push_screen(HelpScreen(page))
+
+    def action_help(self) -> None:
+        """Show the help of the screen in front, or of the one that a dialog belongs to."""
+        from .screens.help import HelpScreen
+
+        if isinstance(self.screen, HelpScreen):
+            self.screen.dismiss()
+            return
+        pages = (getattr(screen, "HELP_PAGE", "") for screen in reversed(self.screen_stack))
+        self.show_help(next(filter(None, pages), "home"))
 
     def action_take_over(self) -> None:
         """Ask for control of the recorder."""

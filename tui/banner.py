@@ -44,11 +44,12 @@ class Banner:
 def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs: Glyphs) -> Banner:
     """Return the banner of a status, or of a recorder that does not answer."""
     if lost is not None:
-        advice = f"X = start it again   (or {lost.advice}; it is looked for all the time)"
-        return Banner("bad", glyphs.bad, "RECORDER LOST", "", lost.text, advice)
+        otherwise = printable(lost.advice, 200)
+        advice = f"X = start it again   (or {otherwise}; it is looked for all the time)"
+        return Banner("bad", glyphs.bad, "RECORDER LOST", "", printable(lost.text, 300), advice)
     if status is None:
         return Banner("quiet", glyphs.paused, "CONNECTING", "", "waiting for the recorder")
-    told = " ".join(due.instruction.split()) if (due := status.due) else ""
+    told = printable(" ".join(due.instruction.split()), 300) if (due := status.due) else ""
     title = _title(status)
     match status.phase:
         case Phase.WAITING:

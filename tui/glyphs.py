@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+MOST_PIECES = 10
+
 
 class GlyphSet(StrEnum):
     """What `--glyphs` offers."""
@@ -41,6 +43,13 @@ class Glyphs:
     trigger: str
     axis: str
     overload: str
+
+    def bar(self, done: int, planned: int, mark: str = "") -> str:
+        """Return a piece for each of what is planned, ten at most; `mark` is the one after."""
+        cells = min(planned, MOST_PIECES)
+        filled = min(done, planned) * cells // max(planned, 1)
+        bar = self.full * filled + (mark if filled < cells else "")
+        return bar.ljust(cells, self.empty)
 
 
 _BRAILLE = Glyphs(GlyphSet.BRAILLE, (2, 4), "✓", "✗", "!", "▶", "●", "○", "■", "·", "┊", "│", "▲")

@@ -84,10 +84,8 @@ def weight_values(weight: Weight, serial: str = "") -> dict[str, str]:
 def check_inventory(
     weights: Iterable[Weight],
     total_kg: float,
-    axle_kg: tuple[float, float],
-    limit_kg: tuple[float | None, float | None] = (None, None),
 ) -> tuple[FieldError, ...]:
-    """Check all weights together: their sum, and what each axle carries with them."""
+    """Check all weights together: there is one, and their sum is no other car."""
     errors = []
     added = sum(weight.mass_kg for weight in weights)
     if added > 0.5 * total_kg:
@@ -96,8 +94,4 @@ def check_inventory(
     if not added:
         reason = "there is no weight: the added state would be the baseline again"
         errors.append(FieldError("mass_kg", "Mass", "one weight at least", reason))
-    for label, load, limit in zip(("Front axle", "Rear axle"), axle_kg, limit_kg, strict=True):
-        if limit is not None and load > limit:
-            reason = f"{load:.0f} kg with the weights"
-            errors.append(FieldError("place", label, f"{limit:.0f} kg", reason))
     return tuple(errors)

@@ -11,7 +11,7 @@ from textual.screen import Screen
 from ..widgets.key_bar import KeyBar
 from ..widgets.step_bar import StepBar
 from ..widgets.top_line import TopLine
-from .news import RecorderLost, StatusArrived
+from .news import LiveArrived, RecorderLost, StatusArrived
 
 if TYPE_CHECKING:
     from daq.messages import Status
@@ -37,7 +37,6 @@ class BenchScreen(Screen[None]):
         Binding("n", "app.note", "Note", key_display="N"),
         Binding("s", "app.sessions", "Sessions", key_display="S"),
         Binding("c", "app.take_over", "Control", show=False),
-        Binding("f1", "help", "Help", key_display="F1"),
     ]
 
     def __init__(self) -> None:
@@ -80,10 +79,6 @@ class BenchScreen(Screen[None]):
             return
         await self.run_action(name)
 
-    def action_help(self) -> None:
-        """Show the help page of this screen."""
-        self.bench_app.show_help(self.HELP_PAGE)
-
     def on_screen_resume(self) -> None:
         """Show what was told meanwhile."""
         if self.bench_app.status is not None:
@@ -92,6 +87,12 @@ class BenchScreen(Screen[None]):
     def on_status_arrived(self, message: StatusArrived) -> None:
         """Show where the recorder stands."""
         self._show(message.status)
+
+    def on_resize(self) -> None:
+        """Fit what is shown into the new room."""
+        if self.bench_app.status is not None:
+            self.call_after_refresh(self._show, self.bench_app.status)
+            self.call_after_refresh(self.post_message, LiveArrived())
 
     def on_recorder_lost(self, _: RecorderLost) -> None:
         """Show that the recorder is gone: the top line says so on every screen."""

@@ -40,7 +40,7 @@ from ..widgets.check_line import check_line
 from ..widgets.row_list import RowList
 from .base import BenchScreen
 from .news import LiveArrived
-from .reason import ReasonScreen
+from .question import Question
 
 REST = "rest.json"
 """Beside the recording: what the channels read at rest, before any weight is on the car."""
@@ -282,7 +282,7 @@ class CheckScreen(BenchScreen):
                     await self._go_on()
             self._show_rows()
 
-        self.bench_app.push_screen(ReasonScreen(subject, question), answered)
+        self.bench_app.push_screen(Question(f"{subject}: {question}", "reason"), answered)
 
     # The wiggle ---------------------------------------------------------------------------------
 

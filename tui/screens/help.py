@@ -29,7 +29,7 @@ class HelpScreen(ModalScreen[None]):
     HelpScreen VerticalScroll { height: 1fr; }
     HelpScreen #keys { height: auto; padding: 0 2 1 2; }
     """
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,space,f1,enter,q", "dismiss", "Close")]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,space,enter,q", "dismiss", "Close")]
 
     def __init__(self, page: str) -> None:
         super().__init__()

@@ -52,6 +52,7 @@ DRAFT = "draft_masses.json"
 _QUIET_S = 0.3
 _REST_S = 2.0
 _PATIENCE_S = 60.0
+_ANOTHER = "new"
 _NEW = {"place": BODY, "serial": "", "mass_kg": "", "sigma_kg": "0.01", "height_m": "0"}
 
 
@@ -81,7 +82,8 @@ class MassesScreen(BenchScreen):
         self._filled = False
         self._entries: tuple[Entry, ...] = ()
         self._before: list[tuple[Entry, ...]] = []
-        self._open: dict[str, str] = {}
+        self._open: dict[str, dict[str, str]] = {}
+        """What was typed into a weight and not applied, by its number."""
         self._gain: Gain | None = None
         self._asked_text = ""
         self._levels: dict[str, float] = {}
@@ -113,7 +115,11 @@ class MassesScreen(BenchScreen):
             self._entries = entries_of(app.bench.mass_states[1].added.weights, draft)
             told = draft.get("open")
             if isinstance(told, dict):
-                self._open = {k: v for k, v in told.items() if isinstance(v, str)}
+                self._open = {
+                    at: {name: text for name, text in typed.items() if isinstance(text, str)}
+                    for at, typed in told.items()
+                    if isinstance(typed, dict)
+                }
             rest = read_draft(app.folder / REST)
             self._rest = {k: v for k, v in rest.items() if isinstance(v, float)}
             self._think()
@@ -135,7 +141,8 @@ class MassesScreen(BenchScreen):
         if self.bench_app.bench is None:
             return ()
         car = self._car
-        return check_inventory(self._weights, *axle_loads_with(loading(self._weights, car), car))
+        total_kg, _ = axle_loads_with(loading(self._weights, car), car)
+        return check_inventory(self._weights, total_kg)
 
     # Showing ------------------------------------------------------------------------------------
 
@@ -237,7 +244,7 @@ class MassesScreen(BenchScreen):
 
     def action_add(self) -> None:
         """Add a weight: what was typed into one that was given up is still there."""
-        self._edit("Add a weight", self._open or _NEW, len(self._entries))
+        self._edit("Add a weight", _NEW, len(self._entries))
 
     def action_edit(self) -> None:
         """Edit the marked weight."""
@@ -248,33 +255,41 @@ class MassesScreen(BenchScreen):
 
     def _edit(self, title: str, values: Mapping[str, str], at: int) -> None:
         car = self._car
+        key = str(at) if at < len(self._entries) else _ANOTHER
 
         def check(typed: Mapping[str, str]) -> tuple[FieldError, ...]:
             return check_weight(typed, car.a + car.b, max(car.t_f, car.t_r))
 
         def keep(typed: dict[str, str]) -> None:
-            self._open = typed
+            self._open[key] = typed
             self.run_worker(self._keep_draft(), group="draft", exclusive=True)
 
         def done(typed: dict[str, str] | None) -> None:
             if typed is None:
                 return
-            self._open = {}
+            self._open.pop(key, None)
             entry = Entry(weight_of(typed), typed["serial"].strip())
             self._change((*self._entries[:at], entry, *self._entries[at + 1 :]))
             self.query_one(RowList).move_to(at)
 
-        self.app.push_screen(WeightScreen(title, values, check, keep), done)
+        typed = self._open.get(key, {})
+        self.app.push_screen(WeightScreen(title, {**values, **typed}, check, keep), done)
 
     def action_remove(self) -> None:
         """Take the marked weight off; U puts it back."""
         at = self.query_one(RowList).cursor
         if at < len(self._entries):
+            self._renumber()
             self._change((*self._entries[:at], *self._entries[at + 1 :]))
+
+    def _renumber(self) -> None:
+        """Forget what was typed into weights that are other ones now."""
+        self._open = {key: typed for key, typed in self._open.items() if key == _ANOTHER}
 
     def action_undo(self) -> None:
         """Take the last change back."""
         if self._before:
+            self._renumber()
             self._entries = self._before.pop()
             self._after_change(True)
 

@@ -9,6 +9,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.screen import ModalScreen
+from textual.timer import Timer
 from textual.widgets import Static, TextArea
 
 from daq.errors import printable
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 DRAFT = "draft_note.json"
 _MOST = 2000
+_DRAFT_S = 0.5
 
 
 class NoteScreen(ModalScreen[None]):
@@ -32,6 +34,7 @@ class NoteScreen(ModalScreen[None]):
         The run it is about; empty for the session.
     """
 
+    HELP_PAGE: ClassVar[str] = "note"
     DEFAULT_CSS = """
     NoteScreen { align: center middle; }
     NoteScreen > Vertical { width: 76; max-width: 100%; height: 14;
@@ -41,13 +44,13 @@ class NoteScreen(ModalScreen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+s", "keep", "Keep", priority=True),
         Binding("ctrl+r", "about", "Session or run", priority=True),
-        Binding("f1", "help", "Help"),
         Binding("escape", "leave", "Leave", priority=True),
     ]
 
     def __init__(self, label: str = "") -> None:
         super().__init__()
         self._label = label
+        self._writing: Timer | None = None
 
     @property
     def _bench_app(self) -> BenchApp:
@@ -67,16 +70,18 @@ class NoteScreen(ModalScreen[None]):
                 markup=False,
             )
 
+    def on_text_area_changed(self, _: TextArea.Changed) -> None:
+        """Keep what was typed, also if this terminal should end now."""
+        if self._writing is not None:
+            self._writing.stop()
+        self._writing = self.set_timer(_DRAFT_S, self._save)
+
     def on_mount(self) -> None:
         """Type at once."""
         area = self.query_one(TextArea)
         area.focus()
         area.move_cursor(area.document.end)
         self._tell()
-
-    def action_help(self) -> None:
-        """Show the page of help."""
-        self._bench_app.show_help("note")
 
     def action_about(self) -> None:
         """Change between the session and the last run."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -12,9 +12,17 @@ from textual.widgets import Input, Static
 
 from daq.errors import printable
 
+from ..widgets.line import Line
+
+if TYPE_CHECKING:
+    from ..app import BenchApp
+
 
 class Question(ModalScreen[str | None]):
     """Ask for a line of text; None if it is left.
+
+    What was typed is there again when the same is asked once more: after Esc, and after an
+    answer that the recorder refused.
 
     Parameters
     ----------
@@ -30,12 +38,22 @@ class Question(ModalScreen[str | None]):
         super().__init__()
         self._words, self._field = printable(words, 300), field
 
+    @property
+    def _bench_app(self) -> BenchApp:
+        app: Any = self.app
+        return app  # type: ignore[no-any-return]
+
     def compose(self) -> ComposeResult:
         """Question, line, keys."""
+        typed = self._bench_app.typed.get(self._words, "")
         with Vertical(classes="box"):
             yield Static(self._words, markup=False)
-            yield Input(placeholder=self._field, max_length=200)
+            yield Line(typed, placeholder=self._field, max_length=300, select_on_focus=False)
             yield Static("Enter = done   Esc = leave as it is", markup=False)
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Keep what was typed."""
+        self._bench_app.typed[self._words] = event.value
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Answer, unless nothing was typed."""

@@ -19,6 +19,7 @@ from daq.messages import Status
 
 from ..sessions import SessionEntry, SessionState, entry_line, found, heading, with_open
 from ..steps import progress
+from ..widgets.line import Line
 from ..work_lines import CompareTask, Done, Item, ListTask, Task, Trouble
 from ..worker import lines_of
 from .base import BenchScreen
@@ -60,7 +61,7 @@ class SessionsScreen(BenchScreen):
         yield Static(id="head", markup=False)
         yield OptionList(id="list")
         yield Static(id="about", markup=False)
-        yield Input(placeholder="find: F, then type date, vehicle, state or note", id="find")
+        yield Line(placeholder="find: F, then type date, vehicle, state or note", id="find")
 
     def on_screen_resume(self) -> None:
         """Read the folder anew."""

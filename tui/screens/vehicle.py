@@ -64,6 +64,7 @@ class VehicleScreen(BenchScreen):
         self._touched: set[str] = set()
         self._noted = ""
         self._lost_draft = ""
+        self._typed: dict[str, str] = {}
         self._writing: Timer | None = None
 
     def compose_body(self) -> ComposeResult:
@@ -118,6 +119,7 @@ class VehicleScreen(BenchScreen):
             if field.name == "name":
                 self._remember(self.query_one(Form).values["name"].strip())
         self._advise()
+        self._typed = self.query_one(Form).values
         if self._writing is not None:
             self._writing.stop()
         self._writing = self.set_timer(_DRAFT_S, self._keep_draft)
@@ -132,8 +134,13 @@ class VehicleScreen(BenchScreen):
         kept = self._touched | {"name", "operator", "notes"}
         self.query_one(Form).fill({k: v for k, v in before.items() if k not in kept})
 
+    def on_unmount(self) -> None:
+        """Keep what was typed in the last moment before the terminal is closed."""
+        if self._writing is not None and self._typed:
+            write_draft(self.bench_app.folder / DRAFT, self._typed)
+
     async def _keep_draft(self) -> None:
-        values = self.query_one(Form).values
+        self._writing, values = None, self.query_one(Form).values
         path = self.bench_app.folder / DRAFT
         error = await asyncio.to_thread(write_draft, path, values)
         if error and error != self._lost_draft:
@@ -204,6 +211,7 @@ class VehicleScreen(BenchScreen):
             return
         if self._writing is not None:
             self._writing.stop()
+            self._writing = None
         await asyncio.to_thread(write_draft, app.folder / VEHICLE_FORM, values)
         await asyncio.to_thread(remove_draft, app.folder / DRAFT)
         self.set_focus(None)

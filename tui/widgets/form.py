@@ -14,9 +14,10 @@ from textual.widget import Widget
 from textual.widgets import Input, Static
 
 from ..forms import Field, FieldError
+from .line import Line
 
 
-class TextField(Input):
+class TextField(Line):
     """A field that is typed into."""
 
     def __init__(self, field: Field, width: int) -> None:

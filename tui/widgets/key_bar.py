@@ -38,7 +38,7 @@ class KeyBar(Words):
         order = sorted(
             shown, key=lambda action: (action != _FIRST, action == _LAST, action in common)
         )
-        for action in _DROPPED:
+        for action in (*_DROPPED, *reversed(order[1:-1])):
             if sum(len(" ".join(shown[a])) + 2 for a in order) <= self.size.width + 2:
                 break
             order = [a for a in order if a != action]

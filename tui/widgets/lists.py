@@ -14,6 +14,7 @@ from ..glyphs import Glyphs
 from .words import Words
 
 _KEPT = 200
+_ALARMS = 3
 _WITH_REASONS = 48
 
 
@@ -47,8 +48,7 @@ class TallyList(Words):
                 due.mass_state,
                 due.excitation,
             )
-            done = self._glyphs.full * min(tally.accepted, tally.planned)
-            bar = done.ljust(min(tally.planned, 10), self._glyphs.empty)
+            bar = self._glyphs.bar(tally.accepted, tally.planned)
             more = f" +{tally.accepted - tally.planned}" if tally.accepted > tally.planned else ""
             pointer = ">" if i == self.chosen else " "
             sign = self._glyphs.now if here else " "
@@ -120,7 +120,7 @@ class AlarmList(Words):
         """Show the alarms."""
         lines = [
             Content.assemble(
-                (f"{self._glyphs.warn} {_upper(alarm.code)} ", "bold $error"),
+                (f"{self._glyphs.warn} {printable(_upper(alarm.code), 40)} ", "bold $error"),
                 f"{printable(f'{alarm.subject}: ' if alarm.subject else '', 40)}"
                 f"{printable(alarm.text, 120)}: {printable(alarm.advice, 120)}",
             )
@@ -133,6 +133,9 @@ class AlarmList(Words):
             )
             for channel in status.overloaded
         ]
+        if len(lines) > _ALARMS:
+            more = len(lines) - _ALARMS + 1
+            lines = [*lines[: _ALARMS - 1], Content(f"{self._glyphs.warn} and {more} more")]
         self.display = bool(lines)
         self.say(Content("\n").join(lines))
 

@@ -30,10 +30,9 @@ class ProgressLine(Words):
             if tally.mass_state != state:
                 continue
             rejected += tally.rejected
-            bar = glyphs.full * min(tally.accepted, tally.planned)
-            if due is not None and due.excitation is tally.excitation and len(bar) < tally.planned:
-                bar += glyphs.now
-            parts.append(f"{tally.excitation.value} {bar.ljust(tally.planned, glyphs.empty)}")
+            here = due is not None and due.excitation is tally.excitation
+            bar = glyphs.bar(tally.accepted, tally.planned, glyphs.now if here else "")
+            parts.append(f"{tally.excitation.value} {bar}")
         lamps = printable(", ".join(status.overloaded), 30)
         lamp = f"{glyphs.overload} OVERLOAD {lamps}" if lamps else "no overload"
         words = f" {state}: {'  '.join(parts)}   {rejected} rejected {glyphs.axis} {lamp}"

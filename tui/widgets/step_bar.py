@@ -10,6 +10,9 @@ from ..glyphs import Glyphs
 from ..steps import BenchStep, progress
 from .words import Words
 
+ENOUGH = (80, 24)
+"""Columns and rows in which every screen shows what matters."""
+
 
 class StepBar(Words):
     """Which steps are done, and on which the screen is (in reverse, between bars)."""
@@ -20,6 +23,12 @@ class StepBar(Words):
 
     def show(self, status: Status | None, here: BenchStep) -> None:
         """Show how far the campaign is."""
+        if self.app.size.width < ENOUGH[0] or self.app.size.height < ENOUGH[1]:
+            width, height = self.app.size
+            needed = f"{ENOUGH[0]}x{ENOUGH[1]}"
+            words = f"{width}x{height} is too small: make it {needed}, or the font smaller"
+            self.say(Content.styled(f" {words}", "bold $warning"))
+            return
         far = progress(status)
         parts: list[tuple[str, str] | str] = []
         for step in BenchStep:

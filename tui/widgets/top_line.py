@@ -30,7 +30,9 @@ class TopLine(Words):
         """Show a status, or that there is none."""
         wide = self.size.width >= _WIDE
         if app.lost is not None:
-            self.say(Content.assemble((f" RECORDER LOST  {app.lost.text}", "bold reverse")))
+            self.say(
+                Content.assemble((f" RECORDER LOST  {printable(app.lost.text)}", "bold reverse"))
+            )
             return
         if status is None:
             self.say(Content(" BUMP  waiting for the recorder"))
@@ -61,6 +63,8 @@ class TopLine(Words):
         gap = " │ "
         tail = Content.assemble(*right)
         room = max(8, self.size.width - tail.cell_length - len(gap))
-        left = next((words for words in lefts if len(words) <= room), lefts[-1])
-        head = Content(left[:room].ljust(room))
+        left = next(
+            (c for words in lefts if (c := Content(words)).cell_length <= room), Content(lefts[-1])
+        )
+        head = left.truncate(room, pad=True)
         self.say(head + Content(gap) + tail)

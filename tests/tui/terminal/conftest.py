@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from textual.app import App
+from textual.pilot import Pilot
 
 from tui.app import BenchApp
 from tui.glyphs import Glyphs, GlyphSet, choose_glyphs
@@ -19,6 +20,17 @@ from .fake_recorder import FakeRecorder
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 REWRITE = "BUMPBENCH_REWRITE_SNAPSHOTS"
 SIZES = {"80x24": (80, 24), "140x40": (140, 40), "200x50": (200, 50)}
+
+
+async def at_every_size(
+    pilot: Pilot[None], snapshot: Callable[[App[None], str], None], name: str
+) -> None:
+    """Give the terminal each size in turn, as a person does who pulls at the window."""
+    for size, (width, height) in SIZES.items():
+        await pilot.resize_terminal(width, height)
+        await pilot.pause()
+        await pilot.pause()
+        snapshot(pilot.app, f"{name}_{size}")
 
 
 def screen_text(app: App[None]) -> str:

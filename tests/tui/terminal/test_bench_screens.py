@@ -20,7 +20,7 @@ from tui.screens.check import CheckScreen
 from tui.screens.masses import MassesScreen
 from tui.screens.vehicle import VehicleScreen
 
-from .conftest import SIZES, screen_text
+from .conftest import at_every_size, screen_text
 from .fake_recorder import BIN_S, FakeRecorder
 
 Make = Callable[..., BenchApp]
@@ -84,14 +84,13 @@ def _order(recorder: FakeRecorder, kind: type) -> list[object]:
 # Vehicle ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("size", SIZES)
 async def test_the_vehicle_form_looks_as_before(
-    make_app: Make, snapshot: Callable[..., None], size: str
+    make_app: Make, snapshot: Callable[..., None]
 ) -> None:
     app = make_app(FakeRecorder())
-    async with app.run_test(size=SIZES[size]) as pilot:
+    async with app.run_test(size=(100, 30)) as pilot:
         await _screen(pilot, VehicleScreen)
-        snapshot(app, f"vehicle_{size}")
+        await at_every_size(pilot, snapshot, "vehicle")
 
 
 async def test_space_alone_takes_the_car_as_the_bench_describes_it(make_app: Make) -> None:
@@ -111,7 +110,7 @@ async def test_what_is_typed_goes_to_the_recorder(make_app: Make) -> None:
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
         await _screen(pilot, VehicleScreen)
-        await pilot.press("tab", *([*"", "backspace"] * 12), *"T5 A1", "enter", "end", *"2")
+        await pilot.press("tab", "ctrl+u", *"T5 A1", "enter", "end", *"2")
         await pilot.press("enter", *"1552", "ctrl+s")
         await _screen(pilot, CheckScreen)
         assert app.operator == "MK2"
@@ -178,19 +177,16 @@ def _checked(*items: CheckItem, **levels: float) -> FakeRecorder:
     return recorder
 
 
-@pytest.mark.parametrize("size", SIZES)
-async def test_the_check_looks_as_before(
-    make_app: Make, snapshot: Callable[..., None], size: str
-) -> None:
+async def test_the_check_looks_as_before(make_app: Make, snapshot: Callable[..., None]) -> None:
     app = make_app(_checked(NOISY, UPSIDE_DOWN))
-    async with app.run_test(size=SIZES[size]) as pilot:
+    async with app.run_test(size=(100, 30)) as pilot:
         await _screen(pilot, CheckScreen)
         await _until(pilot, lambda: "upside down" in screen_text(app))
         await pilot.press("space")
         await pilot.pause()
         app.clear_notifications()
         await pilot.pause()
-        snapshot(app, f"check_{size}")
+        await at_every_size(pilot, snapshot, "check")
 
 
 async def test_a_failure_blocks_and_its_sign_can_be_turned(make_app: Make) -> None:
@@ -306,18 +302,15 @@ def _loaded() -> FakeRecorder:
     return recorder
 
 
-@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.usefixtures("_quick")
-async def test_the_masses_look_as_before(
-    make_app: Make, snapshot: Callable[..., None], size: str
-) -> None:
+async def test_the_masses_look_as_before(make_app: Make, snapshot: Callable[..., None]) -> None:
     app = make_app(_loaded())
-    async with app.run_test(size=SIZES[size]) as pilot:
+    async with app.run_test(size=(100, 30)) as pilot:
         await _screen(pilot, MassesScreen)
         await _until(pilot, lambda: "m_ur" in screen_text(app))
         await pilot.press("b", "down")
         await pilot.pause()
-        snapshot(app, f"masses_{size}")
+        await at_every_size(pilot, snapshot, "masses")
 
 
 @pytest.mark.usefixtures("_quick")

@@ -18,7 +18,7 @@ from tui.screens.identify import IdentifyScreen
 from tui.screens.report import ReportScreen
 from tui.screens.results import ResultsScreen
 
-from .conftest import SIZES, screen_text
+from .conftest import at_every_size, screen_text
 from .fake_recorder import FakeRecorder
 from .outcomes import doubtful, outcome, refused
 
@@ -57,17 +57,16 @@ def in_front(app: BenchApp, size: tuple[int, int], play: Play, shown: Outcome) -
     asyncio.run(act())
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_every_page(size: str, make_app: MakeApp, snapshot: Snapshot) -> None:
+def test_every_page(make_app: MakeApp, snapshot: Snapshot) -> None:
     app = make_app(measured())
 
     async def play(pilot: Pilot[None]) -> None:
         for page in ("parameters", "modes", "matrices", "decays", "findings"):
-            snapshot(app, f"results_{page}_{size}")
+            await at_every_size(pilot, snapshot, f"results_{page}")
             await pilot.press("tab")
             await pilot.pause()
 
-    in_front(app, SIZES[size], play, outcome())
+    in_front(app, (100, 30), play, outcome())
 
 
 @pytest.mark.parametrize(("name", "made"), [("doubtful", doubtful), ("refused", refused)])

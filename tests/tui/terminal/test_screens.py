@@ -17,7 +17,7 @@ from tui.glyphs import GlyphSet
 from tui.screens.home import HomeScreen
 from tui.widgets.lane_chart import LaneChart
 
-from .conftest import SIZES, screen_text
+from .conftest import SIZES, at_every_size, screen_text
 from .fake_recorder import DOUBLE_BUMP, WALL_NS, FakeRecorder
 
 MakeApp = Callable[..., BenchApp]
@@ -123,8 +123,7 @@ async def _running(
         yield app, pilot
 
 
-@pytest.mark.parametrize("size", SIZES)
-async def test_home(make_app: MakeApp, snapshot: Snapshot, size: str) -> None:
+async def test_home(make_app: MakeApp, snapshot: Snapshot) -> None:
     recorder = FakeRecorder()
     _before(recorder)
     recorder.turn(Phase.IDLE)
@@ -132,16 +131,14 @@ async def test_home(make_app: MakeApp, snapshot: Snapshot, size: str) -> None:
     await recorder.ask(OverrideWarning("noise wheel RR", "lift in the next bay runs"))
     await recorder.ask(Mark("tyres at 2.5 bar"))
     app = make_app(recorder)
-    async with app.run_test(size=SIZES[size]) as pilot:
+    async with app.run_test(size=(100, 30)) as pilot:
         await pilot.pause()
         recorder.post(recorder.live())
+        await at_every_size(pilot, snapshot, "home")
+        await pilot.resize_terminal(80, 24)
+        await pilot.press("v")
         await pilot.pause()
-        await pilot.pause()
-        snapshot(app, f"home_{size}")
-        if size == "80x24":
-            await pilot.press("v")
-            await pilot.pause()
-            snapshot(app, "home_runs_80x24")
+        snapshot(app, "home_runs_80x24")
 
 
 @pytest.mark.parametrize("size", SIZES)
