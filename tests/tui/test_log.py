@@ -19,7 +19,7 @@ STORM = """
 import logging, sys, threading, warnings
 from tui.log import Log
 with Log(None) as log:
-    for i in range(50_000):
+    for i in range(5_000):
         log.line("x" * 100)
         logging.getLogger("can").warning("y %d", i)
         warnings.warn(f"z {i}")
