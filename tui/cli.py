@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import typer
+from typer.core import TyperGroup
 
 from .commands.batch import batch
 from .commands.check import check
@@ -33,35 +36,39 @@ from .commands.tui import tui
 from .commands.validate import validate
 from .diagnostics import ExitCode, report, report_usage
 
+GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
+    "To begin with": (demo, simulate, notebook),
+    "At the bench": (plan, check, tui, record, status, recover),
+    "At the desk": (identify, write_report, compare, batch),
+    "Files": (inspect, validate, import_, export, redecode, decode, replay),
+}
+"""Commands by who wants them, as `--help` lists them; `study` comes last."""
+
+
+class _Grouped(TyperGroup):
+    """Lists the commands in groups, with whole sentences."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the groups; those of `rich_help_panel`, without rich."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for name, command in self.commands.items():
+            title = getattr(command, "rich_help_panel", None) or "Research"
+            groups.setdefault(title, []).append((name, command.get_short_help_str(200)))
+        for title, rows in groups.items():
+            with formatter.section(title):
+                formatter.write_dl(rows)
+
+
 app = typer.Typer(
+    cls=_Grouped,
     help="Bump tests over CAN: every physical parameter of a 7-DOF vehicle, with intervals.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (
-    demo,
-    simulate,
-    tui,
-    record,
-    status,
-    check,
-    recover,
-    redecode,
-    replay,
-    decode,
-    inspect,
-    identify,
-    write_report,
-    compare,
-    plan,
-    batch,
-    notebook,
-    export,
-    validate,
-):
-    app.command()(command)
-app.command("import")(import_)
+for title, commands in GROUPS.items():
+    for command in commands:
+        app.command(command.__name__.rstrip("_"), rich_help_panel=title)(command)
 app.add_typer(study, name="study")
 
 

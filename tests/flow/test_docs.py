@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from daq.alarms import EXPLAINED
+from daq.procedure import Method
 from daq.session import write_session
-from tui.cli import run
+from daq.verdict import WORDS
+from tui.cli import GROUPS, run
 
 from ..identify.stress import stress_session
 
 ROOT = Path(__file__).parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 _COMMAND = re.compile(r"^(?: {4})?(bumpbench (?!:).*)$", re.MULTILINE)
+_INLINE = re.compile(r"`(bumpbench [^`]+)`")
 
 
 def _commands(page: Path, text: str) -> list[tuple[str, str]]:
     return [(page.name, line.split("#")[0].strip()) for line in _COMMAND.findall(text)]
 
 
-WRITTEN = [command for page in PAGES for command in _commands(page, page.read_text("utf-8"))]
+WRITTEN = [
+    command
+    for page in PAGES
+    for text in [page.read_text("utf-8")]
+    for command in [*_commands(page, text), *((page.name, c) for c in _INLINE.findall(text))]
+]
 RUNNABLE = [
     command
     for page in PAGES
@@ -46,12 +58,14 @@ def test_the_pages_hold_commands() -> None:
 def test_every_option_exists(page: str, line: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = shlex.split(line)[1:]
     named = [word for word in words[:2] if not word.startswith("-")]
-    command = named if named[0] == "study" and len(named) > 1 else named[:1]
+    command = named if named[:1] == ["study"] else named[:1]
     assert run([*command, "--help"]) == 0
     said = capsys.readouterr().out
     for word in words:
         if word.startswith("--"):
             assert word in said, f"{page}: {line}: no option {word}"
+    if "Arguments:" not in said and command:
+        assert words[1:2] == [] or words[1].startswith("-"), f"{page}: {line}: takes no argument"
 
 
 @pytest.mark.parametrize(("page", "line"), RUNNABLE)
@@ -60,3 +74,67 @@ def test_what_can_be_run_runs(
 ) -> None:
     monkeypatch.chdir(folder)
     assert run(shlex.split(line)[1:]) == 0, f"{page}: {line}"
+
+
+def test_help_lists_every_command_in_its_group(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--help"]) == 0
+    said = capsys.readouterr().out
+    for title, commands in GROUPS.items():
+        group = said.partition(f"{title}:\n")[2].partition("\n\n")[0]
+        listed = [line.split()[0] for line in group.splitlines() if line[2] != " "]
+        assert listed == [command.__name__.rstrip("_") for command in commands]
+    assert "..." not in said
+
+
+def test_the_shell_completes_commands_and_choices() -> None:
+    def completed(words: str, number: int) -> list[str]:
+        asked = {"_BUMPBENCH_COMPLETE": "complete_bash", "COMP_WORDS": words}
+        done = subprocess.run(
+            [sys.executable, "-c", "from tui.cli import main; main()"],
+            env={**os.environ, **asked, "COMP_CWORD": str(number)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return done.stdout.split()
+
+    assert set(completed("bumpbench rec", 1)) == {"record", "recover"}
+    assert set(completed("bumpbench tui --glyphs b", 3)) == {"braille", "blocks"}
+
+
+def _rows(page: str) -> dict[str, list[str]]:
+    """Return the rows of a page's tables by their first cell."""
+    text = (ROOT / "docs" / page).read_text("utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    return {row[0].strip("`"): row[1:] for row in rows}
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def test_the_operator_reads_of_every_reject_what_the_recorder_says() -> None:
+    rows = _rows("operator.md")
+    for code, words in WORDS.items():
+        if words.advice:
+            told = [f"{words.title}: {words.meaning}", _sentence(words.advice)]
+            assert rows[code] == told, code
+
+
+def test_the_operator_reads_of_every_way_to_bump() -> None:
+    text = (ROOT / "docs" / "operator.md").read_text("utf-8")
+    for method in Method:
+        assert f"(`{method}`)" in text
+
+
+def test_the_manual_says_of_every_alarm_what_the_recorder_says() -> None:
+    rows = _rows("recorder.md")
+    for code, alarm in EXPLAINED.items():
+        assert rows[code] == [_sentence(alarm.meaning), _sentence(alarm.advice)], code
+
+
+def test_the_bars_name_tests_that_exist() -> None:
+    text = (ROOT / "docs" / "recorder.md").read_text("utf-8")
+    named = re.findall(r"tests/[a-z_/]+\.py", text)
+    assert len(named) > 15
+    assert [path for path in named if not (ROOT / path).is_file()] == []
