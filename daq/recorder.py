@@ -347,7 +347,7 @@ class Recorder:
                 case trigger.BUMP:
                     self._bumped(event, events)
                 case trigger.RUN_END:
-                    self._ended(event, turn.now, events)
+                    self._ended(event, turn, events)
                 case _:
                     self._tell(event, events)
                     if event.code == trigger.CLOCK_STEP:
@@ -355,9 +355,8 @@ class Recorder:
                         self.cut("the time stamps fell back")
 
     def _bumped(self, event: Event, events: list[Event]) -> None:
-        self._loop = run_loop.turned(
-            self._loop, self._surroundings(event.t_ns, ready=True)
-        )  # it was
+        here = self._surroundings(event.t_ns, ready=True)  # it was
+        self._loop = run_loop.turned(self._loop, here)
         due = self._due
         if due is None or not self._loop.takes_bumps:
             self._tell(replace(event, code=UNPLANNED + event.code), events)
@@ -366,15 +365,16 @@ class Recorder:
         self._loop = run_loop.bumped(self._loop, due.label, event.t_ns)
         self._bump_ns = event.t_ns
 
-    def _ended(self, event: Event, now: Now, events: list[Event]) -> None:
+    def _ended(self, event: Event, turn: Turn, events: list[Event]) -> None:
         if not self._loop.running:
             self._tell(replace(event, code=UNPLANNED + event.code), events)
             return
         label = self._loop.label
         self._tell(replace(event, text=label), events)
-        findings = self._guard.value("verdict", now, UNJUDGED, lambda: self._findings(label))
+        findings = self._guard.value("verdict", turn.now, UNJUDGED, lambda: self._findings(label))
         self._tell(verdict_entry(event.t_ns, label, findings), events)
-        self._loop = run_loop.judged(self._loop, self._surroundings(event.t_ns))
+        seen_ns = max(event.t_ns, int(turn.batch.t_ns[0]))  # a bus may have paused meanwhile
+        self._loop = run_loop.judged(self._loop, self._surroundings(seen_ns))
 
     def _findings(self, label: str) -> Sequence[Finding]:
         step = parse_label(label)
