@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 HISTORY_S = 10.0
 AUTO_S = 0.25
+MOST_NEWS = 1200
+"""A minute of news: all that waits for a terminal whose line is stopped and takes no output."""
 
 
 def _screen(module: str, name: str) -> Screen[Any]:
@@ -122,7 +124,8 @@ class BenchApp(App[None]):
         self._ascii = PlainAscii()
         self.typed: dict[str, str] = {}
         """What was typed last in answer to each question."""
-        self._news: deque[News] = deque()
+        self._news: deque[News] = deque(maxlen=MOST_NEWS)
+        self._role = Role(False)
         self._landed = False
         self._halted = ""
         self._history_of = ""
@@ -147,6 +150,8 @@ class BenchApp(App[None]):
 
     def post(self, news: News) -> None:
         """Take news from the feed's thread."""
+        if isinstance(news, Role):
+            self._role = news
         self._news.append(news)
         if len(self._news) == 1:  # whoever handles the first handles all
             with suppress(RuntimeError):  # the app has just ended
@@ -166,12 +171,12 @@ class BenchApp(App[None]):
                 self.lanes.add(news)
                 live = True
             elif isinstance(news, Role):
-                self.in_control, self.role_text = news.in_control, news.text
                 self._history_of = ""
             else:
                 self.lost, status = news, None
                 self.screen.post_message(RecorderLost())
             self._news.popleft()
+        self.in_control, self.role_text = self._role.in_control, self._role.text
         if status is not None:
             await self._take(status)
         if live:

@@ -23,7 +23,7 @@ from .fake_recorder import DOUBLE_BUMP, FakeRecorder
 from .test_bench_screens import NOISY, UPSIDE_DOWN
 
 FOREIGN = {
-    "acts": "[/x] [@click=app.quit]q[/] \x1b[31m\x1b]0;x\x07b\r\n\tc\x9b31m\x00 \u202e\u05e9\u05dc\u05d5\u05dd\u2066 ",
+    "acts": "[/x] [@click=app.quit]q[/]\x1b[31m\x1b]0;x\x07b\r\n\tc\x9b31m\x00 \u202e\u05e9\u05dc",
     "is wide": "日本語の車両番号👩\u200d🔧🚗🇩🇪e\u0301" * 8 + "W" * 200,
 }
 ROOMS = ((60, 20), (80, 24))

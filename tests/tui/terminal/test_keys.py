@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from textual.pilot import Pilot
 
 from daq.messages import Phase
 from daq.orders import Accept, Acknowledge, Arm, Choose, Order, Pause, Redo, Reject, Undo
-from tui.app import BenchApp
+from tui.app import MOST_NEWS, BenchApp
 from tui.feed import Lost, Role
 from tui.screens.home import HomeScreen
 from tui.screens.run import RunScreen
@@ -259,3 +260,20 @@ async def test_auto_presses_what_is_next_and_leaves_the_rest(make_app: MakeApp) 
         await pilot.pause()
         await app._press_next()  # three times the same: a person has to look
         assert recorder.orders == before
+
+
+async def test_a_terminal_that_takes_no_output_keeps_a_minute_of_news(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test() as pilot:
+        await pilot.pause()
+        recorder.post(Role(False, "JL has taken over"))
+        status = recorder.status
+        for count in range(3 * MOST_NEWS):  # the loop is held up: nobody takes them
+            recorder.post(replace(status, viewers=count))
+        assert len(app._news) == MOST_NEWS
+        await pilot.pause()
+        assert not app._news
+        assert app.status is not None
+        assert app.status.viewers == 3 * MOST_NEWS - 1
+        assert not app.in_control
