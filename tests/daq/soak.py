@@ -164,7 +164,7 @@ class Soak(AbstractContextManager["Soak"]):
 
     def _until(self, reached: Callable[[Status], bool]) -> Status:
         """Do what an operator does until something is reached; patience is for progress."""
-        seen, patient_s = (-1, -1), time.monotonic() + PATIENCE_S
+        seen, patient_s = (-1, -1, -1), time.monotonic() + PATIENCE_S
         while True:
             status = self._ask(AskStatus()).status
             assert status is not None
@@ -173,7 +173,8 @@ class Soak(AbstractContextManager["Soak"]):
                 if reached(status):
                     return status
                 self._look_at(status)
-            done = (self.bench.given, status.disk.recorded_frames)
+            sessions = len(list(self._folder.glob("*.h5")))
+            done = (self.bench.given, status.disk.recorded_frames, sessions)
             if done != seen:
                 seen, patient_s = done, time.monotonic() + PATIENCE_S
             assert time.monotonic() < patient_s, status
