@@ -1,0 +1,209 @@
+"""A recorder on a simulated bench in a process of its own, and the operator's terminal on it."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import os
+import pty
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from pathlib import Path
+
+from textual.pilot import Pilot
+
+from daq.address import control_address
+from daq.client import Client
+from daq.config import default_bench_text
+from daq.messages import Status
+from daq.orders import AskStatus, Mark, ShutDown
+from tui.app import BenchApp
+from tui.feed import RecorderFeed
+from tui.glyphs import GlyphSet, choose_glyphs
+from tui.recorder_process import start_demo_recorder, wait_for_recorder
+from tui.steps import BenchStep
+
+from ..tui.terminal.conftest import screen_text
+
+PATIENCE_S = 120.0
+"""For what processes do on a machine that has much else to do."""
+SIZE = (80, 24)
+SEEN_S = 1.5
+"""A verdict stands for so long, of our time."""
+
+
+class DemoBench:
+    """A folder, its bench.toml and the recorders that were started in it.
+
+    Parameters
+    ----------
+    folder : Path
+        Empty or of an earlier recorder.
+    speed : float
+        Seconds of the car in one of ours.
+    repeats : int
+        Planned of each kind of bump.
+    fault : str
+        What spoils the second bump.
+    """
+
+    def __init__(self, folder: Path, speed: float, repeats: int = 1, fault: str = "") -> None:
+        self.folder = folder / "recorder"
+        self.bench = folder / "bench.toml"
+        text = default_bench_text().replace("repeats = 2", f"repeats = {repeats}")
+        seen = f"accept_after_s = {SEEN_S * speed:g}"
+        self.bench.write_text(text.replace("accept_after_s = 3.0", seen))
+        self._speed, self._fault = speed, fault
+        self.processes: list[subprocess.Popen[bytes]] = []
+
+    def start(self) -> subprocess.Popen[bytes]:
+        """Start a recorder; it takes up what the one before has left."""
+        process = start_demo_recorder(self.folder, self._speed, self._fault, bench=self.bench)
+        self.processes.append(process)
+        return process
+
+    def started(self) -> DemoBench:
+        """Start a recorder and wait until it answers."""
+        wait_for_recorder(self.start(), self.folder)
+        return self
+
+    def skip_to_bumps(self) -> None:
+        """Say that vehicle and check are done."""
+        client = Client(control_address(self.folder), "Test", control=True)
+        for step in (BenchStep.VEHICLE, BenchStep.CHECK):
+            client.ask(Mark(step.mark), PATIENCE_S)
+        client.close()
+
+    def status(self) -> Status:
+        """Ask the recorder where it stands, without being seen by a terminal."""
+        client = Client(control_address(self.folder), "onlooker", control=False)
+        told = client.ask(AskStatus(), PATIENCE_S).status
+        client.close()
+        assert told is not None
+        return told
+
+    def wait(self, condition: Callable[[Status], bool]) -> Status:
+        """Wait until the recorder's news say so."""
+        client = Client(control_address(self.folder), "onlooker", control=False)
+        deadline_s = time.monotonic() + PATIENCE_S
+        try:
+            while time.monotonic() < deadline_s:
+                news = client.news(1.0)
+                if isinstance(news, Status) and condition(news):
+                    return news
+        finally:
+            client.close()
+        raise AssertionError(self.status().phase)
+
+    def kill(self) -> None:
+        """Kill the recorder as the kernel does when memory is short."""
+        self.processes[-1].kill()
+        self.processes[-1].wait()
+
+
+@contextmanager
+def demo_bench(
+    folder: Path, speed: float, repeats: int = 1, fault: str = ""
+) -> Iterator[DemoBench]:
+    """Give a bench whose recorders end with the test."""
+    bench = DemoBench(folder, speed, repeats, fault)
+    try:
+        yield bench
+    finally:
+        for process in bench.processes:
+            process.kill()
+            process.wait()
+
+
+def end_recorder(folder: Path) -> None:
+    """End a recorder that a terminal has started: it is nobody's child."""
+    with suppress(Exception):
+        client = Client(control_address(folder), "Test", control=True, take_over=True)
+        client.ask(ShutDown())
+        client.close()
+
+
+def terminal_on(
+    folder: Path, restart: Callable[[], object] = lambda: None, auto: bool = False
+) -> BenchApp:
+    """Return a terminal on the recorder of a folder."""
+    glyphs = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
+    return BenchApp(RecorderFeed(folder, "MK", restart), folder, glyphs, "MK", auto=auto)
+
+
+class Seat:
+    """Somebody before a terminal: looks at the screen, and presses keys."""
+
+    def __init__(self, app: BenchApp, pilot: Pilot[None]) -> None:
+        self.app, self.pilot = app, pilot
+        self.screens: list[str] = []
+
+    @property
+    def text(self) -> str:
+        """What is on the screen."""
+        return screen_text(self.app)
+
+    async def until(
+        self, condition: Callable[[], bool], meanwhile: Callable[[], object] = lambda: None
+    ) -> None:
+        """Wait for what processes do."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline_s, self.text
+            await self.pilot.pause(0.05)
+            name = type(self.app.screen).__name__
+            if self.screens[-1:] != [name]:
+                self.screens.append(name)
+            waits = meanwhile()
+            if asyncio.iscoroutine(waits):
+                await waits
+
+    async def space_if_told(self) -> None:
+        """Press SPACE if the screen says that it does something now."""
+        if "SPACE =" in self.text or "SPACE starts" in self.text:
+            await self.pilot.press("space")
+
+    def sees(self, words: str) -> Callable[[], bool]:
+        """Return whether words are on the screen."""
+        return lambda: words in self.text
+
+
+@asynccontextmanager
+async def seat(app: BenchApp, size: tuple[int, int] = SIZE) -> AsyncIterator[Seat]:
+    """Sit down before a terminal."""
+    async with app.run_test(size=size) as pilot:
+        yield Seat(app, pilot)
+
+
+class PtyTerminal:
+    """`bumpbench tui` in a real pseudo terminal, whose output somebody reads."""
+
+    def __init__(self, *arguments: str, size: tuple[int, int] = SIZE) -> None:
+        self.pid, self._master = pty.fork()
+        if self.pid == 0:
+            rows = struct.pack("HHHH", size[1], size[0], 0, 0)
+            fcntl.ioctl(0, termios.TIOCSWINSZ, rows)
+            os.environ.update(TERM="xterm-256color", TEXTUAL_ANIMATIONS="none")
+            os.execv(sys.executable, [sys.executable, "-m", "tui", "tui", *arguments])
+        self.said = b""
+
+    def until(self, words: bytes) -> None:
+        """Read until the terminal has said something; the window's title tells the phase."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while words not in self.said:
+            assert time.monotonic() < deadline_s, self.said[-4000:]
+            if select.select([self._master], [], [], 0.1)[0]:
+                self.said += os.read(self._master, 1 << 16)
+
+    def kill(self) -> None:
+        """Kill it, and let nothing of it remain."""
+        os.kill(self.pid, signal.SIGKILL)
+        os.waitpid(self.pid, 0)
+        os.close(self._master)

@@ -1,0 +1,97 @@
+"""A whole campaign at the operator's terminal, on the real recorder, by SPACE alone; its replay."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from pathlib import Path
+
+from daq import read_session
+from daq.book import BookStatus
+from tui.recorder_process import start_replay_recorder, wait_for_recorder
+from tui.steps import BenchStep, progress
+
+from .bench_terminal import PtyTerminal, demo_bench, end_recorder, seat, terminal_on
+
+KINDS = 6
+SCREENS = ["Vehicle", "Check", "Home", "Run", "Masses", "Home", "Run", "Identify", "Results"]
+
+
+def campaign_by_space(folder: Path, speed: float, repeats: int) -> Path:
+    """Go through a campaign, pressing SPACE whenever the screen says so; return the session."""
+
+    async def act() -> Path:
+        app = terminal_on(bench.folder)
+        async with seat(app) as operator:
+            await operator.until(
+                lambda: "WRITTEN   verdict ok" in operator.text, operator.space_if_told
+            )
+            status = app.status
+            assert status is not None
+            await operator.until(lambda: progress(app.status).done == frozenset(BenchStep))
+            assert app.step is BenchStep.REPORT
+            assert [run.status for run in status.runs].count(BookStatus.ACCEPTED) == KINDS * repeats
+            names = [name.removesuffix("Screen") for name in operator.screens]
+            assert [name for name in names if name != "Report"] == SCREENS
+            return Path(status.session.path)
+
+    with demo_bench(folder, speed, repeats) as bench:
+        bench.started()
+        return asyncio.run(act())
+
+
+def replay(folder: Path, session: Path, speed: float) -> None:
+    """Play a session to a terminal, to its end."""
+
+    async def act() -> None:
+        app = terminal_on(folder)
+        async with seat(app, (140, 40)) as operator:
+            await operator.until(lambda: app.status is not None and not app.status.due)
+            assert app.status is not None
+            assert len(app.status.runs) == KINDS
+            await operator.until(operator.sees("SPACE = step 6 Identify"))
+
+    player = start_replay_recorder(folder, session, speed)
+    try:
+        wait_for_recorder(player, folder)
+        asyncio.run(act())
+    finally:
+        player.kill()
+        player.wait()
+
+
+def unattended(folder: Path, speed: float, repeats: int) -> None:
+    """Let `tui --demo --auto` alone, as it is started from a shell, until the report is there."""
+    with demo_bench(folder, speed, repeats) as bench:
+        terminal = PtyTerminal(
+            str(bench.bench), "--demo", "--auto", "--speed", f"{speed:g}", "--operator", "MK",
+            "--out", str(bench.folder),
+        )  # fmt: skip
+        try:
+            terminal.until(b"WRITTEN")
+        finally:
+            terminal.kill()
+            end_recorder(bench.folder)
+    assert list(bench.folder.glob("session_*.html"))
+
+
+def test_a_campaign_by_space_alone_and_its_replay(tmp_path: Path) -> None:
+    session = campaign_by_space(tmp_path, 6.0, 1)
+    recorded = read_session(session)
+    assert len(recorded.runs) == KINDS
+    assert recorded.vehicle.name in session.with_suffix(".html").read_text("utf-8")
+    alone = tmp_path / "alone" / session.name  # without the journal that fills what lay between
+    alone.parent.mkdir()
+    shutil.copy(session, alone)
+    replay(tmp_path / "replayed", alone, 20.0)
+
+
+def test_auto_begins_by_itself(tmp_path: Path) -> None:
+    with demo_bench(tmp_path, 5.0) as bench:
+        bench.started()
+        bench.skip_to_bumps()
+        terminal = PtyTerminal("--auto", "--operator", "MK", "--out", str(bench.folder))
+        try:
+            terminal.until(b"]2;ACCEPTED")
+        finally:
+            terminal.kill()
