@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from statistics import fmean, stdev
 
 from textual.content import Content
 
 from daq.book import BookRun, BookStatus
 from daq.errors import printable
-from daq.messages import Status
+from daq.messages import Status, Tally
 
 from ..glyphs import Glyphs
 from .words import Words
@@ -55,9 +56,13 @@ class TallyList(Words):
             words = f"{pointer}{sign} {tally.mass_state:<9}{tally.excitation.value:<7} {bar}  "
             count = f"{min(tally.accepted, tally.planned)}/{tally.planned}{more}"
             why = reasons.get((tally.mass_state, tally.excitation.value), "") if wide else ""
-            rejected = f"   {tally.rejected} rejected  {why}" if tally.rejected else ""
+            measured = _frequency(status, tally, wide)
+            word = "rejected" if wide or not measured else "rej."
+            rejected = f"   {tally.rejected} {word}  {why}".rstrip() if tally.rejected else ""
             lines.append(
-                Content.assemble((f"{words}{count}", "bold" if here else ""), f"{rejected}")
+                Content.assemble(
+                    (f"{words}{count}", "bold" if here else ""), f"{measured}{rejected}"
+                )
             )
         self.say(Content("\n").join(lines))
 
@@ -145,6 +150,30 @@ def run_figures(run: BookRun) -> str:
     figures = next((f.text for f in run.findings if f.code == "motion"), "")
     taken = f"taken by {run.by}: {run.reason}" if run.by and run.reason else ""
     return printable("  ".join(part for part in (figures, taken) if part), 160)
+
+
+def _frequency(status: Status, tally: Tally, wide: bool) -> str:
+    """Return the mean frequency of the accepted runs of a kind, with its scatter if there is room.
+
+    Parameters
+    ----------
+    status, tally
+        The recording, and the kind of bump.
+    wide : bool
+        Whether there is room for the scatter.
+    """
+    kind = (tally.mass_state, tally.excitation)
+    found = [
+        finding.value
+        for run in status.runs
+        if run.status is BookStatus.ACCEPTED and (run.mass_state, run.excitation) == kind
+        for finding in run.findings
+        if finding.code == "motion" and finding.value > 0
+    ]
+    if not found:
+        return ""
+    scatter = f" ± {stdev(found):.2f}" if wide and len(found) > 1 else ""
+    return f"  {fmean(found):.2f}{scatter} Hz"
 
 
 def _note(text: str, label: str, by: str) -> str:
