@@ -12,12 +12,13 @@ from typing import Any, Self
 
 from daq.config import Bench, BusConfig
 from daq.engine import Engine
-from daq.messages import Live, Reply, Status
+from daq.messages import Live, Reply, SessionState, Status
 from daq.orders import Order
 from daq.source import FrameSource, SourceLosses
 from dbc import FrameBatch
 
 PATIENCE_S = 30.0
+ENDED = (SessionState.READY, SessionState.FAILED)
 
 
 class Script:

@@ -46,7 +46,7 @@ from daq.source import FrameSource, SourceLosses
 from daq.verdict import RunMeasure
 from dbc import Codec, FrameBatch
 
-from .engine_run import PATIENCE_S, Running, Script, on_bus, sources
+from .engine_run import ENDED, PATIENCE_S, Running, Script, on_bus, sources
 from .pty_pair import pty_pair
 from .small_campaign import LABELS, PLANNED, START_NS, blocks, bumps, codes
 
@@ -91,7 +91,7 @@ def test_a_campaign_becomes_a_session_file(quick: Bench, codec: Codec, tmp_path:
         gate.set()
         running.until(lambda s: s.phase is Phase.COMPLETE)
         assert running.order(Stop()).status is not None
-        told = running.until(lambda s: s.session.state is not SessionState.BUILDING)
+        told = running.until(lambda s: s.session.state in ENDED)
     assert (told.session.state, told.session.text) == (SessionState.READY, "")
     assert (told.recording, told.phase) == ("", Phase.IDLE)
     contents = stored(tmp_path)
@@ -406,7 +406,7 @@ def test_a_killed_recorder_is_taken_up_again(quick: Bench, codec: Codec, tmp_pat
         os_gone.set()
         running.until(lambda s: s.disk.recorded_frames == len(frames))
         running.order(Stop())
-        done = running.until(lambda s: s.session.state is not SessionState.BUILDING)
+        done = running.until(lambda s: s.session.state in ENDED)
     assert done.session.state is SessionState.READY
     contents = stored(tmp_path)
     np.testing.assert_array_equal(contents.frames.t_ns, frames.t_ns)

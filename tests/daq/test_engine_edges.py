@@ -28,7 +28,7 @@ from daq.source import LinkFacts, SourceLosses
 from dbc import Codec, FrameBatch
 
 from .crash_frames import block
-from .engine_run import PATIENCE_S, Running, Script, sources
+from .engine_run import ENDED, PATIENCE_S, Running, Script, sources
 from .small_campaign import LABELS, blocks, bumps
 from .test_engine import CAN0, CAN1, Gated, quick, stored
 
@@ -121,7 +121,7 @@ def test_a_session_built_in_mid_recording_reads_no_file_that_is_written(
             sealed = [read_journal([path]).lost.segments_unclosed for path in given[-1]]
             assert sealed == [0] * len(given[-1])
         running.until(lambda s: s.disk.recorded_frames == 2400)
-        told = running.until(lambda s: s.session.state is not SessionState.BUILDING)
+        told = running.until(lambda s: s.session.state in ENDED)
         assert (told.session.state, told.session.text) == (SessionState.READY, "")
     assert not stored(tmp_path).lost.any
     assert [path.name for path in tmp_path.glob("*.h5")] == ["session_0001.h5"]
@@ -142,7 +142,7 @@ def test_a_session_is_built_of_what_retention_has_left(
         keeper._written.forget(gone)  # as retention does
         gone.unlink()
         running.order(Stop())
-        told = running.until(lambda s: s.session.state is not SessionState.BUILDING)
+        told = running.until(lambda s: s.session.state in ENDED)
     assert told.session.state is SessionState.READY, told.session.text
 
 

@@ -366,7 +366,7 @@ def test_an_interface_taken_down_and_one_that_has_gone_both_come_back(
 
     assert run(15) == ["unknown_id"]
     Buffers.faults = (errno.ENETDOWN,)
-    assert run(15, bus_is_up=False) == ["bus_silent", "unknown_id"]
+    assert run(15, bus_is_up=False) == ["interface_down", "unknown_id"]
     assert run(25) == ["unknown_id"]
     assert buses.links[1].facts().reopened == 0
 

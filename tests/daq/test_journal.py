@@ -168,7 +168,8 @@ def test_a_byte_changed_anywhere_in_the_last_block_is_noticed_or_harmless(tmp_pa
 
 def test_a_journal_cut_within_its_beginning_holds_nothing_and_says_so(tmp_path: Path) -> None:
     with Keeper(tmp_path, HEAD, LIMITS) as journal:
-        whole = journal.paths[0].read_bytes()
+        (path,) = tmp_path.iterdir()
+        whole = path.read_bytes()
         journal.append(FrameBatch.empty(), HopLosses())
     for size in range(len(whole)):
         journal.paths[0].write_bytes(whole[:size])
@@ -257,6 +258,7 @@ def test_segments_are_numbered_on_and_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "journal_0007.mcap").write_bytes(b"precious")
     (tmp_path / "journal_old.mcap").write_bytes(b"")
     with Keeper(tmp_path, HEAD, LIMITS) as journal:
+        journal.append(block(0), HopLosses())
         assert [path.name for path in journal.paths] == ["journal_0008.mcap"]
     assert (tmp_path / "journal_0007.mcap").read_bytes() == b"precious"
 
