@@ -25,7 +25,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 BUILD = ROOT / "build" / "socketcan"
 MODULES = ("virtio_pci", "9pnet_virtio", "9p", "vcan", "can-raw", "kvaser_pci")
-TIME_LIMIT_S = 300
+TIME_LIMIT_S = 900
 MACHINE = """
 -accel tcg,thread=multi -machine q35 -cpu max -smp 2 -m 512 -nographic -no-reboot -nic none
 -virtfs local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap
