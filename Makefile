@@ -2,15 +2,16 @@
 PYTHON ?= python3
 BIN := .venv/bin
 UV := 0.13.8
-INSTALL = $(BIN)/python -m uv pip install --quiet --python $(BIN)/python --constraint constraints.txt
+INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
 .PHONY: demo test lint bench coverage fuzz crash soak release-check test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
 
+# One thread of BLAS for each worker: two that wait for each other take twice the time.
 test: .venv/test
-	$(BIN)/python -m pytest --quiet --numprocesses auto --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --quiet --numprocesses auto --dist loadfile
 
 lint: .venv/test
 	$(BIN)/ruff check .

@@ -10,7 +10,7 @@ import numpy as np
 
 from dbc.frames import FrameBatch
 
-from .journal_folder import recordings_of
+from .journal_folder import recordings
 from .journal_reader import read_journal
 from .replay import recorded_frames
 from .runs import Session
@@ -39,7 +39,7 @@ def whole_frames(session: Session, folder: Path) -> FrameBatch:
         return runs
     # A little more than the last run: the recorder ends a run at the first frame after it.
     span = (int(runs.t_ns.min()), int(runs.t_ns.max()) + AFTER_NS)
-    for recording in recordings_of(sorted((folder / "journal").glob("*.mcap"))):
+    for recording in recordings(folder / "journal"):
         whole = read_journal(recording.segments, [span]).frames
         if len(whole) >= len(runs):
             return whole

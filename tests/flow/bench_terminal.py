@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
+import math
 import os
 import pty
 import select
@@ -28,6 +29,7 @@ from tui.app import BenchApp
 from tui.feed import RecorderFeed
 from tui.glyphs import GlyphSet, choose_glyphs
 from tui.recorder_process import start_demo_recorder, wait_for_recorder
+from tui.screens.base import LOCK_OUT_S
 from tui.steps import BenchStep
 
 from ..tui.terminal.conftest import screen_text
@@ -144,6 +146,7 @@ class Seat:
     def __init__(self, app: BenchApp, pilot: Pilot[None]) -> None:
         self.app, self.pilot = app, pilot
         self.screens: list[str] = []
+        self._pressed_s = -math.inf
 
     @property
     def text(self) -> str:
@@ -157,7 +160,7 @@ class Seat:
         deadline_s = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < deadline_s, self.text
-            await self.pilot.pause(0.05)
+            await self.pilot.pause(0.15)
             name = type(self.app.screen).__name__
             if self.screens[-1:] != [name]:
                 self.screens.append(name)
@@ -166,8 +169,12 @@ class Seat:
                 await waits
 
     async def space_if_told(self) -> None:
-        """Press SPACE if the screen says that it does something now."""
+        """Press SPACE if the screen says that it does something now; a press is not a held key."""
+        now_s = time.monotonic()
+        if now_s - self._pressed_s < 2 * LOCK_OUT_S:
+            return
         if "SPACE =" in self.text or "SPACE starts" in self.text:
+            self._pressed_s = now_s
             await self.pilot.press("space")
 
     def sees(self, words: str) -> Callable[[], bool]:

@@ -171,7 +171,8 @@ class MassesScreen(BenchScreen):
         )
         lines.append(
             Content(
-                f"Axles     front {axles[0]:.0f} kg, rear {axles[1]:.0f} kg, all {total:.0f} kg"
+                f"Axles     front {axles[0]:.0f} kg, rear {axles[1]:.0f} kg with the weights"
+                f" (the car alone {total:.0f} kg)"
             )
         )
         box = self.query_one("#outlook", Static)
