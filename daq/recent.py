@@ -63,9 +63,14 @@ class RecentSamples:
 
     def add(self, t_ns: int, block: Block) -> None:
         """Take in a block whose latest stamp is `t_ns`."""
-        self._blocks.append((t_ns, block))
-        while self._blocks and not -_SLACK_NS <= t_ns - self._blocks[0][0] <= self._kept_ns:
+        # The first block after a pause of the bus may end a run that lies before the pause: what
+        # is too old is told by the block before it.
+        last_ns = self._blocks[-1][0] if self._blocks else t_ns
+        while self._blocks and (
+            last_ns - self._blocks[0][0] > self._kept_ns or self._blocks[0][0] - t_ns > _SLACK_NS
+        ):
             self._blocks.popleft()
+        self._blocks.append((t_ns, block))
 
     def between(self, start_ns: int, stop_ns: int) -> Block:
         """Return the samples of a span, by channel, in order of arrival."""

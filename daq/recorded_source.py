@@ -10,40 +10,50 @@ import numpy as np
 
 from dbc.frames import FrameBatch
 
+from .errors import InputError
 from .journal_folder import recordings
 from .journal_reader import read_journal
 from .replay import recorded_frames
 from .runs import Session
 from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
 
-AFTER_NS = 2_000_000_000
+AROUND_NS = 2_000_000_000
+START_S = 1.0
+"""By then the recorder is armed, also for a first bump that comes early at twenty times the speed."""
 LONGEST_GAP_S = 3.0
 """Between two runs of a session nothing was kept that is worth a longer wait."""
 
 
-def whole_frames(session: Session, folder: Path) -> FrameBatch:
-    """Return the frames of a session, also those between its runs if the journal is still there.
+def whole_frames(session: Session, path: Path) -> FrameBatch:
+    """Return the frames of a session and those between its runs.
 
-    A session keeps the runs only, and where a piece is missing the counters of the sensors tell of
-    losses: the run before it would be judged by them.
+    A session file keeps the runs only.  Without what lay between, the counters of the sensors
+    would tell of losses, and the run before each gap would be judged by them.
 
     Parameters
     ----------
     session : Session
         What is to be played.
-    folder : Path
-        Where it was derived: its journal is beside it.
+    path : Path
+        Its file; the journal that it was derived from is in the folder beside it.
+
+    Raises
+    ------
+    InputError
+        If the journal is not there, or no longer whole.
     """
     runs = FrameBatch.concatenate(list(recorded_frames(session)))
-    if not len(runs):
-        return runs
-    # A little more than the last run: the recorder ends a run at the first frame after it.
-    span = (int(runs.t_ns.min()), int(runs.t_ns.max()) + AFTER_NS)
-    for recording in recordings(folder / "journal"):
-        whole = read_journal(recording.segments, [span]).frames
-        if len(whole) >= len(runs):
-            return whole
-    return runs
+    if len(runs):
+        # Rest before the first run, for the trigger; and the recorder ends a run at the first
+        # frame after it.
+        span = (int(runs.t_ns.min()) - AROUND_NS, int(runs.t_ns.max()) + AROUND_NS)
+        for recording in recordings(path.parent / "journal"):
+            whole = read_journal(recording.segments, [span]).frames
+            if len(whole) >= len(runs):
+                return whole
+    what = "cannot be played alone: it has the runs, and not what lay between them"
+    advice = "name a session beside its journal, or play it onto a bus with `bumpbench replay`"
+    raise InputError(str(path), what, advice)
 
 
 class RecordedSource:
@@ -70,7 +80,7 @@ class RecordedSource:
         self._frames = replace(frames, t_ns=t_ns).select(mine)
         self._after_s = (t_ns[mine] - start_ns) * 1e-9 / speed
         self._next = 0
-        self._begun_s = time.monotonic()
+        self._begun_s = time.monotonic() + START_S
 
     @property
     def name(self) -> str:

@@ -43,7 +43,7 @@ def replay_recorder(
     if not {"bench_toml", "dbc"} <= played.provenance.keys():
         what = "does not hold its bench.toml and DBC: it was not recorded from a bus"
         raise InputError(str(session), what, "name a session that a recorder made")
-    frames = whole_frames(played, session.parent)
+    frames = whole_frames(played, session)
     about = played.provenance
     bench = parse_bench(about["bench_toml"], str(session), Path(), dbc_text=about["dbc"])
     # No driver is behind it: a bus that tells when it ends, and is not opened anew.

@@ -7,8 +7,12 @@ import shutil
 from itertools import groupby
 from pathlib import Path
 
+import pytest
+
 from daq import read_session
 from daq.book import BookStatus
+from daq.errors import InputError
+from daq.recorded_source import whole_frames
 from tui.recorder_process import start_replay_recorder, wait_for_recorder
 from tui.steps import BenchStep, progress
 
@@ -82,10 +86,11 @@ def test_a_campaign_by_space_alone_and_its_replay(tmp_path: Path) -> None:
     recorded = read_session(session)
     assert len(recorded.runs) == KINDS
     assert recorded.vehicle.name in session.with_suffix(".html").read_text("utf-8")
-    alone = tmp_path / "alone" / session.name  # without the journal that fills what lay between
-    alone.parent.mkdir()
+    replay(tmp_path / "replayed", session, 20.0)
+    alone = tmp_path / "alone.h5"  # what lay between the runs is in the journal only
     shutil.copy(session, alone)
-    replay(tmp_path / "replayed", alone, 20.0)
+    with pytest.raises(InputError, match="beside its journal"):
+        whole_frames(read_session(alone), alone)
 
 
 def test_auto_begins_by_itself(tmp_path: Path) -> None:

@@ -85,8 +85,8 @@ def recorder() -> str:
             running.until(lambda told: told.disk.recorded_frames > before + 50)  # the others go on
             _ip("link", "set", "vcan1", "up")
             running.until(lambda told: "interface_down" not in _codes(told))
-            with _sender("can0") as card:
-                card.send(_frame(*PASSIVE))
+            with _sender("can0") as wire:
+                wire.send(_frame(*PASSIVE))
             running.until(lambda told: "error_passive" in _codes(told))
             time.clock_settime_ns(time.CLOCK_REALTIME, time.time_ns() + STEP_NS)
             told = running.until(lambda told: "clock_step" in _codes(told))
