@@ -19,7 +19,7 @@ from .source import BLOCK_FRAMES, GATHER_S, SourceLosses
 
 AROUND_NS = 2_000_000_000
 START_S = 1.0
-"""By then the recorder is armed, also for a first bump that comes early at twenty times the speed."""
+"""By then the recorder is armed, also for a first bump that comes early."""
 LONGEST_GAP_S = 3.0
 """Between two runs of a session nothing was kept that is worth a longer wait."""
 

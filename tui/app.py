@@ -193,14 +193,26 @@ class BenchApp(App[None]):
             self.run_worker(self._fetch_bench(), group="bench", exclusive=True)
         if not self._landed:
             self._landed = True
-            await self.go_to(progress(status).due)
+            await self.go_to(self._bumped(status) or progress(status).due)
             if not self.operator and not self.auto and self.step is not BenchStep.VEHICLE:
                 self._ask_name()
+        elif (
+            before is not None
+            and not _under_way(before)
+            and self.screen is self.get_screen(SCREEN_OF[self.step])
+        ):
+            if (step := self._bumped(status)) is not None:
+                await self.go_to(step)
         self._tell_title(before, status)
         self.screen.post_message(StatusArrived(status))
         if status.halted and status.halted != self._halted:
             self.show_help(status.halted)
         self._halted = status.halted
+
+    def _bumped(self, status: Status) -> BenchStep | None:
+        """Return the step with bumps if a recorder waits for one that this terminal did not arm."""
+        early = self.step <= BenchStep.CHECK and progress(status).due <= BenchStep.BASELINE
+        return BenchStep.BASELINE if early and _under_way(status) else None
 
     def _ask_name(self) -> None:
         """Ask who this is where the form of the vehicle, which asks too, is behind us."""
@@ -259,8 +271,7 @@ class BenchApp(App[None]):
         """Go to a step's screen; to the run screen while a run is under way."""
         self.step = step
         name = SCREEN_OF[step]
-        phase = self.status.phase if self.status else Phase.IDLE
-        if name == "home" and phase not in (Phase.IDLE, Phase.COMPLETE):
+        if name == "home" and self.status is not None and _under_way(self.status):
             name = "run"
         await self.open(name)
 
@@ -350,3 +361,8 @@ class BenchApp(App[None]):
         return self.status is not None and any(
             bus.state is not BusState.OK for bus in self.status.buses
         )
+
+
+def _under_way(status: Status) -> bool:
+    """Whether bumps are waited for, or one is being looked at."""
+    return status.phase not in (Phase.IDLE, Phase.COMPLETE)
