@@ -196,12 +196,9 @@ class BenchApp(App[None]):
             await self.go_to(self._bumped(status) or progress(status).due)
             if not self.operator and not self.auto and self.step is not BenchStep.VEHICLE:
                 self._ask_name()
-        elif (
-            before is not None
-            and not _under_way(before)
-            and self.screen is self.get_screen(SCREEN_OF[self.step])
-        ):
-            if (step := self._bumped(status)) is not None:
+        elif before is not None and not _under_way(before):
+            step, own = self._bumped(status), self.get_screen(SCREEN_OF[self.step])
+            if step is not None and self.screen is own:  # and no question is open
                 await self.go_to(step)
         self._tell_title(before, status)
         self.screen.post_message(StatusArrived(status))
