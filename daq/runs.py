@@ -51,7 +51,7 @@ class SampleGroup:
         Name of the message.
     time_s : (n,) float64
         Time of each sample since the run's t0, s: the sensor's clock fitted to the bus time where
-        the message has a counter (`daq.clock`), else the bus time.  Strictly increasing.
+        the message has a counter (`daq.samples.clock`), else the bus time.  Strictly increasing.
     t_ns : (n,) int64
         Bus time stamps as received.
     values : mapping of channel name to (n,) float64

@@ -1,12 +1,12 @@
 """From runs to physical parameters with confidence intervals.  Pure computation."""
 
-from .era import realised_modes
-from .modal import ModalModel, Mode, mac, mpc
-from .mode_names import mode_names
 from .model import PhysicalModel, state_space
+from .modes.era import realised_modes
+from .modes.modal import ModalModel, Mode, mac, mpc
+from .modes.names import mode_names
+from .modes.stabilisation import identify_modes
+from .modes.stable_poles import StabilisationDiagram, stabilisation_diagram
 from .pipeline import Identification, identify
-from .stabilisation import identify_modes
-from .stable_poles import StabilisationDiagram, stabilisation_diagram
 from .trust.finding import Finding, Quality, Verdict
 from .uncertainty import Estimate
 

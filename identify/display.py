@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from daq.display import html_line, html_table
 
 if TYPE_CHECKING:
-    from .modal import ModalModel
+    from .modes.modal import ModalModel
     from .pipeline import Identification
     from .uncertainty import Estimate
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from daq.vehicle import DOF, VehicleGeometry, VehicleParameters
 from dbc.errors import InputError
 
-from .modal import ModalModel
 from .model import N_DOF, PhysicalModel, matrices, with_geometry
+from .modes.modal import ModalModel
 
 MASS_ADVICE = "add weights to the body at three places or more and to each of the four hubs"
 _SINGULAR = 1e-9

@@ -20,11 +20,11 @@ from .display import identification_html
 from .estimation import Estimation, estimate, generic_vehicles
 from .greybox import GreyBox
 from .likelihood import Residuals
-from .modal import ModalModel, modes_of
-from .mode_names import mode_names
 from .model import PhysicalModel, loaded_model
-from .pairing import Pairing, pair_modes
-from .sensed import SensedModes, closed_form, sensed_modes
+from .modes.modal import ModalModel, modes_of
+from .modes.names import mode_names
+from .modes.pairing import Pairing, pair_modes
+from .modes.sensed import SensedModes, closed_form, sensed_modes
 from .trust.finding import Quality
 from .trust.judge import judge
 from .trust.shortcomings import shortcomings
@@ -62,7 +62,7 @@ class Identification:
     modes : mapping of mass state to tuple of ModeEstimate
         Their frequencies and damping ratios with intervals, in the same order.
     mode_names : mapping of mass state to tuple of str
-        What moves in each of them (`identify.mode_names`).
+        What moves in each of them (`identify.modes.names`).
     pairings : mapping of mass state to Pairing
         How the modes of each further mass state follow from those of the first, by MAC: with mass
         on board, wheel modes that are nearly equal may change their order.

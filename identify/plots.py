@@ -13,13 +13,13 @@ from daq.vehicle import VehicleGeometry
 from dbc.errors import InputError
 
 from .figures.panels import draw, figure_of, look, size_in
+from .modes.stable_poles import StabilisationDiagram
 from .pipeline import Identification
 from .report.blocks import Gallery, Picture
 from .report.decays import decay_section
 from .report.panels import CorrelationPanel, ShapePanel, StabilisationPanel
 from .report.parameters import parameter_section
 from .report.shapes import shape_of
-from .stable_poles import StabilisationDiagram
 
 _ACROSS = 2
 _TITLE_IN = 0.22

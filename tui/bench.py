@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from daq.config import Bench
+    from daq.bench.config import Bench
 
 
 def shared_bench(path: Path | None, interface: str | None, channel: str | None) -> Bench:
@@ -24,7 +24,7 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
     InputError
         If the file is bad, or the bus is python-can's `virtual`, which ends at this process.
     """
-    from daq.config import load_bench, on_bus
+    from daq.bench.config import load_bench, on_bus
 
     bench = on_bus(load_bench(path), interface, channel)
     return reachable(bench, str(path or "bench.toml (shipped)"))
@@ -67,7 +67,7 @@ def bench_with_dbc(path: Path | None, dbc: Path | None) -> Bench:
     """
     from dataclasses import replace
 
-    from daq.config import load_bench
+    from daq.bench.config import load_bench
     from dbc import read_dbc
 
     bench = load_bench(path)

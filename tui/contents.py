@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from daq.remarks import notes_of, overrides_of
 
 from .output import print_line, print_table
-from .recording import print_summary, summary
+from .recorders.recording import print_summary, summary
 
 if TYPE_CHECKING:
     from daq import Channel, Session

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, FrameFlag
 
-from ..error_frames import ControllerState, ErrorTally, tally_error_frames
-from ..messages import BusState, BusStatus
-from ..source import LinkFacts, SourceLosses
-from ..wire_bits import wire_bits
+from ..bus.error_frames import ControllerState, ErrorTally, tally_error_frames
+from ..bus.source import LinkFacts, SourceLosses
+from ..bus.wire_bits import wire_bits
+from ..control.messages import BusState, BusStatus
 from .symptoms import WINDOW_S, Count, Key, Symptom
 
 _CALM_S = 2.0

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..config import RecorderConfig
-from ..messages import DiskStatus, QueueStatus
-from ..room import Room, low_text
+from ..bench.config import RecorderConfig
+from ..control.messages import DiskStatus, QueueStatus
+from ..journal.room import Room, low_text
 from .symptoms import Count, Key, Symptom
 
 CLOCK_STEP_S = 0.05

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
-from ..messages import Alarm
-from ..now import Now
+from ..control.messages import Alarm
+from ..recorder.now import Now
 from ..runs import Event
 from .explained import EXPLAINED, GRAVITY
 from .symptoms import Key, Symptom

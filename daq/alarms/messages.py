@@ -13,7 +13,7 @@ from dbc.frames import FrameBatch, FrameFlag
 from dbc.layout import MessageLayout
 from dbc.samples import Decoded, Quality
 
-from ..health import HealthState
+from ..recorder.health import HealthState
 from .symptoms import Count, Key, Symptom
 
 STALE_PERIODS = 5.0

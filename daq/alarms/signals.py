@@ -11,7 +11,7 @@ import numpy as np
 from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 
 from ..channels import TIME_DERIVATIVE, Quantity
-from ..mapping import MappedChannel
+from ..samples.mapping import MappedChannel
 from .symptoms import Count, Key, Symptom
 
 STUCK_SAMPLES = 20

@@ -19,7 +19,7 @@ class Symptom:
     Parameters
     ----------
     code, subject, text : str
-        As in `daq.messages.Alarm`.
+        As in `daq.control.messages.Alarm`.
     new, recent : int
         How often it has happened since the last turn, and within the window, where that is
         counted.

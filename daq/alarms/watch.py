@@ -10,13 +10,13 @@ from dbc import Codec
 from dbc.frames import FrameBatch
 from dbc.samples import Decoded
 
-from ..config import RecorderConfig
-from ..health import HealthState
-from ..mapping import MappedChannel
-from ..messages import Alarm, BusState, BusStatus, DiskStatus, QueueStatus
-from ..now import Now
+from ..bench.config import RecorderConfig
+from ..bus.source import HopLosses, LinkFacts
+from ..control.messages import Alarm, BusState, BusStatus, DiskStatus, QueueStatus
+from ..recorder.health import HealthState
+from ..recorder.now import Now
 from ..runs import Event
-from ..source import HopLosses, LinkFacts
+from ..samples.mapping import MappedChannel
 from .buses import BusWatch, advance_buses, bus_status, bus_symptoms
 from .host import CLOCK_STEP_S, dropped_since, host_symptoms
 from .ledger import Ledger

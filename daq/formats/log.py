@@ -9,9 +9,9 @@ from typing import BinaryIO
 
 from dbc.frames import FrameBatch
 
+from ..bus.source import HopLosses
 from ..errors import InputError
-from ..journal_reader import JournalReader
-from ..source import HopLosses
+from ..journal.reader import JournalReader
 from . import asc, blf, can_csv, candump, mf4_log, trc
 from .ledger import Ledger, LogLoss
 from .text import Parsed, read_lines

@@ -10,16 +10,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch, FrameFlag
 
 from .assemble import good_frames
-from .text import (
-    Index,
-    Lines,
-    Parsed,
-    cut_lines,
-    decimals,
-    integers,
-    is_word,
-    spaced_bytes,
-)
+from .text import Index, Lines, Parsed, cut_lines, decimals, integers, is_word, spaced_bytes
 
 LACKS = ""
 _LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64])

@@ -11,13 +11,7 @@ import numpy as np
 from ..runs import Losses
 from ..vehicle import Structure, VehicleGeometry
 from .findings import Finding, Severity
-from .schema import (
-    CHANNEL_COLUMNS,
-    EVENT_COLUMNS,
-    FACT_COLUMNS,
-    FRAME_COLUMNS,
-    WEIGHT_COLUMNS,
-)
+from .schema import CHANNEL_COLUMNS, EVENT_COLUMNS, FACT_COLUMNS, FRAME_COLUMNS, WEIGHT_COLUMNS
 from .tree import Group
 
 _RUN_ATTRIBUTES: Mapping[str, type] = {

@@ -9,11 +9,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..campaign import Step
+from ..bench.campaign import Step
+from ..bench.config import Bench
 from ..channels import Channel
-from ..config import Bench
+from ..recorder.trigger import trigger_channels
 from ..runs import Excitation
-from ..trigger import trigger_channels
 from ..vehicle import Corner
 from .ecu import Rig, Scene, scene_of
 from .excitation import Bump

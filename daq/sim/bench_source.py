@@ -11,13 +11,13 @@ import numpy as np
 
 from dbc import Codec, FrameBatch
 
-from ..book import Remark
-from ..campaign import Step
-from ..config import Bench
+from ..bench.campaign import Step
+from ..bench.config import Bench
+from ..bus.source import SourceLosses
+from ..control.messages import Phase, Status
 from ..errors import BusError
-from ..messages import Phase, Status
+from ..recorder.book import Remark
 from ..runs import BASELINE
-from ..source import SourceLosses
 from ..vehicle import Corner
 from .acts import Act, Acts
 from .car import SimulatedCar
@@ -37,7 +37,7 @@ WIGGLE_S = 3.0
 
 
 class SimulatedBench:
-    """A bench whose car is bumped as the campaign says, as a `daq.source.FrameSource`.
+    """A bench whose car is bumped as the campaign says, as a `daq.bus.source.FrameSource`.
 
     Frames carry the car's own time, which runs `speed` times as fast as the host's.  Counters,
     clocks and noise run on through everything that happens, also while nobody reads.

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..bench.config import Bench
 from ..channels import ON_BODY, Channel, Quantity
-from ..config import Bench
 from ..errors import InputError
 from ..vehicle import FORD_GRANADA, AddedMass, MassState, VehicleParameters
 from .faults import SensorFault

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from dbc import Codec, FrameBatch, FrameFlag, MessageLayout
 
+from ..bench.config import Bench
 from ..channels import Channel
-from ..config import Bench
 from ..errors import InputError
 from ..runs import BASELINE, Excitation
 from .car import ClockTruth, SimulatedCar, Truth, message_of, signal_of, truth

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..book import Finding
+from ..recorder.book import Finding
 from .words import WORDS
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from types import MappingProxyType
 
-from ..book import Finding
-from ..campaign import Step
+from ..bench.campaign import Step
+from ..bench.config import Bench
 from ..channels import TIME_DERIVATIVE, Quantity
-from ..config import Bench
+from ..recorder.book import Finding
 from . import motion, traffic
 from .finding import finding
 from .pattern import Pattern, patterns, wrong_mode

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ..book import Finding
+from ..bench.config import Bench
+from ..bench.procedure import Method
 from ..channels import Channel, Quantity
-from ..config import Bench
-from ..procedure import Method
-from ..trigger import trigger_channels
+from ..recorder.book import Finding
+from ..recorder.trigger import trigger_channels
 from .finding import finding
 from .window import Column, RunWindow, Trace, kin, traces
 

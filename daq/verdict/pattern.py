@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..book import Finding
+from ..bench.config import Bench
+from ..bench.procedure import Method
 from ..channels import Quantity
-from ..config import Bench
-from ..procedure import Method
+from ..recorder.book import Finding
 from ..runs import Excitation
 from ..vehicle import Corner
 from .finding import finding

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from dbc.frames import read_only
 
-from ..book import Finding
 from ..channels import Quantity
+from ..recorder.book import Finding
 from .finding import finding
 from .window import RunMeasure, Trace, kin
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ..book import Finding
+from ..bench.config import Bench
 from ..channels import Channel, Quantity
-from ..config import Bench
-from ..counter import FASTEST
+from ..recorder.book import Finding
+from ..samples.counter import FASTEST
 from .finding import finding
 from .window import RunWindow, Trace
 

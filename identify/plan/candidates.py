@@ -7,15 +7,7 @@ from dataclasses import dataclass, replace
 
 from daq.channels import SI_UNITS, Channel, Quantity
 from daq.runs import ADDED, Excitation
-from daq.vehicle import (
-    AddedMass,
-    BodyWeight,
-    Corner,
-    Fact,
-    FactQuantity,
-    HubWeight,
-    MassState,
-)
+from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, FactQuantity, HubWeight, MassState
 
 from ..model import FULL_NAMES
 from .design import Plan, Runs, Sensor, sensor

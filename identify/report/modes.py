@@ -7,9 +7,9 @@ import numpy as np
 from daq.vehicle import VehicleGeometry
 
 from ..estimation import Estimation
+from ..modes.sensed import on_grid
+from ..modes.stable_poles import stabilisation_diagram
 from ..pipeline import Identification
-from ..sensed import on_grid
-from ..stable_poles import stabilisation_diagram
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table
 from .numbers import number
 from .panels import StabilisationPanel

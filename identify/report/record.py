@@ -8,9 +8,9 @@ from dataclasses import asdict
 import numpy as np
 
 from daq.channels import Quantity
+from daq.recorder.trigger import BUMP
 from daq.remarks import notes_of, overrides_of
 from daq.runs import Run, RunStatus, Session
-from daq.trigger import BUMP
 
 from ..pipeline import Identification
 from .blocks import Block, Cell, Section, Source, Table

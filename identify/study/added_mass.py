@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 
-from ..modal import modes_of
 from ..model import delta_mass, physical_model
-from ..pairing import pair_modes
+from ..modes.modal import modes_of
+from ..modes.pairing import pair_modes
 from ..physical import physical_matrices, state_matrix_of
 from ..sequential import sequential_vehicle
 from .campaign import PAPER_ADDED_MASS

@@ -30,8 +30,8 @@ from dbc.errors import InputError
 
 from ..decay import Clock, Record, Recording
 from ..greybox import GreyBox
-from ..modal import sensor_rows
 from ..model import delta_mass, physical_model
+from ..modes.modal import sensor_rows
 from ..pipeline import grey_box
 from ..simulate import Bump, exact_response
 from .sensors import SENSOR_SETS

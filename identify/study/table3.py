@@ -19,10 +19,10 @@ from dbc.errors import InputError
 from dbc.frames import read_only
 
 from ..decay import Record
-from ..modal import ModalModel, displacement_shapes
 from ..model import N_DOF
+from ..modes.modal import ModalModel, displacement_shapes
+from ..modes.svm import Delays, delay_space, poles_of_rank
 from ..physical import physical_matrices, state_matrix_of
-from ..svm import Delays, delay_space, poles_of_rank
 from .campaign import BUMP, PAPER_ADDED_MASS, Campaign, records_of
 from .fir import PASS_HZ, filtered, taps
 from .measured_geometry import vehicle_of_geometry

@@ -17,9 +17,9 @@ from daq.vehicle import MassState, VehicleGeometry
 
 from ..decay import FreeDecay
 from ..estimation import Estimation
-from ..modal import modes_of
-from ..mode_names import mode_names
 from ..model import N_DOF, PhysicalModel, loaded_model
+from ..modes.modal import modes_of
+from ..modes.names import mode_names
 from ..projection import Point, linear_part, point, pseudo_inverse
 from ..simulate import WHEELS
 from .finding import Finding, Verdict
@@ -47,7 +47,7 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
     Returns
     -------
     dict of run label to tuple of float
-        dB, in the order of `identify.modal.modes_of` for the run's mass state.
+        dB, in the order of `identify.modes.modal.modes_of` for the run's mass state.
     """
     points = _points(estimation)
     return {

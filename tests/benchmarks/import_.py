@@ -19,9 +19,9 @@ from time import process_time
 import can
 import numpy as np
 
-from daq.config import Bench, load_bench
+from daq.bench.config import Bench, load_bench
 from daq.formats.log import read_log
-from daq.intake import Intake, LogPart
+from daq.samples.intake import Intake, LogPart
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import Codec, FrameBatch, parse_codec

@@ -29,22 +29,22 @@ from can.interfaces.socketcan import SocketcanBus, socketcan
 from cantools.database import Database, load_string
 
 from daq.alarms import AlarmState, Turn, watch
-from daq.config import Bench, BusConfig, bench_codec, load_bench
-from daq.engine import Engine
-from daq.frame_store import Nowhere
-from daq.health import HealthState, advance
-from daq.journal_format import JournalHead
-from daq.keeper import Keeper
-from daq.mapping import MappedChannel, map_channels
-from daq.messages import Live, Status
-from daq.now import Now
-from daq.orders import Arm, Until
-from daq.recorder import Recorder
+from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
+from daq.bus.socketcan import SocketCanSource
+from daq.bus.source import HopLosses, LinkFacts, SourceLosses
+from daq.control.messages import Live, Status
+from daq.control.orders import Arm, Until
+from daq.journal.format import JournalHead
+from daq.journal.keeper import Keeper
+from daq.recorder.engine import Engine
+from daq.recorder.frame_store import Nowhere
+from daq.recorder.health import HealthState, advance
+from daq.recorder.now import Now
+from daq.recorder.recorder import Recorder
+from daq.recorder.standing import NO_DISK, NO_QUEUE
+from daq.samples.mapping import MappedChannel, map_channels
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
-from daq.socketcan import SocketCanSource
-from daq.source import HopLosses, LinkFacts, SourceLosses
-from daq.standing import NO_DISK, NO_QUEUE
 from dbc import Codec, FrameBatch
 
 BUSES = 4

@@ -30,7 +30,7 @@ class _Feed:
     """A recorder that says the same things as a real one, as JSON, ten times a second."""
 
     def __init__(self) -> None:
-        from daq.messages import Phase
+        from daq.control.messages import Phase
         from tests.tui.terminal.fake_recorder import FakeRecorder
 
         self._recorder = FakeRecorder()
@@ -50,7 +50,7 @@ class _Feed:
         self._stop.set()
 
     def _tell(self, post: Callable[[object], None]) -> None:
-        from daq.messages import LIVE, STATUS, Lane, Live
+        from daq.control.messages import LIVE, STATUS, Lane, Live
 
         status = self._recorder.status
         rng = np.random.default_rng(1)
@@ -71,8 +71,8 @@ class _Feed:
 
 def child() -> None:
     """Run the terminal until killed."""
-    from tui.app import BenchApp
-    from tui.glyphs import GlyphSet, choose_glyphs
+    from tui.terminal.app import BenchApp
+    from tui.terminal.glyphs import GlyphSet, choose_glyphs
 
     glyphs = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
     BenchApp(_Feed(), Path(), glyphs, "MK").run()  # type: ignore[arg-type]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from daq.messages import (
+from daq.control.messages import (
     Alarm,
     BusState,
     BusStatus,

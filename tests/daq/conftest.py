@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from daq.config import Bench
-from daq.journal_format import JournalHead
-from daq.keeper import Keeper
+from daq.bench.config import Bench
+from daq.journal.format import JournalHead
+from daq.journal.keeper import Keeper
 from dbc import Codec
 
 from .small_campaign import START_NS, small_bench, small_codec

@@ -14,13 +14,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from daq.config import RecorderConfig
-from daq.derive import derive
-from daq.journal_format import JournalHead
-from daq.journal_reader import JournalReader
-from daq.keeper import Keeper
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.journal.derive import derive
+from daq.journal.format import JournalHead
+from daq.journal.keeper import Keeper
+from daq.journal.reader import JournalReader
 from daq.runs import Event
-from daq.source import HopLosses
 from dbc.frames import FrameBatch
 
 from .crash_disk import QuickFile
@@ -56,7 +56,7 @@ def journal_of_runs(folder: Path, frames: int, recording: str = "ab" * 16) -> tu
 
 def run_derive(target: Path, segments: Sequence[Path]) -> subprocess.Popen[str]:
     """Start the derivation as the recorder does."""
-    command = [sys.executable, "-m", "daq.derive", str(target), *map(str, segments)]
+    command = [sys.executable, "-m", "daq.journal.derive", str(target), *map(str, segments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 

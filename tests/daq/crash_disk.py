@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
 
-from daq.journal_segment import JournalFile
-from daq.room import Room
+from daq.journal.room import Room
+from daq.journal.segment import JournalFile
 
 
 class QuickFile(FileIO):

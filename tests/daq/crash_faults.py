@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.config import RecorderConfig
-from daq.journal_reader import read_journal
-from daq.keeper import Keeper
-from daq.source import HopLosses
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.journal.keeper import Keeper
+from daq.journal.reader import read_journal
 
 from .crash_disk import FailingDisk
 from .crash_frames import HEAD, block, numbers

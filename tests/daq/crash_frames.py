@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.journal_format import JournalHead
-from daq.journal_reader import read_journal
+from daq.journal.format import JournalHead
+from daq.journal.reader import read_journal
 from dbc.frames import FrameBatch
 
 START_NS = 10**18

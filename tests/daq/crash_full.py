@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.config import RecorderConfig
-from daq.journal_reader import read_journal
-from daq.journal_segment import JournalFile, SyncedFile
-from daq.keeper import Keeper
-from daq.room import Room, room_on
-from daq.source import HopLosses
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.journal.keeper import Keeper
+from daq.journal.reader import read_journal
+from daq.journal.room import Room, room_on
+from daq.journal.segment import JournalFile, SyncedFile
 
 from .crash_disk import SmallDisk
 from .crash_frames import BLOCK_FRAMES, HEAD, block, numbers

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.config import RecorderConfig
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.journal_folder import last_recording, segments_in
-from daq.keeper import Keeper
+from daq.journal.folder import last_recording, segments_in
+from daq.journal.keeper import Keeper
 from daq.runs import Event
-from daq.source import HopLosses
 
 from .crash_disk import LoggedDisk, QuickFile
 from .crash_frames import HEAD, block, read_numbers

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.config import RecorderConfig
-from daq.journal_folder import last_recording, segments_in
-from daq.keeper import Keeper
-from daq.source import HopLosses
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.journal.folder import last_recording, segments_in
+from daq.journal.keeper import Keeper
 
 from .crash_frames import BLOCK_FRAMES, HEAD, RATE_HZ, block, read_numbers
 

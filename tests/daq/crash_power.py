@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.journal_folder import segments_in
+from daq.journal.folder import segments_in
 
 from .crash_frames import read_numbers
 

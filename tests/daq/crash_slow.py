@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.config import BusConfig
-from daq.journal_folder import segments_in
-from daq.journal_segment import SyncedFile
-from daq.source import SourceLosses
+from daq.bench.config import BusConfig
+from daq.bus.source import SourceLosses
+from daq.journal.folder import segments_in
+from daq.journal.segment import SyncedFile
 from dbc.frames import FrameBatch
 
 from .crash_frames import RATE_HZ, block, read_numbers

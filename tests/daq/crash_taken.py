@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.config import RecorderConfig
-from daq.journal_folder import segments_in
-from daq.journal_gaps import FILE_GONE
-from daq.journal_reader import read_journal
-from daq.journal_segment import JournalFile
-from daq.keeper import Keeper
-from daq.source import HopLosses
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.journal.folder import segments_in
+from daq.journal.gaps import FILE_GONE
+from daq.journal.keeper import Keeper
+from daq.journal.reader import read_journal
+from daq.journal.segment import JournalFile
 
 from .crash_disk import QuickFile
 from .crash_frames import HEAD, block, numbers

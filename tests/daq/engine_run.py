@@ -10,11 +10,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from daq.config import Bench, BusConfig
-from daq.engine import Engine
-from daq.messages import Live, Reply, SessionState, Status
-from daq.orders import Order
-from daq.source import FrameSource, SourceLosses
+from daq.bench.config import Bench, BusConfig
+from daq.bus.source import FrameSource, SourceLosses
+from daq.control.messages import Live, Reply, SessionState, Status
+from daq.control.orders import Order
+from daq.recorder.engine import Engine
 from dbc import FrameBatch
 
 PATIENCE_S = 30.0

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import can
 
-from daq.bus import PythonCanSource
-from daq.config import BusConfig
+from daq.bench.config import BusConfig
+from daq.bus.interfaces import PythonCanSource
+from daq.bus.source import FrameSource
 from daq.errors import BusError
-from daq.source import FrameSource
 
 
 @dataclass
@@ -72,7 +72,7 @@ class SickBus(can.BusABC):
 
 
 def opener(device: Device, now_ns: Callable[[], int]) -> Callable[[BusConfig, int], FrameSource]:
-    """Return what opens the device as `daq.bus.open_source` would."""
+    """Return what opens the device as `daq.bus.interfaces.open_source` would."""
 
     def open_device(config: BusConfig, number: int) -> FrameSource:
         name = f"{config.interface} {config.channel}"

@@ -8,8 +8,8 @@ from functools import cache
 
 import numpy as np
 
-from daq.campaign import Campaign
-from daq.config import Bench, TriggerConfig, load_bench
+from daq.bench.campaign import Campaign
+from daq.bench.config import Bench, TriggerConfig, load_bench
 from daq.runs import Event, Excitation
 from dbc import Codec, FrameBatch, parse_codec
 

@@ -25,17 +25,17 @@ from unittest import mock
 
 import numpy as np
 
-from daq import engine as engine_module
-from daq.address import Address
-from daq.book import BookStatus
-from daq.client import Client
-from daq.config import Bench, bench_codec, load_bench, parse_bench
-from daq.engine import Engine
-from daq.journal_folder import segments_in
-from daq.messages import Phase, Reply, SessionState, Status
-from daq.orders import Accept, Arm, AskStatus, Note, Order, Reject, Start, Stop, Until
-from daq.readers import PieceQueue
-from daq.server import Server
+from daq.bench.config import Bench, bench_codec, load_bench, parse_bench
+from daq.control.address import Address
+from daq.control.client import Client
+from daq.control.messages import Phase, Reply, SessionState, Status
+from daq.control.orders import Accept, Arm, AskStatus, Note, Order, Reject, Start, Stop, Until
+from daq.control.server import Server
+from daq.journal.folder import segments_in
+from daq.recorder import engine as engine_module
+from daq.recorder.book import BookStatus
+from daq.recorder.engine import Engine
+from daq.recorder.readers import PieceQueue
 
 from .soak_bus import TirelessBench, one_bump
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq.readers import PieceQueue
-from daq.source import SourceLosses
+from daq.bus.source import SourceLosses
+from daq.recorder.readers import PieceQueue
 from dbc import Codec, FrameBatch
 
 PERIOD_S = 1.024

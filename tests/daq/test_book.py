@@ -6,11 +6,11 @@ import json
 
 import pytest
 
-from daq.book import Book, BookStatus, Code, Finding, entry, fold, verdict_entry
-from daq.config import Bench
-from daq.messages import STATUS
-from daq.order_events import order_event
-from daq.orders import Accept, Mark, Note, OverrideWarning, Reject
+from daq.bench.config import Bench
+from daq.control.messages import STATUS
+from daq.control.orders import Accept, Mark, Note, OverrideWarning, Reject
+from daq.recorder.book import Book, BookStatus, Code, Finding, entry, fold, verdict_entry
+from daq.recorder.order_events import order_event
 from daq.runs import Event
 
 from .a_status import a_status

@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.book import Code, Finding, entry, verdict_entry
-from daq.build import build_session, session_from_journal
-from daq.campaign import Campaign
+from daq.bench.campaign import Campaign
+from daq.bench.config import Bench
+from daq.bus.source import HopLosses
 from daq.channels import Channel, Quantity
-from daq.config import Bench
 from daq.errors import InputError
-from daq.journal_contents import HopCounts
-from daq.journal_format import JournalHead
-from daq.journal_reader import read_journal
-from daq.keeper import Keeper
-from daq.mapping import map_channels
+from daq.journal.contents import HopCounts
+from daq.journal.format import JournalHead
+from daq.journal.keeper import Keeper
+from daq.journal.reader import read_journal
+from daq.recorder.book import Code, Finding, entry, verdict_entry
 from daq.runs import Event, Excitation, Run, RunStatus, Session
+from daq.samples.build import build_session, session_from_journal
+from daq.samples.mapping import map_channels
 from daq.session import read_session, write_session
 from daq.sim.car import SimulatedCar, truth
 from daq.sim.ecu import bench_senders, campaign_frames
 from daq.sim.wire import frame_time_ns
-from daq.source import HopLosses
 from daq.vehicle import Corner
 from dbc import UNUSABLE, Codec, FrameBatch, Quality, parse_codec
 

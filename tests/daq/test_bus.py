@@ -11,16 +11,16 @@ import can
 import numpy as np
 import pytest
 
-from daq.bus import (
+from daq.bench.config import BusConfig
+from daq.bus.interfaces import (
     FAULTS_UNTIL_GONE,
     GARBLED_UNTIL_GONE,
     PythonCanSource,
     open_bus,
     open_source,
 )
-from daq.config import BusConfig
+from daq.bus.source import BLOCK_FRAMES, FrameSource
 from daq.errors import BusError
-from daq.source import BLOCK_FRAMES, FrameSource
 from dbc.frames import FrameBatch, FrameFlag
 
 NOW_NS = 1_800_000_000_123_456_789
@@ -208,8 +208,8 @@ def test_a_virtual_bus_carries_the_clock_of_its_sender() -> None:
 
 SENDER = """
 import sys, can
-from daq.bus import open_bus
-from daq.config import BusConfig
+from daq.bus.interfaces import open_bus
+from daq.bench.config import BusConfig
 with open_bus(BusConfig("udp_multicast", sys.argv[1], 1_000_000)) as bus:
     for i in range(2000):
         bus.send(can.Message(arbitration_id=0x110, is_extended_id=False, data=i.to_bytes(8, "big")))
@@ -275,7 +275,7 @@ def test_a_bus_that_cannot_be_opened_is_one_line_with_advice(
 
 def test_vendor_libraries_that_are_missing_say_nothing_on_the_terminal() -> None:
     code = (
-        "from daq.bus import open_bus\nfrom daq.config import BusConfig\n"
+        "from daq.bus.interfaces import open_bus\nfrom daq.bench.config import BusConfig\n"
         "for name in ('kvaser', 'vector', 'pcan'):\n"
         "    try: open_bus(BusConfig(name, '0', 1000000))\n"
         "    except OSError: pass\n"

@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from daq.bench.config import Bench, bench_codec, load_bench
 from daq.channels import Quantity
-from daq.check import CheckReport, check_bench
-from daq.check_lines import CheckLine, Verdict
-from daq.config import Bench, bench_codec, load_bench
+from daq.check.check import CheckReport, check_bench
+from daq.check.lines import CheckLine, Verdict
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from daq.clock import arrival_times, lower_line, sensor_times
+from daq.samples.clock import arrival_times, lower_line, sensor_times
 
 T0_NS = 1_700_000_000_000_000_000
 Floats = NDArray[np.float64]

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.config import bench_codec, parse_bench
+from daq.bench.config import bench_codec, parse_bench
 from daq.errors import InputError
-from daq.mapping import map_channels
+from daq.samples.mapping import map_channels
 from daq.session import read_session, write_session
 from dbc.frames import FrameBatch
 

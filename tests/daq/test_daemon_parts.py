@@ -15,12 +15,12 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from daq.beats import DISK_S, STILL_S, Beats, standstill
+from daq.control.figures_file import write_figures
+from daq.control.lock import lone_recorder
+from daq.control.messages import Alarm
+from daq.control.systemd import Systemd, status_line
 from daq.errors import FolderLockedError, InputError
-from daq.figures_file import write_figures
-from daq.lock import lone_recorder
-from daq.messages import Alarm
-from daq.systemd import Systemd, status_line
+from daq.recorder.beats import DISK_S, STILL_S, Beats, standstill
 
 from .a_status import a_status
 
@@ -50,7 +50,7 @@ def heard(listener: socket.socket) -> list[str]:
 def test_a_second_recorder_is_told_who_has_the_folder(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "today"
     code = (
-        "import sys; from pathlib import Path; from daq.lock import lone_recorder\n"
+        "import sys; from pathlib import Path; from daq.control.lock import lone_recorder\n"
         "with lone_recorder(Path(sys.argv[1])):\n"
         "    print('held', flush=True); sys.stdin.read()"
     )

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from daq.derive import DONE, main
-from daq.journal_folder import segments_in
+from daq.journal.derive import DONE, main
+from daq.journal.folder import segments_in
 
 from .crash_derive import journal_of_runs
 

@@ -13,19 +13,13 @@ import can
 import numpy as np
 import pytest
 
-from daq import judging, read_session
-from daq.beats import standstill
-from daq.book import BookStatus
-from daq.bus import open_bus, open_source
-from daq.config import Bench, BusConfig, parse_bench
-from daq.errors import BusError, InputError
-from daq.journal_contents import JournalContents
-from daq.journal_folder import last_recording, segments_in
-from daq.journal_reader import read_journal
-from daq.journal_segment import SyncedFile
-from daq.messages import BusState, Phase, SessionState, Status
-from daq.order_events import OrderError
-from daq.orders import (
+from daq import read_session
+from daq.bench.config import Bench, BusConfig, parse_bench
+from daq.bus.interfaces import open_bus, open_source
+from daq.bus.slcan import SlcanSource, open_slcan
+from daq.bus.source import FrameSource, SourceLosses
+from daq.control.messages import BusState, Phase, SessionState, Status
+from daq.control.orders import (
     Arm,
     AskBench,
     AskCheck,
@@ -39,10 +33,17 @@ from daq.orders import (
     Stop,
     Until,
 )
-from daq.readers import Piece, PieceQueue
+from daq.errors import BusError, InputError
+from daq.journal.contents import JournalContents
+from daq.journal.folder import last_recording, segments_in
+from daq.journal.reader import read_journal
+from daq.journal.segment import SyncedFile
+from daq.recorder import judging
+from daq.recorder.beats import standstill
+from daq.recorder.book import BookStatus
+from daq.recorder.order_events import OrderError
+from daq.recorder.readers import Piece, PieceQueue
 from daq.runs import Event
-from daq.slcan import SlcanSource, open_slcan
-from daq.source import FrameSource, SourceLosses
 from daq.verdict import RunMeasure
 from dbc import Codec, FrameBatch
 

@@ -11,20 +11,31 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq import checking
-from daq import engine as engine_module
-from daq.config import Bench
-from daq.derivation import Derivation
-from daq.host_axis import HOST_AXIS
-from daq.journal_folder import last_recording, segments_in
-from daq.journal_reader import read_journal
-from daq.journal_segment import SyncedFile
-from daq.messages import Phase, SessionState
-from daq.order_events import OrderError
-from daq.orders import Arm, AskCheck, Build, Configure, Mark, Reject, Start, Stop, Undo, Until
-from daq.readers import PieceQueue, Readers
+from daq.bench.config import Bench
+from daq.bus.host_axis import HOST_AXIS
+from daq.bus.source import LinkFacts, SourceLosses
+from daq.control.messages import Phase, SessionState
+from daq.control.orders import (
+    Arm,
+    AskCheck,
+    Build,
+    Configure,
+    Mark,
+    Reject,
+    Start,
+    Stop,
+    Undo,
+    Until,
+)
+from daq.journal.folder import last_recording, segments_in
+from daq.journal.reader import read_journal
+from daq.journal.segment import SyncedFile
+from daq.recorder import checking
+from daq.recorder import engine as engine_module
+from daq.recorder.derivation import Derivation
+from daq.recorder.order_events import OrderError
+from daq.recorder.readers import PieceQueue, Readers
 from daq.session import read_session
-from daq.source import LinkFacts, SourceLosses
 from dbc import Codec, FrameBatch
 
 from .crash_frames import block

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.error_frames import ControllerState, ErrorClass, describe_error_frame
+from daq.bus.error_frames import ControllerState, ErrorClass, describe_error_frame
 
 ERROR_FLAG = 0x20000000
 

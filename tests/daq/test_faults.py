@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from daq.alarms import ALARM, ALARM_END, EXPLAINED, GRAVITY
 from daq.alarms.symptoms import COUNTED
+from daq.bus.error_frames import ErrorClass
+from daq.bus.source import HopLosses, SourceLosses
 from daq.channels import Quantity
-from daq.error_frames import ErrorClass
-from daq.messages import DiskStatus, QueueStatus
-from daq.source import HopLosses, SourceLosses
+from daq.control.messages import DiskStatus, QueueStatus
 from dbc import FrameBatch, FrameFlag
 
 from .watched_bench import (

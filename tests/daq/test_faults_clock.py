@@ -9,7 +9,7 @@ from collections import deque
 import can
 import pytest
 
-from daq.bus import PythonCanSource, doze_for
+from daq.bus.interfaces import PythonCanSource, doze_for
 
 from .sick_bus import Device, SickBus
 from .watched_bench import START_NS

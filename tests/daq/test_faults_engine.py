@@ -11,11 +11,11 @@ from pathlib import Path
 import can
 import numpy as np
 
-from daq.config import BusConfig
-from daq.engine import Engine
-from daq.journal_reader import read_journal
-from daq.messages import Live, Status
-from daq.source import FrameSource, SourceLosses
+from daq.bench.config import BusConfig
+from daq.bus.source import FrameSource, SourceLosses
+from daq.control.messages import Live, Status
+from daq.journal.reader import read_journal
+from daq.recorder.engine import Engine
 from dbc import FrameBatch
 
 from .sick_bus import Device, opener

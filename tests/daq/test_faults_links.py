@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 import can
 import pytest
 
-from daq import socketcan_abi as abi
-from daq.config import BusConfig
-from daq.host_axis import HostAxis
-from daq.link import Link
-from daq.slcan import SlcanSource
-from daq.socketcan import SocketCanSource
-from daq.source import FrameSource, SourceLosses
+from daq.bench.config import BusConfig
+from daq.bus import socketcan_abi as abi
+from daq.bus.host_axis import HostAxis
+from daq.bus.link import Link
+from daq.bus.slcan import SlcanSource
+from daq.bus.socketcan import SocketCanSource
+from daq.bus.source import FrameSource, SourceLosses
 from dbc import FrameBatch
 
 from .sick_bus import Device, opener
@@ -198,7 +198,7 @@ def test_a_sick_backend_is_named_counted_and_well_again_and_the_other_bus_never_
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for pause in ("GATHER_S", "FAULT_PAUSE_S"):  # no real time passes here
-        monkeypatch.setattr(f"daq.bus.{pause}", 0.0)
+        monkeypatch.setattr(f"daq.bus.interfaces.{pause}", 0.0)
     sickness, device = SICKNESSES[name], Device()
     clock: list[WatchedBench] = []
     buses = TwoBuses(sickness.interface, opener(device, lambda: clock[0].t_ns))

@@ -10,10 +10,10 @@ import pytest
 
 from daq.alarms import ALARM, ALARM_END, CLOCK_STEP, acknowledged
 from daq.alarms.ledger import RETELL_S
+from daq.bus.error_frames import ErrorClass, describe_error_frame, tally_error_frames
 from daq.channels import Channel, Quantity
-from daq.error_frames import ErrorClass, describe_error_frame, tally_error_frames
-from daq.mapping import map_channels
-from daq.messages import BusState
+from daq.control.messages import BusState
+from daq.samples.mapping import map_channels
 from dbc import FrameBatch, FrameFlag, parse_codec
 
 from .watched_bench import FOREIGN_ID, WatchedBench, both, error_frames, foreign, frames, saturating

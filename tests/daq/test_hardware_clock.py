@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.hardware_clock import HardwareClock, advance
+from daq.bus.hardware_clock import HardwareClock, advance
 
 BOOT_NS = 1_800_000_000_000_000_000
 RATE_HZ = 1000

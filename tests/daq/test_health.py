@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from daq.health import HealthState, advance, losses_added
+from daq.recorder.health import HealthState, advance, losses_added
 from daq.runs import Losses
 from dbc.frames import FrameBatch, FrameFlag
 

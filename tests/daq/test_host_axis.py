@@ -9,8 +9,8 @@ import time
 import numpy as np
 import pytest
 
-from daq.host_axis import HostAxis
-from daq.socketcan import SocketCanSource
+from daq.bus.host_axis import HostAxis
+from daq.bus.socketcan import SocketCanSource
 
 S = 1_000_000_000
 START_NS = 1_800_000_000 * S

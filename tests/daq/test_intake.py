@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from daq.intake import Intake
-from daq.source import HopLosses
+from daq.bus.source import HopLosses
+from daq.samples.intake import Intake
 from dbc import FrameBatch
 
 from .small_campaign import START_NS, blocks, bumps, small_bench, small_codec

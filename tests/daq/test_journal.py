@@ -11,20 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.stream_reader import StreamReader
 
-from daq.config import RecorderConfig
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.journal_format import (
-    JournalHead,
-    pack_events,
-    pack_frames,
-    unpack_events,
-    unpack_frames,
-)
-from daq.journal_reader import JournalReader, read_journal
-from daq.journal_segment import SyncedFile
-from daq.keeper import Keeper
+from daq.journal.format import JournalHead, pack_events, pack_frames, unpack_events, unpack_frames
+from daq.journal.keeper import Keeper
+from daq.journal.reader import JournalReader, read_journal
+from daq.journal.segment import SyncedFile
 from daq.runs import Event
-from daq.source import HopLosses
 from dbc.frames import FrameBatch
 
 HEAD = JournalHead("[bus]\n# µ\n", 'VERSION ""\n', "bumpbench test", 1_800_000_000_000_000_000, 77)

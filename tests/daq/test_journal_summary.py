@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from daq import journal_scan
-from daq.config import RecorderConfig
-from daq.journal_folder import last_recording
-from daq.journal_format import JournalHead
-from daq.journal_reader import read_journal
-from daq.journal_scan import scan
-from daq.journal_summary import read_summary
-from daq.keeper import Keeper
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.journal import scan as journal_scan
+from daq.journal.folder import last_recording
+from daq.journal.format import JournalHead
+from daq.journal.keeper import Keeper
+from daq.journal.reader import read_journal
+from daq.journal.scan import scan
+from daq.journal.summary import read_summary
 from daq.runs import Event
-from daq.source import HopLosses
 
 from .crash_disk import QuickFile
 from .crash_frames import START_NS, block

@@ -10,15 +10,15 @@ import cantools
 import numpy as np
 import pytest
 
-from daq.build import timekeeping
-from daq.check import check_bench
-from daq.check_lines import Verdict
-from daq.config import Bench, bench_codec, parse_bench
+from daq.bench.config import Bench, bench_codec, parse_bench
+from daq.bench.ready_maps import ready_map, ready_map_names
+from daq.check.check import check_bench
+from daq.check.lines import Verdict
 from daq.errors import InputError
-from daq.mapping import map_channels
-from daq.ready_maps import ready_map, ready_map_names
 from daq.runs import SampleGroup
-from daq.sample_groups import sample_groups
+from daq.samples.build import timekeeping
+from daq.samples.groups import sample_groups
+from daq.samples.mapping import map_channels
 from dbc.frames import FrameBatch
 from dbc.samples import Quality
 

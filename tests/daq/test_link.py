@@ -6,10 +6,10 @@ import itertools
 
 import pytest
 
-from daq.config import BusConfig
+from daq.bench.config import BusConfig
+from daq.bus.link import Link
+from daq.bus.source import FrameSource, SourceLosses
 from daq.errors import BusError
-from daq.link import Link
-from daq.source import FrameSource, SourceLosses
 from dbc import FrameBatch
 
 from .small_campaign import blocks, bumps, small_codec

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.channels import Quantity
-from daq.config import Bench, bench_codec, parse_bench
-from daq.guess import guess_corner, guess_quantity, words
-from daq.propose import propose_bench
+from daq.check.guess import guess_corner, guess_quantity, words
+from daq.check.propose import propose_bench
 from daq.vehicle import Corner
 from dbc import parse_codec
 from dbc.crc import CRC_RULES

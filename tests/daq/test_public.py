@@ -22,7 +22,7 @@ def test_a_name_that_is_not_there_is_refused() -> None:
 
 def test_no_session_library_is_loaded_before_a_session_is_asked_for() -> None:
     code = (
-        "import sys, daq, daq.messages; assert 'h5py' not in sys.modules; "
+        "import sys, daq, daq.control.messages; assert 'h5py' not in sys.modules; "
         "daq.read_session; assert 'h5py' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from daq.recent import RecentSamples
+from daq.recorder.recent import RecentSamples
 
 S = 1_000_000_000
 

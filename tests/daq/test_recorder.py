@@ -9,17 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq import judging
-from daq.book import BookStatus, fold
+from daq.bench.config import Bench
+from daq.bench.procedure import Procedure
+from daq.bus.source import HopLosses, LinkFacts, SourceLosses
 from daq.channels import Quantity
-from daq.config import Bench
-from daq.errors import InputError
-from daq.journal_reader import read_journal
-from daq.keeper import JournalError, Keeper
-from daq.messages import Phase, QueueStatus, SessionStatus, Status
-from daq.now import Now
-from daq.order_events import OrderError
-from daq.orders import (
+from daq.control.messages import Phase, QueueStatus, SessionStatus, Status
+from daq.control.orders import (
     Accept,
     Acknowledge,
     Arm,
@@ -34,11 +29,16 @@ from daq.orders import (
     Undo,
     Until,
 )
-from daq.procedure import Procedure
-from daq.recorder import Recorder
+from daq.errors import InputError
+from daq.journal.keeper import JournalError, Keeper
+from daq.journal.reader import read_journal
+from daq.recorder import judging
+from daq.recorder.book import BookStatus, fold
+from daq.recorder.now import Now
+from daq.recorder.order_events import OrderError
+from daq.recorder.recorder import Recorder
+from daq.recorder.standing import NO_DISK, Host
 from daq.runs import Event, Excitation, Losses
-from daq.source import HopLosses, LinkFacts, SourceLosses
-from daq.standing import NO_DISK, Host
 from daq.verdict import RunMeasure
 from dbc import Codec, FrameBatch, FrameFlag
 

@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import pytest
 
-from daq.book import Override, Remark
+from daq.recorder.book import Override, Remark
 from daq.remarks import notes_of, overrides_of
 
 

@@ -7,21 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.book import BookStatus
-from daq.campaign import Campaign
-from daq.config import bench_codec, load_bench
-from daq.journal_folder import last_recording
-from daq.journal_format import JournalHead
-from daq.keeper import Keeper
-from daq.now import Now
-from daq.orders import Arm, Until
-from daq.procedure import Procedure
-from daq.recorder import Recorder
-from daq.remeasured import recall
+from daq.bench.campaign import Campaign
+from daq.bench.config import bench_codec, load_bench
+from daq.bench.procedure import Procedure
+from daq.bus.source import HopLosses
+from daq.control.orders import Arm, Until
+from daq.journal.folder import last_recording
+from daq.journal.format import JournalHead
+from daq.journal.keeper import Keeper
+from daq.recorder.book import BookStatus
+from daq.recorder.now import Now
+from daq.recorder.recorder import Recorder
+from daq.recorder.remeasured import recall
 from daq.runs import BASELINE, Excitation
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
-from daq.source import HopLosses
 from daq.verdict import RunMeasure
 
 from .small_campaign import START_NS, blocks

@@ -8,9 +8,9 @@ import can
 import numpy as np
 import pytest
 
-from daq import replay
+from daq.bus import replay
+from daq.bus.replay import BLOCK_FRAMES, LONGEST_GAP_S, play
 from daq.errors import BusError
-from daq.replay import BLOCK_FRAMES, LONGEST_GAP_S, play
 from dbc import FrameBatch, FrameFlag
 
 from .formats.mixed import batch_of, mixed

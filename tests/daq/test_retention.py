@@ -4,16 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from daq.config import RecorderConfig
-from daq.derived import derived_recordings, remember
-from daq.journal_folder import last_recording, recordings, segments_in
-from daq.journal_format import JournalHead
-from daq.journal_reader import read_journal
-from daq.journal_scan import SegmentInfo, scan
-from daq.keeper import JournalError, Keeper
-from daq.retention import REACH_NS, expendable, oldest
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.journal.derived import derived_recordings, remember
+from daq.journal.folder import last_recording, recordings, segments_in
+from daq.journal.format import JournalHead
+from daq.journal.keeper import JournalError, Keeper
+from daq.journal.reader import read_journal
+from daq.journal.retention import REACH_NS, expendable, oldest
+from daq.journal.scan import SegmentInfo, scan
 from daq.runs import Event
-from daq.source import HopLosses
 
 from .crash_disk import QuickFile
 from .crash_frames import START_NS, block, numbers

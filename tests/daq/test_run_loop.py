@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from daq import run_loop
-from daq.book import Book, Code, Finding, advance, entry, next_step, verdict_entry
-from daq.campaign import Campaign
-from daq.messages import Phase
-from daq.orders import Until
-from daq.run_loop import LoopState, Surroundings
+from daq.bench.campaign import Campaign
+from daq.control.messages import Phase
+from daq.control.orders import Until
+from daq.recorder import run_loop
+from daq.recorder.book import Book, Code, Finding, advance, entry, next_step, verdict_entry
+from daq.recorder.run_loop import LoopState, Surroundings
 from daq.runs import Event, Excitation
 
 S = 1_000_000_000

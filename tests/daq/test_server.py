@@ -15,13 +15,13 @@ from pathlib import Path
 import pytest
 import zmq
 
-from daq.address import Address, control_address
-from daq.client import Client, OrderRefused, RecorderGone, is_running
+from daq.control.address import Address, control_address
+from daq.control.client import Client, OrderRefused, RecorderGone, is_running
+from daq.control.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status
+from daq.control.orders import Arm, AskBench, AskStatus, Hello, Mark, Order, Pause
+from daq.control.peers import Peers
+from daq.control.server import MAX_REQUEST_BYTES, Server
 from daq.errors import InputError
-from daq.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status
-from daq.orders import Arm, AskBench, AskStatus, Hello, Mark, Order, Pause
-from daq.peers import Peers
-from daq.server import MAX_REQUEST_BYTES, Server
 
 from .a_status import a_status
 
@@ -145,8 +145,9 @@ def test_control_of_a_killed_terminal_is_free_at_once(
     server: Server, address: Address, tmp_path: Path
 ) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from daq.address import control_address\n"
-        "from daq.client import Client\n"
+        "import sys, time; from pathlib import Path\n"
+        "from daq.control.address import control_address\n"
+        "from daq.control.client import Client\n"
         "client = Client(control_address(Path(sys.argv[1])), 'Anna', True)\n"
         "print('in control', flush=True); time.sleep(60)"
     )
@@ -278,7 +279,7 @@ def test_ids_that_look_like_processes_are_only_looked_at(server: Server, address
 def test_an_engine_that_does_not_answer_is_told_of(
     server: Server, engine: Engine, address: Address, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daq.server.ANSWER_S", 0.3)
+    monkeypatch.setattr("daq.control.server.ANSWER_S", 0.3)
     asked: list[Future[Reply]] = []
     engine.answer = asked.append
     client = Client(address, "Anna", control=True)
@@ -344,7 +345,7 @@ def test_the_directory_is_private_and_ones_own(
 ) -> None:
     mine = tmp_path / "run"
     monkeypatch.setenv("RUNTIME_DIRECTORY", str(mine))
-    monkeypatch.setattr("daq.address.MAX_PATH_BYTES", 200)
+    monkeypatch.setattr("daq.control.address.MAX_PATH_BYTES", 200)
     address = control_address(tmp_path)
     assert address == control_address(tmp_path / "x" / "..")
     assert address != control_address(tmp_path / "x")

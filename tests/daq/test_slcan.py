@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daq.bus.slcan import SlcanSource, open_slcan
+from daq.bus.slcan_lines import LONGEST_LINE, parse_slcan
 from daq.errors import BusError
-from daq.slcan import SlcanSource, open_slcan
-from daq.slcan_lines import LONGEST_LINE, parse_slcan
 from dbc.frames import FrameBatch, FrameFlag
 
 from .pty_pair import pty_pair
@@ -216,7 +216,7 @@ def test_an_adapter_that_slept_through_its_setup_is_told_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     source = source_of()
-    monkeypatch.setattr("daq.slcan.SILENCE_S", 0.0)
+    monkeypatch.setattr("daq.bus.slcan.SILENCE_S", 0.0)
     source = source_of()
     source.read(0.0)
     source.read(0.0)

@@ -15,13 +15,13 @@ from can.interfaces.socketcan import constants
 from can.interfaces.socketcan.socketcan import build_can_frame, dissect_can_frame
 from numpy.typing import NDArray
 
-from daq import socketcan_abi as abi
-from daq.bus import open_source
-from daq.config import BusConfig
+from daq.bench.config import BusConfig
+from daq.bus import socketcan_abi as abi
+from daq.bus.host_axis import HostAxis
+from daq.bus.interfaces import open_source
+from daq.bus.socketcan import RECEIVE_BUFFER_BYTES, Reception, SocketCanSource, StampClock
+from daq.bus.source import BLOCK_FRAMES
 from daq.errors import BusError
-from daq.host_axis import HostAxis
-from daq.socketcan import RECEIVE_BUFFER_BYTES, Reception, SocketCanSource, StampClock
-from daq.source import BLOCK_FRAMES
 from dbc.frames import FrameBatch, FrameFlag
 
 NOW_NS = 1_800_000_000_123_456_789

@@ -5,8 +5,8 @@ import socket
 import numpy as np
 import pytest
 
-from daq import socketcan_abi as abi
-from daq.socketcan_frames import frame_columns
+from daq.bus import socketcan_abi as abi
+from daq.bus.socketcan_frames import frame_columns
 from dbc.frames import FrameFlag
 
 

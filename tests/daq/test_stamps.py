@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.binding import bind
-from daq.clock import stamped_times
+from daq.samples.binding import bind
+from daq.samples.clock import stamped_times
 
 CYCLE_S = 0.01
 

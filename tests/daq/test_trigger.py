@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from daq.bench.config import TriggerConfig
 from daq.channels import Channel, Quantity, paper_channels
-from daq.config import TriggerConfig
-from daq.runs import Event
-from daq.trigger import (
+from daq.recorder.trigger import (
     Phase,
     TriggerState,
     advance,
@@ -16,6 +15,7 @@ from daq.trigger import (
     pre_trigger_full,
     trigger_channels,
 )
+from daq.runs import Event
 
 CONFIG = TriggerConfig(level=3.0, pre_s=0.5, post_s=1.0, rest_s=0.2)
 START_NS = 1_700_000_000_123_456_789

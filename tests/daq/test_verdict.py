@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.campaign import Step
+from daq.bench.campaign import Step
 from daq.runs import BASELINE, Excitation, Losses
 from daq.verdict import WORDS, RunMeasure, RunWindow, peak_left
 

@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from daq.bench.config import default_bench_text, parse_bench
 from daq.channels import Channel, Quantity
-from daq.config import default_bench_text, parse_bench
+from daq.check.wiggle import Wiggle, can_tell, judge_wiggle
 from daq.sim.plant import corner_motion, forces, load_car, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
-from daq.wiggle import Wiggle, can_tell, judge_wiggle
 
 BIN_S = 0.02
 REST_S, LONG_S = 4.0, 9.0

@@ -12,10 +12,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.book import Finding
-from daq.campaign import Step
+from daq.bench.campaign import Step
+from daq.bench.config import Bench, TriggerConfig, load_bench
 from daq.channels import Channel, Quantity
-from daq.config import Bench, TriggerConfig, load_bench
+from daq.recorder.book import Finding
+from daq.recorder.trigger import TriggerState, advance, trigger_channels
 from daq.runs import Excitation, Losses
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar
 from daq.sim.excitation import Bump
@@ -23,7 +24,6 @@ from daq.sim.imperfections import NONE, Imperfections
 from daq.sim.motion import Kinematics, Moving, TwoBumps, drive
 from daq.sim.plant import load_car
 from daq.sim.sensors import install, measured, true_reading
-from daq.trigger import TriggerState, advance, trigger_channels
 from daq.vehicle import FORD_GRANADA
 from daq.verdict import RunMeasure, RunWindow, judge
 

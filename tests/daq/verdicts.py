@@ -9,8 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from daq.book import Finding
-from daq.campaign import Step
+from daq.bench.campaign import Step
+from daq.recorder.book import Finding
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.verdict import RunMeasure
 

@@ -11,14 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from daq.alarms import AlarmState, Turn, watch
-from daq.config import RecorderConfig, load_bench
-from daq.error_frames import ErrorClass
-from daq.health import HealthState, advance
-from daq.mapping import MappedChannel, map_channels
-from daq.messages import Alarm, BusState, DiskStatus, QueueStatus
-from daq.now import Now
+from daq.bench.config import RecorderConfig, load_bench
+from daq.bus.error_frames import ErrorClass
+from daq.bus.source import HopLosses, LinkFacts, SourceLosses
+from daq.control.messages import Alarm, BusState, DiskStatus, QueueStatus
+from daq.recorder.health import HealthState, advance
+from daq.recorder.now import Now
 from daq.runs import Event
-from daq.source import HopLosses, LinkFacts, SourceLosses
+from daq.samples.mapping import MappedChannel, map_channels
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec
 
 START_NS = 1_800_000_000_000_000_000

@@ -20,17 +20,17 @@ from pathlib import Path
 
 from textual.pilot import Pilot
 
-from daq.address import control_address
-from daq.client import Client
-from daq.config import default_bench_text
-from daq.messages import Status
-from daq.orders import AskStatus, Mark, ShutDown
-from tui.app import BenchApp
-from tui.feed import RecorderFeed
-from tui.glyphs import GlyphSet, choose_glyphs
-from tui.recorder_process import start_demo_recorder, wait_for_recorder
-from tui.screens.base import LOCK_OUT_S
-from tui.steps import BenchStep
+from daq.bench.config import default_bench_text
+from daq.control.address import control_address
+from daq.control.client import Client
+from daq.control.messages import Status
+from daq.control.orders import AskStatus, Mark, ShutDown
+from tui.recorders.process import start_demo_recorder, wait_for_recorder
+from tui.terminal.app import BenchApp
+from tui.terminal.feed import RecorderFeed
+from tui.terminal.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.screens.base import LOCK_OUT_S
+from tui.terminal.steps import BenchStep
 
 from ..tui.terminal.conftest import screen_text
 

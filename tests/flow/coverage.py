@@ -12,10 +12,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.build import build_session
-from daq.config import Bench, load_bench
-from daq.journal_contents import HopCounts
+from daq.bench.config import Bench, load_bench
+from daq.journal.contents import HopCounts
 from daq.runs import Event, Session
+from daq.samples.build import build_session
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec

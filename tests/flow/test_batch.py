@@ -18,8 +18,9 @@ from distributed import Client
 from daq import read_session
 from identify.batch import session_row
 from tests.tui.batches import paper_session, progress_that, refused_session, write_all
-from tui import executors, output
+from tui import output
 from tui.cli import run
+from tui.workers import executors
 
 from .dask_cluster import cluster
 

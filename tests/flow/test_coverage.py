@@ -1,6 +1,6 @@
 import numpy as np
 
-from daq.config import load_bench
+from daq.bench.config import load_bench
 
 from .coverage import outcome
 

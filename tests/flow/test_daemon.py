@@ -20,11 +20,11 @@ import can
 import pytest
 import zmq
 
-from daq.address import control_address
-from daq.client import Client
-from daq.journal_reader import read_journal
-from daq.messages import Phase, Status
-from daq.orders import Arm, AskStatus
+from daq.control.address import control_address
+from daq.control.client import Client
+from daq.control.messages import Phase, Status
+from daq.control.orders import Arm, AskStatus
+from daq.journal.reader import read_journal
 from tui.cli import run
 from tui.diagnostics import ExitCode
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import daq
-from daq.journal_reader import read_journal
+from daq.journal.reader import read_journal
 from tui.cli import run
 
 

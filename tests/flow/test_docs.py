@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from daq.alarms import EXPLAINED
-from daq.procedure import Method
+from daq.bench.procedure import Method
 from daq.session import write_session
 from daq.verdict import WORDS
 from tui.cli import GROUPS, run

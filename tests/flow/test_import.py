@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 
 import daq
-from daq.build import session_from_journal
-from daq.config import parse_bench
-from daq.journal_format import JournalHead
-from daq.journal_reader import read_journal
-from daq.keeper import Keeper
-from daq.now import Now
-from daq.orders import Arm, Until
-from daq.recorder import Recorder
+from daq.bench.config import parse_bench
+from daq.bus.source import HopLosses
+from daq.control.orders import Arm, Until
+from daq.journal.format import JournalHead
+from daq.journal.keeper import Keeper
+from daq.journal.reader import read_journal
+from daq.recorder.now import Now
+from daq.recorder.recorder import Recorder
+from daq.samples.build import session_from_journal
 from daq.sim.ecu import campaign_frames
-from daq.source import HopLosses
 from dbc import FrameBatch, parse_codec, shipped_dbc
 from tui.cli import run
 

@@ -12,7 +12,7 @@ from typing import get_args
 import pytest
 
 from daq.alarms import EXPLAINED
-from daq.orders import Order
+from daq.control.orders import Order
 from tui.cli import run
 from tui.diagnostics import ExitCode
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from daq import read_session
-from daq.book import BookStatus
+from daq.bus.recorded_source import whole_frames
 from daq.errors import InputError
-from daq.recorded_source import whole_frames
-from tui.recorder_process import start_replay_recorder, wait_for_recorder
-from tui.steps import BenchStep, progress
+from daq.recorder.book import BookStatus
+from tui.recorders.process import start_replay_recorder, wait_for_recorder
+from tui.terminal.steps import BenchStep, progress
 
 from .bench_terminal import PtyTerminal, demo_bench, end_recorder, seat, terminal_on
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from daq.book import BookStatus
-from daq.messages import Phase
+from daq.control.messages import Phase
+from daq.recorder.book import BookStatus
 
 from .bench_terminal import demo_bench, seat, terminal_on
 

@@ -6,12 +6,12 @@ import asyncio
 import time
 from pathlib import Path
 
-from daq.address import control_address
-from daq.book import BookStatus
-from daq.client import Client
-from daq.messages import Phase, Status
-from daq.orders import Hello, Pause
-from tui.feed import Lost, News, RecorderFeed, Role
+from daq.control.address import control_address
+from daq.control.client import Client
+from daq.control.messages import Phase, Status
+from daq.control.orders import Hello, Pause
+from daq.recorder.book import BookStatus
+from tui.terminal.feed import Lost, News, RecorderFeed, Role
 
 from .bench_terminal import PATIENCE_S, DemoBench, PtyTerminal, demo_bench, seat, terminal_on
 

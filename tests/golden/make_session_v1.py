@@ -13,15 +13,7 @@ from daq.arrays import session_from_arrays
 from daq.channels import Channel, Quantity
 from daq.runs import Event, Losses, RunStatus
 from daq.session import write_session
-from daq.vehicle import (
-    BodyWeight,
-    Corner,
-    Fact,
-    HubWeight,
-    Structure,
-    Vehicle,
-    VehicleGeometry,
-)
+from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure, Vehicle, VehicleGeometry
 from dbc import FrameBatch
 
 CHANNELS = (

@@ -14,22 +14,24 @@ SOURCES = [path for layer in LAYERS for path in sorted((ROOT / layer).rglob("*.p
 
 # Library -> the only places that may import it.
 RESERVED = {
-    "can": ("daq/bus.py", "daq/slcan", "daq/replay.py", "daq/formats/"),
-    "serial": ("daq/slcan",),
+    "can": ("daq/bus/interfaces.py", "daq/bus/slcan", "daq/bus/replay.py", "daq/formats/"),
+    "serial": ("daq/bus/slcan",),
     "cantools": ("dbc/",),
     "h5py": ("daq/session", "daq/formats/"),
-    "mcap": ("daq/journal",),
-    "zmq": ("daq/server.py", "daq/client.py"),
-    "tomlkit": ("daq/config_edit.py",),
-    "filelock": ("daq/lock.py",),
-    "sdnotify": ("daq/systemd.py",),
-    "prometheus_client": ("daq/figures_file.py",),
-    "textual": ("tui/app.py", "tui/screens/", "tui/widgets/", "tui/palette.py", "tui/themes.py"),
+    "mcap": ("daq/journal/",),
+    "zmq": ("daq/control/server.py", "daq/control/client.py"),
+    "tomlkit": ("daq/bench/edit.py",),
+    "filelock": ("daq/control/lock.py",),
+    "sdnotify": ("daq/control/systemd.py",),
+    "prometheus_client": ("daq/control/figures_file.py",),
+    "textual": tuple(
+        f"tui/terminal/{room}" for room in ("app", "palette", "themes", "screens/", "widgets/")
+    ),
     "textual_serve": ("tui/commands/tui.py",),
     "asammdf": ("daq/formats/",),
     "pandas": ("daq/formats/", "daq/runs.py", "tui/commands/batch/"),  # runs.py: the type only
     "matplotlib": ("identify/figures/", "identify/report/", "identify/plots.py"),
-    "distributed": ("tui/executors.py",),
+    "distributed": ("tui/workers/executors.py",),
     "threading": ("daq/", "tui/"),
     "typer": ("tui/",),
     "rich": ("tui/",),

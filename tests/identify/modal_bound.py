@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
-from identify.modal import modes_of
 from identify.model import physical_model
+from identify.modes.modal import modes_of
 from identify.simulate import Bump, exact_response
 
 from .bumps import CASES

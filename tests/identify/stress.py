@@ -15,8 +15,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from daq.arrays import ArrayRun, session_from_arrays
+from daq.bench.config import load_bench
 from daq.channels import Channel
-from daq.config import load_bench
 from daq.runs import ADDED, BASELINE, Excitation, Session
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar, Spread, message_of, spoilt
 from daq.sim.excitation import Bump

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from identify.era import realised_modes
-from identify.modal import mac
-from identify.stable_poles import stabilisation_diagram
+from identify.modes.era import realised_modes
+from identify.modes.modal import mac
+from identify.modes.stable_poles import stabilisation_diagram
 
 from .structures import chain_poles, chain_shapes, free_decay, random_amplitudes, with_noise
 

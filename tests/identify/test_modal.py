@@ -8,8 +8,8 @@ import pytest
 from daq.channels import Channel, Quantity, paper_channels
 from daq.vehicle import FORD_GRANADA, Corner
 from dbc.errors import InputError
-from identify.modal import ModalModel, displacement_shapes, mac, modes_of, mpc
 from identify.model import physical_model
+from identify.modes.modal import ModalModel, displacement_shapes, mac, modes_of, mpc
 
 TRUTH = modes_of(physical_model(FORD_GRANADA).A)
 GEOMETRY = FORD_GRANADA.geometry

@@ -11,13 +11,13 @@ from scipy.optimize import linear_sum_assignment
 
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import FORD_GRANADA
-from identify.modal import ModalModel, mac, modes_of
-from identify.modal_likelihood import most_likely_modes
-from identify.modal_problem import Ties
-from identify.modal_products import Block
 from identify.model import physical_model
-from identify.sensed import sensed_modes
-from identify.stabilisation import identify_modes
+from identify.modes.likelihood import most_likely_modes
+from identify.modes.modal import ModalModel, mac, modes_of
+from identify.modes.problem import Ties
+from identify.modes.products import Block
+from identify.modes.sensed import sensed_modes
+from identify.modes.stabilisation import identify_modes
 
 from .bumps import CASES, MASS_STATES, paper_records
 from .modal_bound import unstructured_bound

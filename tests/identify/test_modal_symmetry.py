@@ -6,7 +6,7 @@ import numpy as np
 
 from daq.channels import Channel, Quantity, paper_channels
 from daq.vehicle import Corner
-from identify.modal_symmetry import mirror_of
+from identify.modes.symmetry import mirror_of
 
 
 def body(name: str, x_m: float, y_m: float) -> Channel:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from daq.vehicle import FORD_GRANADA
-from identify.modal import ModalModel, modes_of
-from identify.mode_names import MODE_NAMES, mode_names
 from identify.model import physical_model
+from identify.modes.modal import ModalModel, modes_of
+from identify.modes.names import MODE_NAMES, mode_names
 
 GEOMETRY = FORD_GRANADA.geometry
 BASELINE = physical_model(FORD_GRANADA)

@@ -11,11 +11,11 @@ from daq.runs import BASELINE as BASELINE_STATE
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
 from dbc.errors import InputError
-from identify.modal import ModalModel, displacement_shapes, modes_of
-from identify.mode_names import mode_names
 from identify.model import physical_model
-from identify.pairing import pair_modes
-from identify.sensed import sensed_modes
+from identify.modes.modal import ModalModel, displacement_shapes, modes_of
+from identify.modes.names import mode_names
+from identify.modes.pairing import pair_modes
+from identify.modes.sensed import sensed_modes
 
 from .bumps import CASES, paper_records
 

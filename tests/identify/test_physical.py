@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleGeometry
 from dbc.errors import InputError
-from identify.modal import ModalModel, modes_of
 from identify.model import PhysicalModel, delta_mass, physical_model
+from identify.modes.modal import ModalModel, modes_of
 from identify.physical import (
     identify_parameters,
     nearest_vehicle,

@@ -25,16 +25,7 @@ from daq.vehicle import (
 )
 from dbc.errors import InputError
 from identify.model import SYMMETRIC, matrices, physical_model, state_matrix
-from identify.plan import (
-    Advice,
-    Plan,
-    Runs,
-    Sensor,
-    advise,
-    full_vector,
-    outlook,
-    sensors_of,
-)
+from identify.plan import Advice, Plan, Runs, Sensor, advise, full_vector, outlook, sensors_of
 from identify.plan.candidates import candidates
 from identify.simulate import Bump, exact_response
 

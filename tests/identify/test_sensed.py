@@ -13,9 +13,9 @@ from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, Corner
 from dbc.errors import InputError
 from identify.decay import Clock, Record, Recording
-from identify.modal import ModalModel, displacement_shapes, mac, modes_of, sensor_rows
 from identify.model import PhysicalModel, physical_model
-from identify.sensed import SensedModes, sensed_modes
+from identify.modes.modal import ModalModel, displacement_shapes, mac, modes_of, sensor_rows
+from identify.modes.sensed import SensedModes, sensed_modes
 from identify.simulate import Bump, Response, exact_response
 
 RUNS = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.WARP)

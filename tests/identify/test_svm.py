@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
 from dbc.errors import InputError
-from identify.modal import ModalModel, mac, modes_of
 from identify.model import PhysicalModel, physical_model
+from identify.modes.modal import ModalModel, mac, modes_of
+from identify.modes.stabilisation import identify_modes
 from identify.simulate import Bump, exact_response, wilson_response
-from identify.stabilisation import identify_modes
 
 from .structures import (
     chain_poles,

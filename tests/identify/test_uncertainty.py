@@ -14,13 +14,7 @@ from identify.estimation import generic_vehicles
 from identify.greybox import GreyBox
 from identify.likelihood import FACTS, PRIORS, Fit, fit
 from identify.model import FULL_NAMES, SYMMETRIC, physical_model
-from identify.uncertainty import (
-    correlation,
-    derived_estimates,
-    drivers,
-    estimates,
-    mode_estimates,
-)
+from identify.uncertainty import correlation, derived_estimates, drivers, estimates, mode_estimates
 
 from .bumps import CLOCK, MASS_STATES, PAPER_DELTA_MASS, TRUTH, noise_of, paper_records
 

@@ -13,9 +13,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from daq.error_frames import ControllerState, describe_error_frame
+from daq.bus.error_frames import ControllerState, describe_error_frame
+from daq.bus.socketcan import RECEIVE_BUFFER_BYTES, SocketCanSource, StampClock, open_socketcan
 from daq.errors import BusError
-from daq.socketcan import RECEIVE_BUFFER_BYTES, SocketCanSource, StampClock, open_socketcan
 from dbc.frames import FrameBatch, FrameFlag
 
 HOUR_NS = 3600 * 10**9

@@ -12,11 +12,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from daq.bus import open_source
-from daq.config import BusConfig, load_bench
-from daq.journal_folder import segments_in
-from daq.journal_reader import read_journal
-from daq.messages import Status
+from daq.bench.config import BusConfig, load_bench
+from daq.bus.interfaces import open_source
+from daq.control.messages import Status
+from daq.journal.folder import segments_in
+from daq.journal.reader import read_journal
 from dbc.frames import FrameFlag
 
 from ..daq.engine_run import Running

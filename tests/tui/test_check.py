@@ -7,10 +7,10 @@ import can
 import numpy as np
 import pytest
 
-from daq.config import bench_codec, load_bench
+from daq.bench.config import bench_codec, load_bench
+from daq.bus.source import SourceLosses
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
-from daq.source import SourceLosses
 from dbc import FrameBatch
 from tui.cli import run
 
@@ -98,7 +98,7 @@ def test_a_live_bus(
     rest: FrameBatch, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = _Replay(rest)
-    monkeypatch.setattr("daq.bus.open_source", lambda bus, number: source)
+    monkeypatch.setattr("daq.bus.interfaces.open_source", lambda bus, number: source)
     assert run(["check", "--interface", "socketcan", "--channel", "can0", "--seconds", "0.1"]) == 0
     assert "OK   channel travel_rr" in capsys.readouterr().out
     assert source.closed

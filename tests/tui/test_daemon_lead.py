@@ -8,11 +8,11 @@ from typing import Any, cast
 
 import pytest
 
-from daq.config import Bench
-from daq.messages import Phase, Reply, SessionState, SessionStatus, Status
-from daq.orders import Arm, Order, Stop, Until
-from tui.daemon import Habits, _Daemon
-from tui.log import Log
+from daq.bench.config import Bench
+from daq.control.messages import Phase, Reply, SessionState, SessionStatus, Status
+from daq.control.orders import Arm, Order, Stop, Until
+from tui.recorders.daemon import Habits, _Daemon
+from tui.recorders.log import Log
 
 from ..daq.a_status import a_status
 

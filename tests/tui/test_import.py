@@ -253,7 +253,7 @@ def test_a_log_and_its_session_are_replayed(
         def send(self, msg: can.Message, timeout: float | None = None) -> None:
             sent.append(msg)
 
-    monkeypatch.setattr("daq.bus.open_bus", lambda _: Wire())
+    monkeypatch.setattr("daq.bus.interfaces.open_bus", lambda _: Wire())
     frames = bumps(small_codec(), 4)
     log = write_log(tmp_path / "all.log", frames)
     out = tmp_path / "s.h5"

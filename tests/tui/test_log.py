@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from daq.errors import InputError
-from tui.log import BURST, MAX_FILE_BYTES, Log
+from tui.recorders.log import BURST, MAX_FILE_BYTES, Log
 
 STORM = """
 import logging, sys, threading, warnings
-from tui.log import Log
+from tui.recorders.log import Log
 with Log(None) as log:
     for i in range(5_000):
         log.line("x" * 100)
@@ -53,7 +53,7 @@ def test_a_reader_that_has_gone_holds_nothing_up() -> None:
 
 def test_a_line_is_not_glued_to_a_bar_of_progress() -> None:
     master, terminal = os.openpty()
-    script = "from tui.log import Log\nwith Log(None) as log: log.line('alarm')"
+    script = "from tui.recorders.log import Log\nwith Log(None) as log: log.line('alarm')"
     with subprocess.Popen([sys.executable, "-c", script], stderr=terminal) as process:
         assert process.wait(60) == 0
     assert os.read(master, 1000) == b"\r\x1b[Kbumpbench: alarm\r\n"
@@ -63,7 +63,7 @@ def test_a_line_is_not_glued_to_a_bar_of_progress() -> None:
 
 def test_what_repeats_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [0.0]
-    monkeypatch.setattr("tui.log.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("tui.recorders.log.time.monotonic", lambda: clock[0])
     path = tmp_path / "logs" / "recorder.log"
     with Log(path) as log:
         for _ in range(100):

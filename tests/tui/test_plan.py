@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import daq
-from daq.config import default_bench_text
+from daq.bench.config import default_bench_text
 from daq.runs import Excitation
 from daq.vehicle import DOF, FORD_GRANADA
 from dbc import shipped_dbc

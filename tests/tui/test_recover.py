@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from daq.journal_folder import segments_in
+from daq.journal.folder import segments_in
 from tests.daq.crash_derive import journal_of_runs
 from tests.daq.small_campaign import LABELS
 from tui.cli import run

@@ -17,11 +17,10 @@ import pytest
 import daq
 from daq.errors import InputError
 from daq.runs import RunStatus
-from tui.glyphs import GlyphSet, choose_glyphs
-from tui.long_work import LongWork, after, work_text
-from tui.outcome_of import without
-from tui.sessions import SessionEntry, entry_line, found
-from tui.work_lines import (
+from tui.terminal.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.long_work import LongWork, after, work_text
+from tui.terminal.sessions import SessionEntry, entry_line, found
+from tui.workers.lines import (
     CompareTask,
     Done,
     ExportTask,
@@ -39,7 +38,8 @@ from tui.work_lines import (
     task_text,
     trouble_of,
 )
-from tui.worker import lines_of
+from tui.workers.outcome_of import without
+from tui.workers.worker import lines_of
 
 from ..identify.stress import stress_session
 
@@ -145,7 +145,7 @@ def test_a_killed_child_is_told(session: Path) -> None:
         if not killed:
             children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text()
             for pid in map(int, children.split()):
-                if b"tui.work" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                if b"tui.workers.work" in Path(f"/proc/{pid}/cmdline").read_bytes():
                     os.kill(pid, signal.SIGKILL)
                     killed.append(pid)
 
@@ -157,7 +157,7 @@ def test_a_killed_child_is_told(session: Path) -> None:
 
 def test_the_child_ends_when_its_terminal_does(session: Path) -> None:
     task = task_text(IdentifyTask(str(session)))
-    command = [sys.executable, "-m", "tui.work", task]
+    command = [sys.executable, "-m", "tui.workers.work", task]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
         assert child.stdin is not None
         assert child.stdout is not None

@@ -10,8 +10,8 @@ import typer
 from ..diagnostics import ExitCode, say, say_left_out
 
 if TYPE_CHECKING:
-    from daq.check import CheckReport
-    from daq.config import Bench
+    from daq.bench.config import Bench
+    from daq.check.check import CheckReport
     from dbc.frames import FrameBatch
 
 
@@ -41,8 +41,8 @@ def check(
         return _list_layouts(json)
     from datetime import date
 
-    from daq.check import check_bench
-    from daq.config import bench_codec
+    from daq.bench.config import bench_codec
+    from daq.check.check import check_bench
     from daq.errors import InputError
 
     if layout is not None and bench is not None:
@@ -66,7 +66,7 @@ def check(
         _print_document(report)
     else:
         _print_report(report)
-    from daq.check_lines import Verdict
+    from daq.check.lines import Verdict
 
     return ExitCode.ANSWER_IS_NO if report.verdict is Verdict.FAIL else ExitCode.OK
 
@@ -78,7 +78,7 @@ def _bench(
     interface: str | None,
     channel: str | None,
 ) -> Bench:
-    from daq.config import load_bench, on_bus, parse_bench
+    from daq.bench.config import load_bench, on_bus, parse_bench
 
     from ..bench import reachable, shared_bench
 
@@ -101,9 +101,9 @@ def _proposed(
     """Write the proposal; return it as a bench with the traffic, if there was any."""
     import os
 
-    from daq.config import load_bench, on_bus, parse_bench
+    from daq.bench.config import load_bench, on_bus, parse_bench
+    from daq.check.propose import propose_bench
     from daq.errors import InputError
-    from daq.propose import propose_bench
     from dbc import parse_codec, read_dbc
 
     from ..bench import reachable
@@ -158,7 +158,7 @@ def _frames(bench: Bench, log: Path | None, seconds: float) -> FrameBatch:
         frames = FrameBatch.concatenate(batches)
         end_ns = int(frames.t_ns[0]) + round(seconds * 1e9) if len(frames) else 0
         return frames.select(frames.t_ns <= end_ns)
-    from daq.bus import open_source
+    from daq.bus.interfaces import open_source
 
     source = open_source(bench.bus, 0)
     try:
@@ -206,7 +206,7 @@ def _print_document(report: CheckReport) -> None:
 
 
 def _list_layouts(json: bool) -> int:
-    from daq.ready_maps import ready_map, ready_map_names
+    from daq.bench.ready_maps import ready_map, ready_map_names
 
     from ..output import print_json, print_line
 

@@ -27,19 +27,24 @@ def demo(
     from dataclasses import asdict
 
     import identify as method
-    from daq.bus import open_bus, open_source
-    from daq.config import bench_codec, load_bench, on_bus
-    from daq.lock import lone_recorder
-    from daq.messages import Phase, Status
-    from daq.replay import play
+    from daq.bench.config import bench_codec, load_bench, on_bus
+    from daq.bus.interfaces import open_bus, open_source
+    from daq.bus.replay import play
+    from daq.control.lock import lone_recorder
+    from daq.control.messages import Phase, Status
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
 
-    from ..daemon import Habits
-    from ..log import Log
     from ..output import print_json, print_line, progress
-    from ..recorder_process import LOG
-    from ..recording import OpenedAtStart, print_summary, record_campaign, recorded_session
+    from ..recorders.daemon import Habits
+    from ..recorders.log import Log
+    from ..recorders.process import LOG
+    from ..recorders.recording import (
+        OpenedAtStart,
+        print_summary,
+        record_campaign,
+        recorded_session,
+    )
     from ..result import identification_document, print_identification
 
     bench = on_bus(load_bench(None), "virtual", f"bumpbench-demo-{os.getpid()}")

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from daq import Session
-    from daq.config import Bench
+    from daq.bench.config import Bench
     from daq.formats.log import Log
-    from daq.intake import LogPart
+    from daq.samples.intake import LogPart
     from dbc import Codec
 
     from ..output import Stage
@@ -56,15 +56,15 @@ def import_(
     from json import dumps
 
     from daq import write_session
-    from daq.config import bench_codec
+    from daq.bench.config import bench_codec
     from daq.errors import InputError
     from daq.formats.log import read_log, read_logs
-    from daq.intake import labelled, numbered, parse_runs, session_from_parts, with_steps
+    from daq.samples.intake import labelled, numbered, parse_runs, session_from_parts, with_steps
 
     from ..bench import bench_with_dbc
     from ..diagnostics import say, say_left_out
     from ..output import print_json, progress
-    from ..recording import print_summary, summary
+    from ..recorders.recording import print_summary, summary
 
     singles = [_single(text) for text in run or []]
     if bool(singles) == bool(logs):
@@ -136,7 +136,7 @@ def _parts(
     apart: bool,
 ) -> list[LogPart]:
     """Read all logs; one that goes on where the last one ended is one part with it."""
-    from daq.intake import Intake
+    from daq.samples.intake import Intake
 
     intakes: list[Intake] = []
     bumps = frames = 0

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from daq.config import Bench
+    from daq.bench.config import Bench
     from daq.runs import Session
     from identify.plan import Advice, Plan
 
@@ -40,7 +40,7 @@ def plan(
     from identify.plan import advise
 
     from ..output import print_json, progress
-    from ..planning import planned
+    from ..workers.planning import planned
 
     with progress("plan") as stage:
         stage(0.1, "reading")
@@ -59,7 +59,7 @@ def plan(
 
 
 def _bench(path: Path | None, session: Path | None, held: Session | None) -> Bench:
-    from daq.config import load_bench, parse_bench
+    from daq.bench.config import load_bench, parse_bench
 
     text = held.provenance.get("bench_toml") if held and path is None else None
     if held is None or session is None or text is None:

@@ -38,14 +38,14 @@ def record(
     With --keep-on it ends by a signal alone, within seconds, and a missing bus is waited for.
     SIGHUP reads bench.toml again.
     """
-    from daq.bus import open_source
-    from daq.lock import lone_recorder
+    from daq.bus.interfaces import open_source
+    from daq.control.lock import lone_recorder
 
     from ..bench import shared_bench
-    from ..daemon import Habits
-    from ..log import Log
     from ..output import progress
-    from ..recording import OpenedAtStart, print_outcome, record_campaign
+    from ..recorders.daemon import Habits
+    from ..recorders.log import Log
+    from ..recorders.recording import OpenedAtStart, print_outcome, record_campaign
 
     described = shared_bench(bench, interface, channel)
     habits = Habits(not idle, keep_on, figures, lambda: shared_bench(bench, interface, channel))

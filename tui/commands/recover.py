@@ -12,7 +12,7 @@ from ..diagnostics import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from daq.journal_contents import RecordingInfo
+    from daq.journal.contents import RecordingInfo
 
 
 def recover(
@@ -29,12 +29,12 @@ def recover(
 ) -> int:
     """Build the session file of each recording from its journal, and say exactly what is lost."""
     from daq import read_session
-    from daq.derive import derive
-    from daq.journal_folder import recordings_of
+    from daq.journal.derive import derive
+    from daq.journal.folder import recordings_of
 
     from ..diagnostics import say
     from ..output import print_json
-    from ..recording import print_summary, summary
+    from ..recorders.recording import print_summary, summary
 
     segments = _segments(journal)
     found = recordings_of(segments)
@@ -61,7 +61,7 @@ def recover(
 def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
     """Return the segments that are named, and those of folders that are."""
     from daq.errors import InputError
-    from daq.journal_folder import segments_in
+    from daq.journal.folder import segments_in
 
     segments: list[Path] = []
     for path in paths:

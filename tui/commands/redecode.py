@@ -11,7 +11,7 @@ from ..diagnostics import ExitCode
 
 if TYPE_CHECKING:
     from daq import Session
-    from daq.config import Bench
+    from daq.bench.config import Bench
 
 
 def redecode(
@@ -30,10 +30,10 @@ def redecode(
 
     from daq import read_foreign_session, write_session
     from daq.errors import InputError
-    from daq.redecode import redecoded
+    from daq.samples.redecode import redecoded
 
     from ..output import print_json
-    from ..recording import print_summary, summary
+    from ..recorders.recording import print_summary, summary
 
     if dbc is None and config is None:
         what = "neither a DBC nor a bench.toml is named"
@@ -59,7 +59,7 @@ def _bench(old: Session, where: str, dbc: Path | None, config: Path | None) -> B
     """Return the bench of the session, with what was corrected."""
     from dataclasses import replace
 
-    from daq.config import parse_bench
+    from daq.bench.config import parse_bench
     from daq.errors import InputError
     from dbc import read_dbc, shipped_dbc
 

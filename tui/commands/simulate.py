@@ -24,9 +24,9 @@ def simulate(
     from dataclasses import asdict
     from itertools import accumulate
 
-    from daq.bus import open_bus
-    from daq.config import bench_codec
-    from daq.replay import play
+    from daq.bench.config import bench_codec
+    from daq.bus.interfaces import open_bus
+    from daq.bus.replay import play
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
 

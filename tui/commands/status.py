@@ -15,14 +15,14 @@ def status(
     json: Annotated[bool, typer.Option("--json", help="Print the whole status as JSON.")] = False,
 ) -> int:
     """Ask the recorder of a folder how it is; exit 1 if none runs there."""
-    from daq.address import control_address
-    from daq.client import Client, OrderRefused, RecorderGone
-    from daq.messages import STATUS
-    from daq.orders import AskStatus
+    from daq.control.address import control_address
+    from daq.control.client import Client, OrderRefused, RecorderGone
+    from daq.control.messages import STATUS
+    from daq.control.orders import AskStatus
 
     from ..diagnostics import say
     from ..output import print_json, print_line
-    from ..recorder_lines import status_lines
+    from ..recorders.lines import status_lines
 
     try:
         client = Client(control_address(folder), "status", control=False)

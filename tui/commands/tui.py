@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..glyphs import GlyphSet
+from ..terminal.glyphs import GlyphSet
 
 if TYPE_CHECKING:
     import subprocess
@@ -58,9 +58,9 @@ def tui(
     import os
     import sys
 
-    from ..app import BenchApp
-    from ..feed import RecorderFeed
-    from ..glyphs import choose_glyphs
+    from ..terminal.app import BenchApp
+    from ..terminal.feed import RecorderFeed
+    from ..terminal.glyphs import choose_glyphs
 
     if web:
         return _serve(sys.argv[1:])
@@ -78,7 +78,7 @@ def tui(
 
 def known_operator(folder: Path) -> str:
     """Return who filled the form of the vehicle in this folder; empty if nobody did."""
-    from ..drafts import VEHICLE_FORM, read_draft
+    from ..terminal.drafts import VEHICLE_FORM, read_draft
 
     told = read_draft(folder / VEHICLE_FORM).get("operator")
     return told.strip() if isinstance(told, str) else ""
@@ -98,8 +98,8 @@ def _check_terminal() -> None:
 
 def attach(folder: Path, start: Callable[[], subprocess.Popen[bytes]]) -> None:
     """Start a recorder in a folder unless one answers there."""
-    from daq.address import control_address
-    from daq.client import is_running
+    from daq.control.address import control_address
+    from daq.control.client import is_running
 
     if not is_running(control_address(folder)):
         start()
@@ -118,7 +118,7 @@ def _starter(
     from daq.errors import InputError
 
     from ..bench import shared_bench
-    from ..recorder_process import start_demo_recorder, start_recorder, start_replay_recorder
+    from ..recorders.process import start_demo_recorder, start_recorder, start_replay_recorder
 
     if demo and replay:
         raise InputError("--demo", "does not go together with --replay", "leave one out")

@@ -9,10 +9,10 @@ from pathlib import Path
 import can
 import pytest
 
+from daq.bus.source import HopLosses
 from daq.formats.log import Log, read_log
-from daq.journal_format import JournalHead
-from daq.keeper import Keeper
-from daq.source import HopLosses
+from daq.journal.format import JournalHead
+from daq.journal.keeper import Keeper
 from dbc import FrameBatch
 
 from .mixed import START_S, Frame, batch_of, frames_in, message, mixed

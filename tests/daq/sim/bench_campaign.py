@@ -6,17 +6,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from daq.config import Bench, bench_codec
+from daq.bench.config import Bench, bench_codec
+from daq.bus.source import HopLosses
+from daq.control.messages import DiskStatus, QueueStatus, SessionStatus, Status
+from daq.control.orders import Arm, Until
 from daq.errors import BusError
-from daq.messages import DiskStatus, QueueStatus, SessionStatus, Status
-from daq.now import Now
-from daq.orders import Arm, Until
-from daq.recorder import Recorder
+from daq.recorder.now import Now
+from daq.recorder.recorder import Recorder
+from daq.recorder.standing import Host
 from daq.runs import Event
 from daq.sim.bench_source import Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
-from daq.source import HopLosses
-from daq.standing import Host
 from dbc import FrameBatch
 
 START_NS = 1_800_000_000_000_000_000

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 import identify
-from daq.book import BookStatus, Remark
-from daq.build import build_session
-from daq.campaign import Campaign
-from daq.config import Bench, bench_codec, load_bench
+from daq.bench.campaign import Campaign
+from daq.bench.config import Bench, bench_codec, load_bench
+from daq.control.messages import Phase, Status
 from daq.errors import BusError
-from daq.health import HealthState, advance
-from daq.journal_contents import HopCounts
-from daq.messages import Phase, Status
-from daq.now import Now
-from daq.recorder import Recorder
+from daq.journal.contents import HopCounts
+from daq.recorder.book import BookStatus, Remark
+from daq.recorder.health import HealthState, advance
+from daq.recorder.now import Now
+from daq.recorder.recorder import Recorder
 from daq.runs import BASELINE, Excitation
+from daq.samples.build import build_session
 from daq.sim.bench_source import PIECE_S, WIGGLE_S, Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
 from daq.sim.motion import pushed

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.campaign import Campaign
-from daq.config import load_bench
+from daq.bench.campaign import Campaign
+from daq.bench.config import load_bench
 from daq.errors import InputError
 from daq.runs import Excitation
 from daq.sim.car import SimulatedCar, Spread, truth

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from daq.bench.config import load_bench
 from daq.channels import Channel, Quantity
-from daq.config import load_bench
 from daq.errors import InputError
 from daq.sim.car import BIAS, NOISE, SensorTruth, SimulatedCar, Spread, truth
 from daq.sim.motion import Kinematics

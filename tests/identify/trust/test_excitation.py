@@ -9,8 +9,8 @@ from daq.runs import ADDED, BASELINE, Excitation
 from daq.vehicle import FORD_GRANADA, AddedMass
 from identify.decay import FreeDecay
 from identify.estimation import Estimation
-from identify.modal import modes_of
 from identify.model import PhysicalModel, loaded_model, physical_model
+from identify.modes.modal import modes_of
 from identify.trust.excitation import best_run, excitation_findings, mode_snr_db
 from identify.trust.finding import Finding, Verdict
 

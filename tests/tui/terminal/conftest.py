@@ -12,8 +12,8 @@ import pytest
 from textual.app import App
 from textual.pilot import Pilot
 
-from tui.app import BenchApp
-from tui.glyphs import Glyphs, GlyphSet, choose_glyphs
+from tui.terminal.app import BenchApp
+from tui.terminal.glyphs import Glyphs, GlyphSet, choose_glyphs
 
 from .fake_recorder import FakeRecorder
 

@@ -8,9 +8,8 @@ from zlib import crc32
 
 import numpy as np
 
-from daq.book import Book, BookStatus, Code, Finding, advance, entry, next_step, verdict_entry
-from daq.config import default_bench_text, parse_bench
-from daq.messages import (
+from daq.bench.config import default_bench_text, parse_bench
+from daq.control.messages import (
     BusState,
     BusStatus,
     CheckItem,
@@ -26,7 +25,7 @@ from daq.messages import (
     Status,
     Tally,
 )
-from daq.orders import (
+from daq.control.orders import (
     Accept,
     Acknowledge,
     Arm,
@@ -48,8 +47,18 @@ from daq.orders import (
     Stop,
     Undo,
 )
+from daq.recorder.book import (
+    Book,
+    BookStatus,
+    Code,
+    Finding,
+    advance,
+    entry,
+    next_step,
+    verdict_entry,
+)
 from daq.runs import Event, Losses
-from tui.feed import News, Refused, Role
+from tui.terminal.feed import News, Refused, Role
 
 WALL_NS = 1_795_267_320_000_000_000  # 2026-11-21 13:22 UTC
 BIN_S = 0.02
@@ -66,7 +75,7 @@ INSTRUCTIONS = {
 
 
 class FakeRecorder:
-    """A `tui.feed.Feed` whose recorder is turned by the test.
+    """A `tui.terminal.feed.Feed` whose recorder is turned by the test.
 
     Parameters
     ----------

@@ -9,10 +9,10 @@ from unicodedata import normalize
 from rich.segment import Segment
 from textual.color import Color
 
-from tui.app import BenchApp
-from tui.glyphs import GlyphSet
-from tui.screens.results import ResultsScreen
-from tui.widgets.plain_ascii import PlainAscii
+from tui.terminal.app import BenchApp
+from tui.terminal.glyphs import GlyphSet
+from tui.terminal.screens.results import ResultsScreen
+from tui.terminal.widgets.plain_ascii import PlainAscii
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder

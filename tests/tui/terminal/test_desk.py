@@ -12,17 +12,17 @@ from textual.pilot import Pilot
 from textual.widgets import TextArea
 
 from daq.alarms import EXPLAINED
-from daq.messages import SessionState, SessionStatus
-from daq.orders import Build, Mark, Note, Reject, ShutDown, Start
+from daq.control.messages import SessionState, SessionStatus
+from daq.control.orders import Build, Mark, Note, Reject, ShutDown, Start
 from daq.verdict import WORDS
-from tui.app import BenchApp
-from tui.help_pages import SCREEN_PAGES, page_of
-from tui.palette import commands
-from tui.screens import export, identify, report, sessions
-from tui.screens.help import HelpScreen
-from tui.sessions import SessionEntry
-from tui.sessions import SessionState as Listed
-from tui.work_lines import (
+from tui.terminal.app import BenchApp
+from tui.terminal.help_pages import SCREEN_PAGES, page_of
+from tui.terminal.palette import commands
+from tui.terminal.screens import export, identify, report, sessions
+from tui.terminal.screens.help import HelpScreen
+from tui.terminal.sessions import SessionEntry
+from tui.terminal.sessions import SessionState as Listed
+from tui.workers.lines import (
     CompareTask,
     Done,
     ExportTask,

@@ -9,9 +9,9 @@ from typing import NoReturn
 
 import pytest
 
-from daq.client import RecorderGone
-from tui import feed
-from tui.feed import BIRTH_S, Lost, News, RecorderFeed
+from daq.control.client import RecorderGone
+from tui.terminal import feed
+from tui.terminal.feed import BIRTH_S, Lost, News, RecorderFeed
 
 
 def test_a_recorder_that_has_only_just_been_started_is_not_lost(
@@ -26,7 +26,7 @@ def test_a_recorder_that_has_only_just_been_started_is_not_lost(
 
     monkeypatch.setattr(feed, "Client", nobody)
     monkeypatch.setattr(feed, "RETRY_S", 0.01)
-    monkeypatch.setattr("tui.feed.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("tui.terminal.feed.time.monotonic", lambda: clock[0])
     told: Queue[News] = Queue()
     listener = RecorderFeed(tmp_path, "MK", lambda: None)
     listener.start(told.put)

@@ -11,12 +11,12 @@ from rich.cells import cell_len
 from textual.color import Color
 from textual.widgets import Input
 
-from daq.messages import Alarm, BusState, BusStatus, Phase, SessionState, SessionStatus
-from tui.app import BenchApp
-from tui.feed import Lost
-from tui.screens.help import HelpScreen
-from tui.screens.masses import MassesScreen
-from tui.themes import THEMES
+from daq.control.messages import Alarm, BusState, BusStatus, Phase, SessionState, SessionStatus
+from tui.terminal.app import BenchApp
+from tui.terminal.feed import Lost
+from tui.terminal.screens.help import HelpScreen
+from tui.terminal.screens.masses import MassesScreen
+from tui.terminal.themes import THEMES
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder

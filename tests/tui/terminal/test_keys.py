@@ -7,13 +7,13 @@ from dataclasses import replace
 
 from textual.pilot import Pilot
 
-from daq.messages import Phase
-from daq.orders import Accept, Acknowledge, Arm, Choose, Order, Pause, Redo, Reject, Undo
-from tui.app import MOST_NEWS, BenchApp
-from tui.feed import Lost, Role
-from tui.screens.home import HomeScreen
-from tui.screens.run import RunScreen
-from tui.steps import BenchStep
+from daq.control.messages import Phase
+from daq.control.orders import Accept, Acknowledge, Arm, Choose, Order, Pause, Redo, Reject, Undo
+from tui.terminal.app import MOST_NEWS, BenchApp
+from tui.terminal.feed import Lost, Role
+from tui.terminal.screens.home import HomeScreen
+from tui.terminal.screens.run import RunScreen
+from tui.terminal.steps import BenchStep
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder

@@ -9,9 +9,9 @@ _TO_THE_FIRST_SCREEN = """
 import asyncio, sys
 from pathlib import Path
 from tests.tui.terminal.fake_recorder import FakeRecorder
-from tui.app import BenchApp
-from tui.feed import RecorderFeed
-from tui.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.app import BenchApp
+from tui.terminal.feed import RecorderFeed
+from tui.terminal.glyphs import GlyphSet, choose_glyphs
 import tui.commands.tui
 
 async def main():

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.book import Code, entry
-from daq.messages import Lane, Live, Phase
-from daq.orders import Arm
-from tui.banner import banner
-from tui.feed import Lost
-from tui.glyphs import GlyphSet, choose_glyphs
-from tui.lane_view import lane_specs, window
-from tui.lanes import RING_S, Lanes
-from tui.next_action import next_action
-from tui.steps import BenchStep, progress
-from tui.tracing import full_scale, pooled, trace
+from daq.control.messages import Lane, Live, Phase
+from daq.control.orders import Arm
+from daq.recorder.book import Code, entry
+from tui.terminal.banner import banner
+from tui.terminal.feed import Lost
+from tui.terminal.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.lane_view import lane_specs, window
+from tui.terminal.lanes import RING_S, Lanes
+from tui.terminal.next_action import next_action
+from tui.terminal.steps import BenchStep, progress
+from tui.terminal.tracing import full_scale, pooled, trace
 
 from .fake_recorder import BIN_S, DOUBLE_BUMP, FakeRecorder
 

@@ -9,14 +9,14 @@ import pytest
 from textual.app import App
 from textual.pilot import Pilot
 
-from daq.messages import SessionState, SessionStatus
-from daq.orders import Accept, Build, Mark, Reject
-from tui.app import BenchApp
-from tui.glyphs import GlyphSet
-from tui.outcome import Outcome
-from tui.screens.identify import IdentifyScreen
-from tui.screens.report import ReportScreen
-from tui.screens.results import ResultsScreen
+from daq.control.messages import SessionState, SessionStatus
+from daq.control.orders import Accept, Build, Mark, Reject
+from tui.terminal.app import BenchApp
+from tui.terminal.glyphs import GlyphSet
+from tui.terminal.screens.identify import IdentifyScreen
+from tui.terminal.screens.report import ReportScreen
+from tui.terminal.screens.results import ResultsScreen
+from tui.workers.outcome import Outcome
 
 from .conftest import at_every_size, screen_text
 from .fake_recorder import FakeRecorder

@@ -9,13 +9,13 @@ import pytest
 from textual.app import App
 from textual.pilot import Pilot
 
-from daq.messages import Alarm, BusState, BusStatus, Phase
-from daq.orders import Mark, Note, OverrideWarning
-from tui.app import BenchApp
-from tui.feed import Lost
-from tui.glyphs import GlyphSet
-from tui.screens.home import HomeScreen
-from tui.widgets.lane_chart import LaneChart
+from daq.control.messages import Alarm, BusState, BusStatus, Phase
+from daq.control.orders import Mark, Note, OverrideWarning
+from tui.terminal.app import BenchApp
+from tui.terminal.feed import Lost
+from tui.terminal.glyphs import GlyphSet
+from tui.terminal.screens.home import HomeScreen
+from tui.terminal.widgets.lane_chart import LaneChart
 
 from .conftest import SIZES, at_every_size, screen_text
 from .fake_recorder import DOUBLE_BUMP, WALL_NS, FakeRecorder

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from daq.orders import Hello
-from tui.app import BenchApp
+from daq.control.orders import Hello
 from tui.cli import run
 from tui.commands.tui import known_operator
 from tui.diagnostics import ExitCode
-from tui.widgets.form import Form
+from tui.terminal.app import BenchApp
+from tui.terminal.widgets.form import Form
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder

@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 
-from daq.messages import Phase
-from tui.app import BenchApp
+from daq.control.messages import Phase
+from tui.terminal.app import BenchApp
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, GOOD, FakeRecorder

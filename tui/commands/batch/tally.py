@@ -10,8 +10,8 @@ from time import monotonic
 
 from dbc.errors import InputError
 
-from ...executors import Crew, as_finished
 from ...output import Stage
+from ...workers.executors import Crew, as_finished
 from .journal import RowJournal
 from .table import write_table
 from .work import FAILED, Job, job_of, row_of, row_of_lost

@@ -1,4 +1,4 @@
-"""A pure function over many seeds, by the executors of `tui.executors`."""
+"""A pure function over many seeds, by the executors of `tui.workers.executors`."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
-from ...executors import as_finished, crew_of
 from ...output import Stage
+from ...workers.executors import as_finished, crew_of
 
 Result = TypeVar("Result")
 

@@ -1,0 +1,1 @@
+"""The bench as a person describes it: bench.toml."""

@@ -1,0 +1,50 @@
+"""The procedure as data: what is to be bumped, and how often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..runs import ADDED, BASELINE, Excitation
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One run of the campaign."""
+
+    mass_state: str
+    excitation: Excitation
+    repeat: int
+
+    @property
+    def label(self) -> str:
+        """`baseline_bounce_1` and the like."""
+        return f"{self.mass_state}_{self.excitation}_{self.repeat}"
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Mass states x excitations x repeats, in the order in which they are run.
+
+    Parameters
+    ----------
+    excitations : tuple of Excitation
+        The kinds of bump.
+    repeats : int
+        How often each is bumped in each mass state.
+    mass_states : tuple of str
+        The states of loading; masses are changed as seldom as possible.
+    """
+
+    excitations: tuple[Excitation, ...] = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+    repeats: int = 2
+    mass_states: tuple[str, ...] = (BASELINE, ADDED)
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Every run, in order."""
+        return tuple(
+            Step(mass_state, excitation, repeat)
+            for mass_state in self.mass_states
+            for excitation in self.excitations
+            for repeat in range(1, self.repeats + 1)
+        )

@@ -1,0 +1,350 @@
+"""bench.toml: the description of a bench, checked before anything is touched."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field, replace
+from importlib.resources import files
+from pathlib import Path
+from types import MappingProxyType
+
+from pydantic import ValidationError
+
+from dbc import Codec, parse_codec, read_dbc, shipped_dbc
+
+from ..channels import SI_UNITS, Channel
+from ..errors import InputError
+from ..runs import ADDED, BASELINE
+from ..vehicle import (
+    AddedMass,
+    BodyWeight,
+    Fact,
+    FactQuantity,
+    HubWeight,
+    MassState,
+    Structure,
+    Vehicle,
+    VehicleGeometry,
+    parameter_names,
+)
+from .campaign import Campaign
+from .message_rules import MessageRule, SampleSet, TimeRule, check_sets, ruled_codec
+from .procedure import Procedure
+from .ready_maps import PREFIX, ready_map
+from .tables import BenchFile, ChannelTable, MessageTable, WeightTable
+
+MAX_CONFIG_BYTES = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class BusConfig:
+    """One CAN bus, in python-can's words."""
+
+    interface: str
+    channel: str
+    bitrate: int
+
+
+@dataclass(frozen=True, slots=True)
+class TriggerConfig:
+    """When a run starts and ends.
+
+    Parameters
+    ----------
+    level : float
+        Deviation from rest, in SI units of the trigger channels, that counts as a bump.
+    pre_s, post_s : float
+        Kept before and after the trigger, s.
+    rest_s : float
+        Time below `level` before the next bump is armed, s.
+    """
+
+    level: float
+    pre_s: float
+    post_s: float
+    rest_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderConfig:
+    """What a recorder may do with the disk, and when a bus counts as silent.
+
+    Parameters
+    ----------
+    segment_bytes, segment_s : float
+        A file of the journal ends when it is as large or as old.
+    keep_bytes : float
+        All files of the journal together; beyond it the oldest that are sealed and derived go.
+    reserve_bytes : float
+        Left free on the disk in any case; recording stops before.
+    silent_s : float
+        A bus without a frame for so long is an alarm.
+    """
+
+    segment_bytes: float = 64e6
+    segment_s: float = 900.0
+    keep_bytes: float = 100e9
+    reserve_bytes: float = 200e6
+    silent_s: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """All that a recorder must know.
+
+    Parameters
+    ----------
+    text, dbc_text : str
+        bench.toml and the DBC as read; both go into every journal and session.
+    dbc_name : str
+        Where the DBC came from, for messages.
+    buses : tuple of BusConfig
+        At least one; a frame's `bus` is the position in it.
+    bump_s : float
+        Duration of the bump, s.
+    message_rules, sample_sets : tuple of MessageRule, tuple of SampleSet
+        What is known of messages beyond the DBC.
+    calibration_days : int
+        A calibration older than this is worth a note.
+    procedure : Procedure
+        How the bumps are made.
+    recorder : RecorderConfig
+        Limits of the recorder.
+    """
+
+    text: str
+    dbc_name: str
+    dbc_text: str
+    buses: tuple[BusConfig, ...]
+    vehicle: Vehicle
+    channels: tuple[Channel, ...]
+    mass_states: tuple[MassState, ...]
+    campaign: Campaign
+    bump_s: float
+    trigger: TriggerConfig
+    message_rules: tuple[MessageRule, ...] = ()
+    sample_sets: tuple[SampleSet, ...] = ()
+    calibration_days: int = 365
+    procedure: Procedure = field(default_factory=Procedure)
+    recorder: RecorderConfig = RecorderConfig()
+
+    @property
+    def bus(self) -> BusConfig:
+        """The first bus: the only one of most benches."""
+        return self.buses[0]
+
+
+def default_bench_text() -> str:
+    """Return the shipped bench.toml: the bench of the shipped DBC."""
+    return files("daq").joinpath("bench.toml").read_text("utf-8")
+
+
+def load_bench(path: Path | None) -> Bench:
+    """Read bench.toml, or the shipped one if `path` is None.
+
+    Without `[[channel]]` tables the shipped channels are used, which fit the shipped DBC; with
+    ``dbc = "layout:NAME"`` those of that ready map (`daq.bench.ready_maps`), and its messages
+    and sample sets as far as the file does not state its own.
+
+    Raises
+    ------
+    InputError
+        With file and key, if the file cannot be read, holds an unknown key or a bad value.
+    """
+    if path is None:
+        return parse_bench(default_bench_text(), "bench.toml (shipped)", Path())
+    try:
+        if path.stat().st_size > MAX_CONFIG_BYTES:
+            raise InputError(str(path), "is larger than 1 MB", "name a bench.toml")
+        text = path.read_text("utf-8-sig")
+    except OSError as error:
+        raise InputError(str(path), error.strerror or str(error), "name a bench.toml") from error
+    except UnicodeDecodeError as error:
+        raise InputError(str(path), "is not UTF-8 text", "save it as UTF-8") from error
+    return parse_bench(text, str(path), path.parent)
+
+
+def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None) -> Bench:
+    """Check the text of a bench.toml and resolve what it names.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    where : str
+        Its name, for error messages.
+    folder : Path
+        Where a relative DBC path starts.
+    dbc_text : str, optional
+        The DBC, if it is at hand (in a journal); else it is read from the path in the file.
+
+    Raises
+    ------
+    InputError
+        As `load_bench`.
+    """
+    table = _validated(text, where)
+    table = _completed(table)
+    for kind, names in (
+        ("channel", [channel.name for channel in table.channel]),
+        ("message", [message.name for message in table.message]),
+        ("sample set", [sample_set.name for sample_set in table.sample_set]),
+    ):
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(where, f"{kind} {name} occurs twice", "give each its own name")
+    if dbc_text is None:
+        dbc_text = _dbc_text(table.dbc, folder)
+    geometry = table.vehicle.geometry
+    structure = Structure(**table.vehicle.structure.model_dump())
+    known = (*FactQuantity, *parameter_names(structure))
+    for fact in table.fact:
+        if fact.quantity not in known:
+            what = f"fact {fact.quantity}: is no quantity of this vehicle"
+            raise InputError(where, what, f"use one of {', '.join(known)}")
+    return Bench(
+        text=text,
+        dbc_name=table.dbc or "bumpbench.dbc (shipped)",
+        dbc_text=dbc_text,
+        buses=_buses(table, where),
+        vehicle=Vehicle(
+            table.vehicle.name,
+            VehicleGeometry(geometry.a_m, geometry.b_m, geometry.t_f_m, geometry.t_r_m)
+            if geometry
+            else None,
+            structure,
+            tuple(Fact(fact.quantity, fact.value, fact.sigma) for fact in table.fact),
+        ),
+        channels=tuple(_channel(c) for c in table.channel),
+        mass_states=(
+            MassState(BASELINE),
+            MassState(ADDED, AddedMass(tuple(_weight(w) for w in table.weight))),
+        ),
+        campaign=Campaign(tuple(table.campaign.excitations), table.campaign.repeats),
+        bump_s=table.campaign.bump_s,
+        trigger=TriggerConfig(**table.trigger.model_dump()),
+        message_rules=tuple(_rule(message) for message in table.message),
+        sample_sets=tuple(
+            SampleSet(s.name, tuple(s.messages), s.bound_by) for s in table.sample_set
+        ),
+        calibration_days=table.calibration.max_age_days,
+        procedure=Procedure(
+            table.campaign.method,
+            table.campaign.bump_height_mm * 1e-3,
+            table.campaign.accept_after_s,
+            MappingProxyType(dict(table.campaign.instructions)),
+        ),
+        recorder=RecorderConfig(
+            table.recorder.segment_mb * 1e6,
+            table.recorder.segment_minutes * 60.0,
+            table.recorder.keep_gb * 1e9,
+            table.recorder.reserve_mb * 1e6,
+            table.recorder.silent_s,
+        ),
+    )
+
+
+def _buses(table: BenchFile, where: str) -> tuple[BusConfig, ...]:
+    tables = table.bus if isinstance(table.bus, list) else [table.bus]
+    buses = tuple(BusConfig(bus.interface, bus.channel, bus.bitrate) for bus in tables)
+    taken = [(bus.interface, bus.channel) for bus in buses]
+    for interface, channel in taken:
+        if taken.count((interface, channel)) > 1:
+            what = f"bus {interface} {channel} occurs twice"
+            raise InputError(where, what, "give each [[bus]] its own channel")
+    return buses
+
+
+def bench_codec(bench: Bench) -> Codec:
+    """Return the bench's DBC, compiled, with what bench.toml adds to its messages.
+
+    Raises
+    ------
+    InputError
+        If the DBC cannot be used, or bench.toml and the DBC do not fit together.
+    """
+    codec = parse_codec(bench.dbc_text, bench.dbc_name)
+    codec = ruled_codec(codec, bench.message_rules, bench.dbc_name)
+    check_sets(codec, bench.message_rules, bench.sample_sets)
+    return codec
+
+
+def _completed(table: BenchFile) -> BenchFile:
+    """Fill in what the file leaves to the shipped bench or to a ready map."""
+    if not table.dbc.startswith(PREFIX):
+        if table.channel:
+            return table
+        shipped = _validated(default_bench_text(), "bench.toml (shipped)")
+        return table.model_copy(update={"channel": shipped.channel})
+    ready = ready_map(table.dbc.removeprefix(PREFIX))
+    piece = _validated(ready.bench_text, f"{PREFIX}{ready.name}")
+    stated = {message.name for message in table.message}
+    messages = [message for message in piece.message if message.name not in stated]
+    return table.model_copy(
+        update={
+            "channel": table.channel or piece.channel,
+            "message": table.message + messages,
+            "sample_set": table.sample_set or piece.sample_set,
+        }
+    )
+
+
+def _dbc_text(name: str, folder: Path) -> str:
+    if name.startswith(PREFIX):
+        return ready_map(name.removeprefix(PREFIX)).dbc_text
+    return read_dbc(folder / name) if name else shipped_dbc()
+
+
+def _rule(table: MessageTable) -> MessageRule:
+    time = (
+        TimeRule(table.time_signal, table.time_unit, table.time_wrap) if table.time_signal else None
+    )
+    return MessageRule(
+        name=table.name,
+        cycle_s=None if table.cycle_ms is None else table.cycle_ms * 1e-3,
+        counter=table.counter,
+        counter_modulus=table.counter_modulus,
+        crc=table.crc,
+        crc_rule=table.crc_rule,
+        time=time,
+    )
+
+
+def _validated(text: str, where: str) -> BenchFile:
+    try:
+        document = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(where, f"is not TOML: {error}", "mend that line") from error
+    try:
+        return BenchFile.model_validate(document)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"]) or "the file"
+        if first["type"] == "extra_forbidden":
+            raise InputError(where, f"unknown key {key}", "remove it or mend its name") from error
+        raise InputError(where, f"{key}: {first['msg']}", "mend that value") from error
+
+
+def _weight(table: WeightTable) -> BodyWeight | HubWeight:
+    if table.x_m is not None and table.y_m is not None:
+        return BodyWeight(table.mass_kg, table.x_m, table.y_m, table.height_m, table.sigma_kg)
+    assert table.hub is not None  # held by WeightTable
+    return HubWeight(table.mass_kg, table.hub, table.sigma_kg)
+
+
+def _channel(table: ChannelTable) -> Channel:
+    fields = table.model_dump()
+    fields["calibrated"] = table.calibrated.isoformat() if table.calibrated else ""
+    return Channel(unit=SI_UNITS.get(table.quantity, ""), **fields)
+
+
+def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
+    """Return the bench on another bus, where one is named: on that one alone."""
+    if not (interface or channel):
+        return bench
+    bus = replace(
+        bench.bus,
+        interface=interface or bench.bus.interface,
+        channel=channel or bench.bus.channel,
+    )
+    return replace(bench, buses=(bus,))

@@ -1,0 +1,240 @@
+"""What bench.toml knows of messages beyond the DBC: cycle, counter, checksum, time, sample sets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from dbc import Codec
+from dbc.layout import CounterRule, MessageLayout, SignalLayout
+from dbc.units import to_si
+
+from ..errors import InputError
+
+MEND_MESSAGE = "mend that [[message]] in bench.toml"
+MEND_SET = "mend that [[sample_set]] in bench.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class TimeRule:
+    """The time stamp that a sensor puts into its message.
+
+    Parameters
+    ----------
+    signal : str
+        Name of the signal in its message.
+    unit : str
+        Its unit where the DBC states none or a wrong one; empty: as in the DBC.
+    wrap : float or None
+        Value at which it starts again from 0, in its unit; None: where its bits end.
+    """
+
+    signal: str
+    unit: str = ""
+    wrap: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MessageRule:
+    """What is to be added to a message of the DBC, by name.
+
+    Parameters
+    ----------
+    name : str
+        The message.
+    cycle_s : float or None
+        Time between two frames, in place of the DBC's.
+    counter : str or None
+        Its rolling counter.
+    counter_modulus : int or None
+        Range of the counter; None: all values of its bits.
+    crc, crc_rule : str or None, str
+        Its checksum and how that is computed (`dbc.crc.CRC_RULES`).
+    time : TimeRule or None
+        Its time stamp.
+    """
+
+    name: str
+    cycle_s: float | None = None
+    counter: str | None = None
+    counter_modulus: int | None = None
+    crc: str | None = None
+    crc_rule: str = "crc8_j1850"
+    time: TimeRule | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SampleSet:
+    """Messages that carry one sample together.
+
+    Parameters
+    ----------
+    name : str
+        Names their sample group.
+    messages : tuple of str
+        The messages.
+    bound_by : str
+        ``Message.signal``: a counter or time stamp in a frame of its own, sent in one burst with
+        the others; or the name of a counter that each of the messages has.
+    """
+
+    name: str
+    messages: tuple[str, ...]
+    bound_by: str
+
+    @property
+    def carrier(self) -> tuple[str, str]:
+        """Message and signal that number the sets."""
+        message, dot, signal = self.bound_by.partition(".")
+        return (message, signal) if dot else (self.messages[0], self.bound_by)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorClock:
+    """A time stamp signal, resolved.
+
+    Parameters
+    ----------
+    signal : str
+        ``Message.signal``.
+    factor : float
+        Seconds per unit of the signal.
+    wrap : float
+        Value at which it starts again, in its unit.
+    """
+
+    signal: str
+    factor: float
+    wrap: float
+
+
+def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Codec:
+    """Return the codec with the rules of bench.toml; applying them twice changes nothing.
+
+    Raises
+    ------
+    InputError
+        If a rule names a message or signal that the DBC lacks, or one that cannot have that role.
+    """
+    if not rules:
+        return codec
+    by_name = {rule.name: rule for rule in rules}
+    known = {message.name for message in codec.messages}
+    for name in by_name:
+        if name not in known:
+            raise InputError(f"message {name}", f"is not in {dbc_name}", MEND_MESSAGE)
+    messages = tuple(
+        _ruled(message, by_name[message.name]) if message.name in by_name else message
+        for message in codec.messages
+    )
+    return codec if messages == codec.messages else Codec(messages)
+
+
+def _ruled(message: MessageLayout, rule: MessageRule) -> MessageLayout:
+    counter, crc, crc_rule = message.counter, message.crc, message.crc_rule
+    if rule.counter is not None:
+        signal = _plain(message, rule.counter)
+        modulus = rule.counter_modulus or 1 << min(signal.length, 33)
+        if signal.length > 32 or modulus > 1 << signal.length:
+            what = f"counter {signal.name} of {signal.length} bits cannot run to {modulus}"
+            raise InputError(f"message {message.name}", what, MEND_MESSAGE)
+        counter = CounterRule(signal.name, modulus)
+    if rule.crc is not None:
+        signal = _plain(message, rule.crc)
+        if signal.length != 8 or signal.low_bit != 0:
+            what = f"checksum {signal.name} is not one whole byte"
+            raise InputError(f"message {message.name}", what, MEND_MESSAGE)
+        crc, crc_rule = signal.name, rule.crc_rule
+    cycle_s = message.cycle_s if rule.cycle_s is None else rule.cycle_s
+    return replace(message, cycle_s=cycle_s, counter=counter, crc=crc, crc_rule=crc_rule)
+
+
+def _plain(message: MessageLayout, name: str) -> SignalLayout:
+    """Return a signal that is an unsigned whole number in every frame."""
+    signal = _signal(message, name, MEND_MESSAGE)
+    whole = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
+    if not whole or signal.is_signed or signal.is_multiplexed:
+        what = f"{name} is not a plain unsigned number"
+        raise InputError(f"message {message.name}", what, MEND_MESSAGE)
+    return signal
+
+
+def _signal(message: MessageLayout, name: str, advice: str) -> SignalLayout:
+    try:
+        return message.signal(name)
+    except KeyError as error:
+        raise InputError(f"message {message.name}", f"has no signal {name}", advice) from error
+
+
+def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, SensorClock]:
+    """Return the time stamps of the messages that have one, by message name.
+
+    Raises
+    ------
+    InputError
+        If a time signal is not there, is no time, or has no wrap.
+    """
+    messages = {message.name: message for message in codec.messages}
+    return {
+        rule.name: _clock(messages[rule.name], rule.time)
+        for rule in rules
+        if rule.time is not None and rule.name in messages
+    }
+
+
+def timed_messages(codec: Codec, rules: Sequence[MessageRule]) -> frozenset[str]:
+    """Return the messages that tell themselves when their samples were taken."""
+    counted = {m.name for m in codec.messages if m.counter is not None and m.cycle_s is not None}
+    return frozenset(counted | sensor_clocks(codec, rules).keys())
+
+
+def _clock(message: MessageLayout, time: TimeRule) -> SensorClock:
+    signal, where = _signal(message, time.signal, MEND_MESSAGE), f"message {message.name}"
+    try:
+        si = to_si(time.unit or signal.unit)
+    except InputError as error:
+        what = f"time signal {signal.name} has the unknown unit {time.unit or signal.unit!r}"
+        raise InputError(where, what, "state time_unit as s, ms, us or ns") from error
+    if si.unit != "s" or signal.is_multiplexed:
+        what = f"time signal {signal.name} has the unit {time.unit or signal.unit!r}, no time"
+        raise InputError(where, what, "state time_unit as s, ms, us or ns")
+    wrap = time.wrap
+    if wrap is None:
+        if signal.is_float:
+            what = f"time signal {signal.name} is a float, whose bits set no wrap"
+            raise InputError(where, what, "state time_wrap in its unit")
+        wrap = abs(signal.factor) * float(1 << signal.length)
+    return SensorClock(f"{message.name}.{signal.name}", si.factor, wrap)
+
+
+def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[SampleSet]) -> None:
+    """Check that every set can be bound.
+
+    Raises
+    ------
+    InputError
+        If a message or the binding signal is not there, a message is in two sets, or the signal
+        is neither a counter nor a time stamp.
+    """
+    messages = {message.name: message for message in codec.messages}
+    clocks = sensor_clocks(codec, rules)
+    owner: dict[str, str] = {}
+    for sample_set in sets:
+        where = f"sample set {sample_set.name}"
+        carrier, signal = sample_set.carrier
+        for name in (*sample_set.messages, carrier):
+            if name not in messages:
+                raise InputError(where, f"the DBC has no message {name}", MEND_SET)
+        for name in sample_set.messages:
+            if name in owner:
+                raise InputError(where, f"{name} is also in {owner[name]}", MEND_SET)
+            owner[name] = sample_set.name
+        _signal(messages[carrier], signal, MEND_SET)
+        counter = messages[carrier].counter
+        is_time = carrier in clocks and clocks[carrier].signal == f"{carrier}.{signal}"
+        if not is_time and (counter is None or counter.signal != signal):
+            what = f"{carrier}.{signal} is neither the counter nor the time_signal of its message"
+            raise InputError(where, what, f"say which in [[message]] name = {carrier!r}")
+        if not is_time and messages[carrier].cycle_s is None:
+            what = f"{carrier} has no cycle time, and a counter alone tells none"
+            raise InputError(where, what, f"state cycle_ms in [[message]] name = {carrier!r}")

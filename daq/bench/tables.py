@@ -1,0 +1,227 @@
+"""The tables of bench.toml as they are written: types, limits, unknown keys.
+
+What they mean is in `daq.bench.config`.
+"""
+
+from __future__ import annotations
+
+from datetime import date
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from dbc.crc import CRC_RULES
+
+from ..channels import AT_CORNER, Quantity
+from ..runs import Excitation
+from ..vehicle import Corner
+from .procedure import Method
+
+
+def _crc_rule(name: str) -> str:
+    if name not in CRC_RULES:
+        raise ValueError(f"is none of {', '.join(CRC_RULES)}")
+    return name
+
+
+class Table(BaseModel):
+    """A table whose keys are all known."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+_Positive = Annotated[float, Field(gt=0)]
+_NotNegative = Annotated[float, Field(ge=0)]
+_Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
+
+
+def _day(value: object) -> object:
+    """Take a day also as text; anything else, a time of day among it, is not one."""
+    if isinstance(value, str):
+        return date.fromisoformat(value)  # its ValueError says what is wrong
+    if type(value) is not date:
+        raise ValueError("is not a day like 2026-05-31")
+    return value
+
+
+_Day = Annotated[date, BeforeValidator(_day)]
+
+
+class BusTable(Table):
+    """`[bus]`."""
+
+    interface: str = "virtual"
+    channel: str = "bumpbench"
+    bitrate: Annotated[int, Field(gt=0, le=1_000_000)] = 1_000_000
+
+
+class GeometryTable(Table):
+    """`[vehicle.geometry]`."""
+
+    a_m: _Positive
+    b_m: _Positive
+    t_f_m: _Positive
+    t_r_m: _Positive
+
+
+class StructureTable(Table):
+    """`[vehicle.structure]`."""
+
+    symmetric: bool = True
+    anti_roll_bars: bool = False
+    tyre_damping: bool = False
+    cg_offset: bool = False
+
+
+class VehicleTable(Table):
+    """`[vehicle]`."""
+
+    name: str = "vehicle"
+    geometry: GeometryTable | None = None
+    structure: StructureTable = StructureTable()
+
+
+class CampaignTable(Table):
+    """`[campaign]`."""
+
+    excitations: Annotated[list[Excitation], Field(min_length=1)] = [
+        Excitation.BOUNCE,
+        Excitation.PITCH,
+        Excitation.ROLL,
+    ]
+    repeats: Annotated[int, Field(ge=1, le=100)] = 2
+    bump_s: _Positive = 0.2
+    method: Method = Method.ROLL_OVER
+    bump_height_mm: Annotated[float, Field(gt=0, le=200)] = 40.0
+    accept_after_s: Annotated[float, Field(ge=0, le=60)] = 3.0
+    instructions: dict[Excitation, Annotated[str, Field(max_length=200)]] = {}
+
+
+class TriggerTable(Table):
+    """`[trigger]`."""
+
+    level: _Positive = 3.0
+    pre_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
+    post_s: Annotated[float, Field(ge=0.5, le=600)] = 2.5
+    rest_s: Annotated[float, Field(ge=0.05, le=60)] = 0.3
+
+
+class RecorderTable(Table):
+    """`[recorder]`."""
+
+    segment_mb: Annotated[float, Field(ge=1, le=4096)] = 64.0
+    segment_minutes: Annotated[float, Field(ge=0.1, le=1440)] = 15.0
+    keep_gb: Annotated[float, Field(ge=0.1)] = 100.0
+    reserve_mb: Annotated[float, Field(ge=1)] = 200.0
+    silent_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
+
+
+class WeightTable(Table):
+    """One `[[weight]]`."""
+
+    mass_kg: _Positive
+    sigma_kg: _NotNegative = 0.0
+    hub: Corner | None = None
+    x_m: float | None = None
+    y_m: float | None = None
+    height_m: float = 0.0
+
+    @model_validator(mode="after")
+    def _one_place(self) -> WeightTable:
+        on_body = self.x_m is not None and self.y_m is not None
+        if on_body == (self.hub is not None):
+            raise ValueError("a weight has either x_m and y_m, or hub")
+        return self
+
+
+class FactTable(Table):
+    """One `[[fact]]`."""
+
+    quantity: str
+    value: float
+    sigma: _Positive
+
+
+class ChannelTable(Table):
+    """One `[[channel]]`."""
+
+    name: _Name
+    signal: str
+    signal_unit: Annotated[str, Field(max_length=16)] = ""
+    quantity: Quantity
+    corner: Corner | None = None
+    x_m: float = 0.0
+    y_m: float = 0.0
+    position_sigma_m: _NotNegative = 0.0
+    sign: Literal[1, -1] = 1
+    gain: _Positive = 1.0
+    tare: float = 0.0
+    delay_s: float = 0.0
+    delay_sigma_s: _NotNegative = 0.0
+    low_pass_hz: _NotNegative = 0.0
+    low_pass_order: Annotated[int, Field(ge=1, le=8)] = 2
+    serial_number: Annotated[str, Field(max_length=60)] = ""
+    calibrated: _Day | None = None
+
+    @model_validator(mode="after")
+    def _corner_where_needed(self) -> ChannelTable:
+        if (self.quantity in AT_CORNER) != (self.corner is not None):
+            raise ValueError(f"{self.quantity} and corner do not go together")
+        return self
+
+
+class MessageTable(Table):
+    """One `[[message]]`: what its DBC does not say."""
+
+    name: str
+    cycle_ms: _Positive | None = None
+    counter: str | None = None
+    counter_modulus: Annotated[int, Field(ge=2, le=1 << 32)] | None = None
+    crc: str | None = None
+    crc_rule: Annotated[str, AfterValidator(_crc_rule)] = "crc8_j1850"
+    time_signal: str | None = None
+    time_unit: Annotated[str, Field(max_length=16)] = ""
+    time_wrap: _Positive | None = None
+
+    @model_validator(mode="after")
+    def _belongs_to_something(self) -> MessageTable:
+        stated = self.model_fields_set
+        for owner, keys in (
+            ("counter", {"counter_modulus"}),
+            ("crc", {"crc_rule"}),
+            ("time_signal", {"time_unit", "time_wrap"}),
+        ):
+            if keys & stated and owner not in stated:
+                raise ValueError(f"{min(keys & stated)} says nothing without {owner}")
+        return self
+
+
+class SampleSetTable(Table):
+    """One `[[sample_set]]`: messages that carry one sample together."""
+
+    name: _Name
+    messages: Annotated[list[str], Field(min_length=1)]
+    bound_by: str
+
+
+class CalibrationTable(Table):
+    """`[calibration]`."""
+
+    max_age_days: Annotated[int, Field(gt=0)] = 365
+
+
+class BenchFile(Table):
+    """A whole bench.toml."""
+
+    dbc: str = ""
+    bus: BusTable | Annotated[list[BusTable], Field(min_length=1, max_length=16)] = BusTable()
+    vehicle: VehicleTable = VehicleTable()
+    campaign: CampaignTable = CampaignTable()
+    trigger: TriggerTable = TriggerTable()
+    recorder: RecorderTable = RecorderTable()
+    weight: list[WeightTable] = []
+    fact: list[FactTable] = []
+    calibration: CalibrationTable = CalibrationTable()
+    message: list[MessageTable] = []
+    sample_set: list[SampleSetTable] = []
+    channel: list[ChannelTable] = []

@@ -1,0 +1,332 @@
+"""Frames from any interface of python-can, in blocks.
+
+python-can hands out one object a frame; here is the only place where that object is seen.  Its
+`Notifier` is not used: an exception in a listener or in `recv` ends its thread without a word.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import os
+import select
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch
+
+from ..bench.config import BusConfig
+from ..errors import BusError
+from .columns import frame_columns
+from .host_axis import HOST_AXIS
+from .slcan import open_slcan
+from .socketcan import open_socketcan
+from .source import BLOCK_FRAMES, GATHER_S, FrameSource, SourceLosses
+
+__all__ = ["FrameSource", "PythonCanSource", "SourceLosses", "open_bus", "open_source"]
+
+FAULTS_UNTIL_GONE = 5
+"""Failures of the interface in a row, after which it is taken for gone.  Some report a fault once
+and carry on (an interface that was down for a moment)."""
+GARBLED_UNTIL_GONE = 10_000
+"""Unreadable pieces in a row, without a pause, after which there is nothing to be had."""
+FAULT_PAUSE_S = 0.02
+_POLL_S = 0.002
+_WALL_CLOCK_WAITS = frozenset({"pcan", "vector", "iscan", "canalystii", "robotell"})
+"""Interfaces whose backends wait by the wall clock: set back an hour, they would wait an hour."""
+_WALL_CLOCK_STAMPS = frozenset(
+    {"udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"}
+)
+"""Interfaces whose frames are stamped by the host's wall clock, which may be set."""
+RECEIVE_BUFFER_BYTES = 8 << 20
+_SO_RCVBUFFORCE = 33
+_IP_MULTICAST_ALL = 49
+_IPV6_MULTICAST_ALL = 29
+
+_OPTIONS: dict[str, dict[str, Any]] = {
+    # The simulated car carries its own clock; real time would make a fast replay meaningless.
+    "virtual": {"preserve_timestamps": True},
+    # There are no wires on this bus, and simulated frames have no business on other machines.
+    "udp_multicast": {"hop_limit": 0},
+}
+_ADVICE = {
+    "socketcan": "see `ip link`; `ip link set can0 up type can bitrate 1000000` brings a bus up",
+    "slcan": "channel is the serial device, like /dev/ttyACM0 or /dev/ttyUSB0@115200",
+    "udp_multicast": "channel is a multicast group, like 239.74.163.2",
+}
+
+# python-can tells the terminal about every vendor library that is not installed.
+logging.getLogger("can").addHandler(logging.NullHandler())
+
+
+def open_source(config: BusConfig, bus: int) -> FrameSource:
+    """Open a bus for reading.
+
+    Parameters
+    ----------
+    config : BusConfig
+        Interface, channel and bit rate.
+    bus : int
+        The number its frames carry in `FrameBatch.bus`.
+
+    Raises
+    ------
+    BusError
+        If there is no such interface or it cannot be opened, whatever the reason.
+    """
+    if config.interface == "slcan":  # python-can's reads byte by byte: too slow for a full bus
+        with _one_line(config):
+            return open_slcan(config.channel, config.bitrate, bus)
+    if config.interface == "socketcan" and sys.platform == "linux" and sys.maxsize > 1 << 32:
+        with _one_line(config):
+            return open_socketcan(config.channel, bus)
+    opened = open_bus(config)
+    doze = doze_for(opened, config.interface)
+    if config.interface in _WALL_CLOCK_STAMPS:
+        on_axis = HOST_AXIS.from_wall
+        return PythonCanSource(opened, _name(config), bus, time.time_ns, doze, on_axis)
+    return PythonCanSource(opened, _name(config), bus, doze=doze)
+
+
+def open_bus(config: BusConfig) -> can.BusABC:
+    """Open a bus for sending.
+
+    Raises
+    ------
+    BusError
+        As `open_source`.
+    """
+    channel = int(config.channel) if config.channel.isdecimal() else config.channel
+    with _one_line(config):
+        bus = can.Bus(
+            channel=channel or None,
+            interface=config.interface,
+            ignore_config=True,  # bench.toml says it all; a can.conf elsewhere must not
+            bitrate=config.bitrate,
+            **_OPTIONS.get(config.interface, {}),
+        )
+    _tune_socket(bus)
+    return bus
+
+
+def _name(config: BusConfig) -> str:
+    return f"{config.interface} {config.channel}"
+
+
+@contextlib.contextmanager
+def _one_line(config: BusConfig) -> Iterator[None]:
+    """Turn whatever a backend raises on opening (NameError is one of them) into a BusError."""
+    if config.interface != "slcan" and config.interface not in can.VALID_INTERFACES:
+        raise BusError(
+            _name(config),
+            f"python-can has no interface {config.interface!r}",
+            "name one of " + ", ".join(sorted(can.VALID_INTERFACES)),
+        )
+    try:
+        yield
+    except BusError:
+        raise
+    except Exception as error:
+        advice = _ADVICE.get(config.interface, "check [bus] in bench.toml, cable and driver")
+        raise BusError(_name(config), f"cannot be opened: {_reason(error)}", advice) from error
+
+
+def _reason(error: BaseException) -> str:
+    text = str(error) or type(error).__name__
+    cause = error.__cause__
+    return f"{text}: {cause}" if isinstance(cause, OSError) and str(cause) not in text else text
+
+
+def _tune_socket(bus: can.BusABC) -> None:
+    """Give a bus that is a socket a buffer that outlasts a stall of this process.
+
+    The default one holds 31 ms of a full bus.  A multicast socket is also told to take only its
+    own group: by default it receives every group that anyone on this machine has joined.
+    """
+    try:
+        twin = socket.socket(fileno=os.dup(bus.fileno()))
+    except Exception:  # not a socket, no descriptor, not implemented: nothing to tune
+        return
+    options = [
+        (socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES),
+        (socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES),
+    ]
+    if twin.family == socket.AF_INET:
+        options.append((socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0))
+    elif twin.family == socket.AF_INET6:
+        options.append((socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0))
+    with twin:
+        for level, option, value in options if sys.platform == "linux" else options[:1]:
+            with contextlib.suppress(OSError):  # forcing needs a privilege
+                twin.setsockopt(level, option, value)
+
+
+Doze = Callable[[float], object]
+"""Sleeps for so many seconds, or until a frame may be there."""
+
+
+def doze_for(bus: can.BusABC, interface: str) -> Doze | None:
+    """Return how to wait for a bus from outside; None if its backend can be trusted to wait."""
+    try:
+        descriptor = bus.fileno()
+    except Exception:  # not implemented, or only on another system
+        descriptor = -1
+    if descriptor >= 0 and hasattr(select, "poll"):
+        poll = select.poll()
+        poll.register(descriptor, select.POLLIN)
+        return lambda left_s: poll.poll(math.ceil(left_s * 1e3))
+    if interface in _WALL_CLOCK_WAITS:
+        return lambda left_s: time.sleep(min(left_s, _POLL_S))
+    return None
+
+
+class PythonCanSource:
+    """A python-can bus read in blocks.
+
+    `BusABC.recv` measures its timeout by the wall clock: set back an hour in mid-wait, it waits
+    for another hour.  So it is the backend's `_recv_internal` that is called here.
+
+    Parameters
+    ----------
+    bus : can.BusABC
+        Open; closed by `close`.
+    name : str
+        For messages.
+    index : int
+        The number its frames carry.
+    now_ns : callable
+        The host's clock, ns since 1970.
+    doze : callable or None
+        Waits in the backend's place, which is asked only for what is there; None leaves the
+        waiting to the backend.
+    on_axis : callable or None
+        Puts stamps of the wall clock, (n,) int64, on an axis that nobody can set.
+    """
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        name: str,
+        index: int,
+        now_ns: Callable[[], int] = HOST_AXIS.now_ns,
+        doze: Doze | None = None,
+        on_axis: Callable[[NDArray[np.int64]], NDArray[np.int64]] | None = None,
+    ) -> None:
+        self.name = name
+        self._bus = bus
+        self._index = index
+        self._now_ns = now_ns
+        self._doze = doze
+        self._on_axis = on_axis
+        self._garbled = 0
+        self._restamped = 0
+        self._faults_in_a_row = 0
+        self._garbled_in_a_row = 0
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        """Return a block of at most `BLOCK_FRAMES` frames; see `FrameSource`."""
+        messages: list[can.Message] = []
+        arrived_ns: list[int] = []
+        wait_s, deadline_s = timeout_s, 0.0
+        while len(messages) < BLOCK_FRAMES:
+            try:
+                message = self._receive(wait_s)
+            except Exception as error:  # backends also raise ValueError, IndexError, NameError...
+                if self._failed(error):
+                    if messages:
+                        break  # the next call fails again, with empty hands
+                    raise self._gone(error) from error
+                wait_s = 0.0
+                continue
+            if message is None and (wait_s == 0.0 or not messages):
+                self._faults_in_a_row = self._garbled_in_a_row = 0
+                break
+            now_s = time.monotonic()
+            if message is not None:
+                self._faults_in_a_row = self._garbled_in_a_row = 0
+                if not messages:
+                    deadline_s = now_s + GATHER_S
+                messages.append(message)
+                arrived_ns.append(self._now_ns())
+            wait_s = max(deadline_s - now_s, 0.0)
+        return self._batch(messages, arrived_ns)
+
+    def losses(self) -> SourceLosses:
+        """Return the counts so far.  python-can tells nothing of frames dropped by a driver."""
+        return SourceLosses(0, self._garbled, self._restamped)
+
+    def close(self) -> None:
+        """Shut the bus down."""
+        with contextlib.suppress(Exception):  # some backends fail to say goodbye to a lost device
+            self._bus.shutdown()
+
+    def _receive(self, wait_s: float) -> can.Message | None:
+        """Return the next frame; wait up to `wait_s` for it."""
+        if self._doze is None:
+            return self._bus._recv_internal(wait_s)[0]
+        end_s = time.monotonic() + wait_s
+        while True:
+            message = self._bus._recv_internal(0.0)[0]
+            left_s = end_s - time.monotonic()
+            if message is not None or left_s <= 0:
+                return message
+            self._doze(left_s)
+
+    def _failed(self, error: Exception) -> bool:
+        """Count an exception of `recv`; return whether the bus has to be taken for gone."""
+        if _is_fault(error):
+            self._faults_in_a_row += 1
+            time.sleep(FAULT_PAUSE_S)
+        else:
+            self._garbled += 1
+            self._garbled_in_a_row += 1
+        return (
+            self._faults_in_a_row >= FAULTS_UNTIL_GONE
+            or self._garbled_in_a_row >= GARBLED_UNTIL_GONE
+        )
+
+    def _gone(self, error: Exception) -> BusError:
+        return BusError(
+            self.name, f"has gone: {_reason(error)}", "check plug and power, then start again"
+        )
+
+    def _batch(self, messages: list[can.Message], arrived_ns: list[int]) -> FrameBatch:
+        if not messages:
+            return FrameBatch.empty()
+        try:
+            batch, garbled, restamped = frame_columns(messages, arrived_ns, self._index)
+        except (TypeError, ValueError, OverflowError):  # one of them is not what a frame can be
+            if len(messages) == 1:
+                self._garbled += 1
+                return FrameBatch.empty()
+            half = len(messages) // 2
+            first = self._batch(messages[:half], arrived_ns[:half])
+            return FrameBatch.concatenate([first, self._batch(messages[half:], arrived_ns[half:])])
+        self._garbled += garbled
+        self._restamped += restamped
+        return replace(batch, t_ns=self._on_axis(batch.t_ns)) if self._on_axis else batch
+
+
+def _is_fault(error: BaseException) -> bool:
+    """Tell a fault of the interface from input that it could not read.
+
+    Behind a fault stands the operating system, or nothing but the backend's own complaint; behind
+    bad input stands the exception of a parser.
+    """
+    chain = [error]
+    while (before := chain[-1].__cause__ or chain[-1].__context__) is not None:
+        if before in chain:  # a driver that raises one and the same exception again and again
+            break
+        chain.append(before)
+    if any(isinstance(e, OSError) for e in chain):
+        return True
+    return isinstance(error, can.CanError) and len(chain) == 1

@@ -1,0 +1,158 @@
+"""One bus for weeks: opened, read, closed when it fails, and opened again.
+
+A link never raises and never ends.  An adapter that is not there is degraded, not a failed start;
+one that was pulled out is tried again until it is back.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import astuple, replace
+
+from dbc.frames import FrameBatch
+
+from ..bench.config import BusConfig
+from ..errors import BusError
+from .source import FrameSource, Interface, LinkFacts, SourceLosses
+
+BACK_OFF_S = (0.1, 2.0)
+"""First and longest pause before a bus is opened again; each is twice the one before."""
+SILENT_S = 5.0
+"""A bus that had frames and has none for so long is opened anew: some drivers (gs_usb) swallow the
+error of a device that has gone, and are silent for ever."""
+_TELLS = frozenset({"socketcan", "slcan", "virtual", "udp_multicast"})
+"""Sources that fail when their device goes.  Opening one anew only because the car is switched off
+could cost the first frames after that."""
+
+OpenSource = Callable[[BusConfig, int], FrameSource]
+
+
+class Link:
+    """A bus that is opened as often as need be.
+
+    `read` and `close` belong to one thread; `facts` and `halt` may be called from any.
+
+    Parameters
+    ----------
+    config : BusConfig
+        The bus.
+    index : int
+        The number its frames carry.
+    open_source : callable
+        Opens it, or raises whatever its driver raises (`daq.bus.interfaces.open_source`).
+    clock : callable
+        Monotonic time, s.
+    """
+
+    def __init__(
+        self,
+        config: BusConfig,
+        index: int,
+        open_source: OpenSource,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.config = config
+        self.index = index
+        self._open_source = open_source
+        self._clock = clock
+        self._halted = threading.Event()
+        self._source: FrameSource | None = None
+        self._before = SourceLosses()
+        self._pause_s = BACK_OFF_S[0]
+        self._next_try_s = self._alive_s = clock()
+        self._had_frames = self._was_open = False
+        name = f"{config.interface} {config.channel}".strip()
+        none = SourceLosses()
+        self._facts = LinkFacts(name, config.bitrate, False, "", "", 0.0, 0, none)
+
+    def facts(self) -> LinkFacts:
+        """Return how it is doing."""
+        return self._facts
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        """Return the frames that are there; wait up to `timeout_s` for the first."""
+        frames = FrameBatch.empty()
+        if self._source is None:
+            self._open(timeout_s)
+        else:
+            try:
+                frames = self._source.read(timeout_s)
+            except Exception as error:  # whatever a driver raises: the bus has to be opened again
+                self._fail(error)
+        now_s = self._clock()
+        if len(frames):
+            self._had_frames, self._alive_s, self._pause_s = True, now_s, BACK_OFF_S[0]
+        elif self._is_dumb() and now_s - self._alive_s >= SILENT_S:
+            self._alive_s = now_s
+            self._drop()
+        down = not len(frames) and self._is_down()
+        self._facts = replace(
+            self._facts, heartbeat_s=now_s, losses=self._losses(), interface_down=down
+        )
+        return frames
+
+    def halt(self) -> None:
+        """End a pause between two openings."""
+        self._halted.set()
+
+    def close(self) -> None:
+        """Close the bus for good."""
+        self._halted.set()
+        self._drop()
+        self._facts = replace(self._facts, connected=False, losses=self._before)
+
+    def _is_down(self) -> bool:
+        return isinstance(self._source, Interface) and self._source.interface_down
+
+    def _is_dumb(self) -> bool:
+        """Whether silence may mean that the device has gone."""
+        open_and_was_heard = self._source is not None and self._had_frames
+        return open_and_was_heard and self.config.interface not in _TELLS
+
+    def _open(self, timeout_s: float) -> None:
+        wait_s = self._next_try_s - self._clock()
+        if wait_s > 0:
+            self._halted.wait(min(wait_s, timeout_s))
+        if self._halted.is_set() or self._clock() < self._next_try_s:
+            return
+        try:
+            self._source = self._open_source(self.config, self.index)
+        except Exception as error:  # NameError is one of those that backends raise
+            self._fail(error)
+            return
+        self._alive_s = self._clock()
+        reopened = self._facts.reopened + self._was_open
+        self._was_open = True
+        self._facts = replace(self._facts, connected=True, error="", advice="", reopened=reopened)
+
+    def _fail(self, error: Exception) -> None:
+        self._drop()
+        self._next_try_s = self._clock() + self._pause_s
+        self._pause_s = min(2 * self._pause_s, BACK_OFF_S[1])
+        what, advice = repr(error), "please report this"
+        if isinstance(error, BusError):
+            what, advice = error.what, error.advice
+        elif isinstance(error, OSError):
+            what, advice = error.strerror or str(error), "check plug, power and driver"
+        self._facts = replace(self._facts, connected=False, error=what, advice=advice)
+
+    def _drop(self) -> None:
+        """Close the source and keep its counts."""
+        if self._source is None:
+            return
+        self._before = self._losses()
+        source, self._source = self._source, None
+        with suppress(Exception):  # it may not be able to say goodbye
+            source.close()
+
+    def _losses(self) -> SourceLosses:
+        now = SourceLosses()
+        if self._source is not None:
+            with suppress(Exception):
+                now = self._source.losses()
+        return SourceLosses(
+            *(a + b for a, b in zip(astuple(self._before), astuple(now), strict=True))
+        )

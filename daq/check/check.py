@@ -1,0 +1,111 @@
+"""The bench check: do frames, DBC and bench.toml fit together; do the sensors tell the truth.
+
+Pure: from the frames of a few seconds of rest to a report.  Each line is OK, WARN or FAIL with a
+reason and, where something can be done, what to do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+
+from dbc import Codec
+from dbc.frames import FrameBatch
+
+from ..bench.config import Bench
+from ..bench.message_rules import SampleSet
+from ..recorder.trigger import trigger_channels
+from ..runs import SampleGroup
+from ..samples.build import timekeeping
+from ..samples.groups import sample_groups
+from ..samples.mapping import map_channels
+from .channels import check_channel
+from .frames import check_messages, check_traffic, frame_table
+from .lines import CheckLine, Verdict
+
+_INCOMPLETE_SHARE = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class CheckReport:
+    """What a bench check found.
+
+    Parameters
+    ----------
+    seconds : float
+        Time from the first frame to the last.
+    frames : int
+        Number of frames.
+    lines : tuple of CheckLine
+        Bus, messages, sample sets and channels, in this order.
+    """
+
+    seconds: float
+    frames: int
+    lines: tuple[CheckLine, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of all lines."""
+        return max((line.verdict for line in self.lines), default=Verdict.OK)
+
+
+def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> CheckReport:
+    """Check a bench at rest.
+
+    Parameters
+    ----------
+    bench : Bench
+        The map.
+    codec : Codec
+        Its DBC (`config.bench_codec`).
+    frames : FrameBatch
+        A few seconds of traffic, in order of arrival, the car standing still.
+    today : date
+        For the age of calibrations.
+
+    Raises
+    ------
+    InputError
+        If a channel does not fit the DBC.
+    """
+    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    if not len(frames):
+        advice = "check power, wiring, termination and the bit rate; sensors that must be started"
+        line = CheckLine(Verdict.FAIL, "bus", "no frame was received", advice)
+        return CheckReport(0.0, 0, (line,))
+    seconds = float(np.ptp(frames.t_ns)) * 1e-9
+    decoded = codec.decode(frames)
+    keeping = timekeeping(bench, codec)
+    table = frame_table(codec.messages, frames)
+    groups = sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))
+    lines = check_traffic(codec.messages, table, decoded, bench.bus.bitrate)
+    lines += check_messages(mapped, keeping, table, decoded)
+    lines += [_set_line(each, groups) for each in bench.sample_sets if _is_used(each, groups)]
+    if not trigger_channels(bench.channels):
+        advice = "add a hub_acceleration or a body_acceleration"
+        lines.append(CheckLine(Verdict.FAIL, "trigger", "no channel can trigger", advice))
+    for m in mapped:
+        lines += check_channel(m, mapped, keeping, decoded, bench.calibration_days, today)
+    return CheckReport(seconds, len(frames), tuple(lines))
+
+
+def _is_used(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> bool:
+    return any(group.name == sample_set.name for group in groups)
+
+
+def _set_line(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> CheckLine:
+    group = next(group for group in groups if group.name == sample_set.name)
+    subject = f"sample set {group.name}"
+    n = len(group.time_s)
+    missing = int(np.sum(np.isnan(np.array(list(group.values.values()))).any(axis=0)))
+    rate = (n - 1) / float(group.time_s[-1] - group.time_s[0]) if n > 1 else 0.0
+    figures = {"samples": n, "incomplete": missing, "rate_hz": rate}
+    if missing > _INCOMPLETE_SHARE * n + 2:  # at the ends a set may be cut
+        verdict = Verdict.FAIL if missing > n / 2 else Verdict.WARN
+        reason = f"{missing} of {n} samples lack a frame"
+        advice = f"are {', '.join(sample_set.messages)} sent at one rate, in one burst?"
+        return CheckLine(verdict, subject, reason, advice, figures)
+    return CheckLine(Verdict.OK, subject, f"{n} samples at {rate:.1f} Hz", "", figures)

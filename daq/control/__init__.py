@@ -1,0 +1,1 @@
+"""The recorder as others see it: orders, status, sockets, the service manager."""

@@ -1,0 +1,209 @@
+"""A client of the recorder: gives orders, listens to the news.
+
+Only the one who is in control may give orders; everybody may look on.  A client shows twice a
+second that it lives, so that the next one need not ask a dead one for control.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import time
+from contextlib import suppress
+from uuid import uuid4
+
+import zmq
+from pydantic import ValidationError
+
+from ..errors import BumpbenchError
+from .address import Address
+from .messages import (
+    LIVE,
+    LIVE_TOPIC,
+    PROTOCOL,
+    REPLY,
+    REQUEST,
+    STATUS,
+    Live,
+    Reply,
+    Request,
+    Status,
+)
+from .orders import Hello, Order
+
+HEARTBEAT_S = 0.5
+_SLICE_S = 0.1
+_NEWS_HELD = 100
+
+
+class RecorderGone(BumpbenchError):  # noqa: N818 - that is what happened
+    """No recorder answers."""
+
+
+class OrderRefused(Exception):  # noqa: N818 - the recorder's word, not a failure
+    """The recorder refused an order; the text is one line for a person."""
+
+
+def is_running(address: Address) -> bool:
+    """Whether somebody listens at an address."""
+    with socket.socket(socket.AF_UNIX) as probe, suppress(OSError):
+        probe.settimeout(1.0)
+        probe.connect(str(address.paths[0]))
+        return True
+    return False
+
+
+class Client:
+    """A connection to one recorder; it survives a restart of the recorder.
+
+    Parameters
+    ----------
+    address : Address
+        `daq.control.address.control_address` of the recorder's folder.
+    name : str
+        The person, for the journal and for others who want control.
+    control : bool
+        Whether to be in control; without it, only questions are answered.
+    take_over : bool
+        Take control from whoever has it.
+
+    Raises
+    ------
+    RecorderGone
+        If no recorder answers.
+    OrderRefused
+        If somebody else is in control.
+    """
+
+    def __init__(self, address: Address, name: str, control: bool, take_over: bool = False) -> None:
+        self._address = address
+        if not is_running(address):
+            raise self._gone("no recorder is running there")
+        self._id = f"{os.getpid()}-{uuid4().hex[:12]}"
+        self._hello = Hello(name, control)
+        self._number = 0
+        self._lock, self._news_lock = threading.Lock(), threading.Lock()
+        self._closed = threading.Event()
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._requests = self._context.socket(zmq.DEALER)
+        self._requests.linger = 0
+        self._requests.connect(address.control)
+        self._news = self._context.socket(zmq.SUB)
+        self._news.linger = 0
+        self._news.rcvhwm = _NEWS_HELD
+        self._news.subscribe(b"")
+        self._news.connect(address.news)
+        self._heart = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
+        try:
+            self.ask(Hello(name, control, take_over))
+        except (RecorderGone, OrderRefused):
+            self.close()
+            raise
+        self._heart.start()
+
+    @property
+    def in_control(self) -> bool:
+        """Whether this client may give orders, as far as it knows."""
+        return self._hello.control
+
+    def ask(self, order: Order, timeout_s: float = 2.0) -> Reply:
+        """Send an order and return the recorder's answer; may be called by any thread.
+
+        Who said another name or wish for control goes by it from then on.
+
+        Raises
+        ------
+        RecorderGone
+            If no answer comes in time.  The order may have been carried out all the same.
+        OrderRefused
+            With the recorder's reason.
+        """
+        reply = self._answer(order, timeout_s)
+        if isinstance(order, Hello):
+            self._hello = Hello(order.name, order.control)
+        return reply
+
+    def _answer(self, order: Order, timeout_s: float) -> Reply:
+        with self._lock:
+            if self._closed.is_set():
+                raise self._gone("the connection is closed")
+            self._number += 1
+            number = self._number
+            request = REQUEST.dump_json(Request(self._id, number, order))
+            reply = self._exchange(request, number, time.monotonic() + timeout_s)
+        if reply is None:
+            raise self._gone(f"no answer within {timeout_s:g} s")
+        if reply.error:
+            raise OrderRefused(reply.error)
+        return reply
+
+    def news(self, timeout_s: float) -> Status | Live | None:
+        """Return what is published next, None if nothing is in time; for one thread.
+
+        Statuses and live samples are lost to a client that does not fetch them.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        with self._news_lock:
+            while not self._closed.is_set():
+                left_s = deadline_s - time.monotonic()
+                if not self._news.poll(int(max(0.0, min(left_s, _SLICE_S)) * 1e3)):
+                    if left_s <= 0:
+                        return None
+                    continue
+                topic, *body = self._news.recv_multipart(zmq.NOBLOCK)
+                try:
+                    adapter = LIVE if topic == LIVE_TOPIC else STATUS
+                    told: Status | Live = adapter.validate_json(b"".join(body))
+                except ValidationError:
+                    continue  # news of a later version; the replies say so
+                return told
+        return None
+
+    def close(self) -> None:
+        """Give control back and leave."""
+        if self._closed.is_set():
+            return
+        if self._heart.ident is not None and self._hello.control:
+            with suppress(RecorderGone, OrderRefused):
+                self.ask(Hello(self._hello.name), timeout_s=0.5)
+        self._closed.set()
+        if self._heart.ident is not None:
+            self._heart.join()
+        with self._lock, self._news_lock:
+            self._requests.close()
+            self._news.close()
+        self._context.term()
+
+    def _beat(self) -> None:
+        """Say that this client lives, also to a recorder that has restarted meanwhile."""
+        while not self._closed.wait(HEARTBEAT_S):
+            try:
+                self._answer(self._hello, HEARTBEAT_S)
+            except OrderRefused:  # somebody has taken over: look on, and do not fight for it
+                self._hello = Hello(self._hello.name)
+            except RecorderGone:
+                continue
+
+    def _exchange(self, request: bytes, number: int, deadline_s: float) -> Reply | None:
+        """Send a request and return its reply; None if none comes in time."""
+        with suppress(zmq.Again):
+            self._requests.send(request, zmq.NOBLOCK)
+            while (left_s := deadline_s - time.monotonic()) > 0:
+                if self._requests.poll(int(left_s * 1e3) + 1):
+                    reply = self._read(self._requests.recv(zmq.NOBLOCK))
+                    if reply.number == number:  # not one that came too late for its question
+                        return reply
+        return None
+
+    def _read(self, answer: bytes) -> Reply:
+        try:
+            reply: Reply = REPLY.validate_json(answer)
+        except ValidationError as error:
+            raise self._gone("the recorder is of another version") from error
+        if reply.protocol != PROTOCOL:
+            raise self._gone(f"the recorder speaks protocol {reply.protocol}, not {PROTOCOL}")
+        return reply
+
+    def _gone(self, what: str) -> RecorderGone:
+        return RecorderGone(str(self._address.paths[0]), what, "start `bumpbench record`")

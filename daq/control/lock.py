@@ -1,0 +1,57 @@
+"""One recorder a folder: a lock that a killed recorder leaves open."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from ..errors import FolderLockedError, InputError
+
+_LOCK, _HOLDER = "recorder.lock", "recorder.pid"
+
+
+@contextmanager
+def lone_recorder(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder, which is made if need be.
+
+    Raises
+    ------
+    FolderLockedError
+        Naming the process that holds it.
+    InputError
+        If the folder cannot be written to.
+    """
+    # The number is not in the lock file itself: some versions of filelock empty it in passing.
+    holder = folder / _HOLDER
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / _LOCK, timeout=0)
+        lock.acquire()
+    except Timeout as error:
+        raise FolderLockedError(
+            str(folder),
+            f"another recorder ({_holder_of(holder)}) writes there",
+            "look on with `bumpbench tui`, or name another folder",
+        ) from error
+    except OSError as error:
+        what = error.strerror or str(error)
+        raise InputError(str(folder), what, "name another folder") from error
+    try:
+        with suppress(OSError):  # a disk that is full already is the keeper's affair
+            holder.write_text(f"{os.getpid()}\n", "ascii")
+        yield
+    finally:
+        with suppress(OSError):
+            holder.unlink(missing_ok=True)
+        lock.release()
+
+
+def _holder_of(holder: Path) -> str:
+    try:
+        return f"pid {int(holder.read_text('ascii')[:20])}"
+    except (OSError, ValueError):
+        return "pid unknown"

@@ -1,0 +1,239 @@
+"""What a client may ask of a recorder: orders as data.
+
+Each names itself in `order`, so that JSON can be read back (`daq.control.messages`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ..runs import Excitation
+
+
+class Until(StrEnum):
+    """How far an order to arm carries."""
+
+    RUN = "run"
+    EXCITATION = "excitation"
+    """Until the repeats of this excitation are accepted: then a person moves the boards."""
+    COMPLETE = "complete"
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """Announce oneself; a controller may give orders, a viewer may only ask.
+
+    Parameters
+    ----------
+    name : str
+        The person, for the journal.
+    control : bool
+        Whether to be the controller.
+    take_over : bool
+        Take control from the one who has it; without it a second controller is refused.
+    """
+
+    name: str
+    control: bool = False
+    take_over: bool = False
+    order: Literal["hello"] = "hello"
+
+
+@dataclass(frozen=True, slots=True)
+class AskStatus:
+    """Ask for the status."""
+
+    order: Literal["status"] = "status"
+
+
+@dataclass(frozen=True, slots=True)
+class AskHistory:
+    """Ask for the live samples of the last seconds, for lanes that begin full."""
+
+    seconds: Annotated[float, Field(gt=0, le=60)] = 10.0
+    order: Literal["history"] = "history"
+
+
+@dataclass(frozen=True, slots=True)
+class AskBench:
+    """Ask for the bench.toml in force."""
+
+    order: Literal["bench"] = "bench"
+
+
+@dataclass(frozen=True, slots=True)
+class AskCheck:
+    """Ask for the bench check over the last seconds of traffic."""
+
+    seconds: Annotated[float, Field(gt=0, le=10)] = 5.0
+    order: Literal["check"] = "check"
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """End the recording and begin a new one.
+
+    Parameters
+    ----------
+    bench_text : str
+        A new bench.toml (same buses and DBC); empty leaves the one in force.
+    """
+
+    bench_text: str = ""
+    order: Literal["start"] = "start"
+
+
+@dataclass(frozen=True, slots=True)
+class Configure:
+    """Change bench.toml within the recording: vehicle, weights, facts, signs, tares, campaign."""
+
+    bench_text: str
+    order: Literal["configure"] = "configure"
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """End the recording and derive its session file; the recorder lives on, idle."""
+
+    order: Literal["stop"] = "stop"
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """Derive the session file of the recording as it stands; the recording goes on."""
+
+    order: Literal["build"] = "build"
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """Wait for bumps and count them as runs."""
+
+    until: Until = Until.EXCITATION
+    order: Literal["arm"] = "arm"
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """Count no bump until armed again; frames are journalled all the same."""
+
+    order: Literal["pause"] = "pause"
+
+
+@dataclass(frozen=True, slots=True)
+class Choose:
+    """Bump this next, also beyond the planned repeats; the order of the campaign follows."""
+
+    mass_state: str
+    excitation: Excitation
+    order: Literal["choose"] = "choose"
+
+
+@dataclass(frozen=True, slots=True)
+class Accept:
+    """Take a run, also one that was rejected; a reason is needed then."""
+
+    label: str
+    reason: Annotated[str, Field(max_length=500)] = ""
+    order: Literal["accept"] = "accept"
+
+
+@dataclass(frozen=True, slots=True)
+class Reject:
+    """Do not use a run; it is kept.
+
+    Parameters
+    ----------
+    label : str
+        The run; empty means the last one.  While a run is recorded: that one.
+    """
+
+    label: str = ""
+    reason: Annotated[str, Field(max_length=500)] = ""
+    order: Literal["reject"] = "reject"
+
+
+@dataclass(frozen=True, slots=True)
+class Undo:
+    """Take the last verdict (of the recorder or of a person) back."""
+
+    order: Literal["undo"] = "undo"
+
+
+@dataclass(frozen=True, slots=True)
+class Redo:
+    """Take the last `Undo` back."""
+
+    order: Literal["redo"] = "redo"
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Set a mark at the time of the latest frame."""
+
+    text: Annotated[str, Field(max_length=200)]
+    order: Literal["mark"] = "mark"
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Write a note on the recording, or on one run of it."""
+
+    text: Annotated[str, Field(min_length=1, max_length=2000)]
+    label: str = ""
+    order: Literal["note"] = "note"
+
+
+@dataclass(frozen=True, slots=True)
+class OverrideWarning:
+    """Go on although the bench check warns; reason and name go to the report."""
+
+    subject: Annotated[str, Field(max_length=200)]
+    reason: Annotated[str, Field(min_length=1, max_length=500)]
+    order: Literal["override"] = "override"
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledge:
+    """Put the overload lamps out."""
+
+    order: Literal["acknowledge"] = "acknowledge"
+
+
+@dataclass(frozen=True, slots=True)
+class ShutDown:
+    """Drain, seal and end the recorder."""
+
+    order: Literal["shutdown"] = "shutdown"
+
+
+Order = Annotated[
+    Hello
+    | AskStatus
+    | AskHistory
+    | AskBench
+    | AskCheck
+    | Start
+    | Configure
+    | Stop
+    | Build
+    | Arm
+    | Pause
+    | Choose
+    | Accept
+    | Reject
+    | Undo
+    | Redo
+    | Mark
+    | Note
+    | OverrideWarning
+    | Acknowledge
+    | ShutDown,
+    Field(discriminator="order"),
+]
+QUESTIONS = (Hello, AskStatus, AskHistory, AskBench, AskCheck)
+"""What a viewer may send; all else is the controller's."""

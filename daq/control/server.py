@@ -1,0 +1,258 @@
+"""The recorder's control and telemetry: one controller, any number of viewers.
+
+A thread of its own carries requests to the engine and answers back, and publishes what the engine
+tells.  Nothing that a client does or leaves undone can hold the engine up: what a client does not
+fetch is dropped at its own high-water mark.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Future
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import zmq
+from pydantic import ValidationError
+from pydantic_core import from_json
+
+from ..errors import InputError, printable
+from .address import Address
+from .messages import (
+    LIVE,
+    LIVE_TOPIC,
+    PROTOCOL,
+    REPLY,
+    REQUEST,
+    STATUS,
+    STATUS_TOPIC,
+    Live,
+    Reply,
+    Request,
+    Status,
+)
+from .orders import QUESTIONS, AskStatus, Hello, Order
+from .peers import Peers
+
+MAX_REQUEST_BYTES = 4_000_000
+"""A bench.toml of 1 MB, escaped."""
+ANSWER_S = 10.0
+"""The engine answers within this, or the client is told that it did not."""
+MAX_PENDING = 64
+_HELD_MESSAGES = 100
+"""For each client that does not read: 5 s of news, or so many replies."""
+_HELD_NEWS = 16
+_LINGER_MS = 300
+_POLL_MS = 500
+
+_log = logging.getLogger("recorder")
+
+
+@dataclass(frozen=True, slots=True)
+class _Pending:
+    """A request that the engine has and has not answered."""
+
+    envelope: list[bytes]
+    number: int
+    answer: Future[Reply]
+    deadline_s: float
+
+
+class Server:
+    """Answers requests and publishes, until it is closed.
+
+    Parameters
+    ----------
+    submit : callable
+        The engine's: takes an order and who gives it, returns a future; must not block.
+    address : Address
+        Where to listen; a stale socket there is replaced.
+
+    Raises
+    ------
+    InputError
+        If nothing can listen there.
+    """
+
+    def __init__(self, submit: Callable[[Order, str], Future[Reply]], address: Address) -> None:
+        self._submit = submit
+        self._peers = Peers()
+        self._pending: list[_Pending] = []
+        self._status: Status | None = None
+        # The writer leaves its news here and goes on; the oldest fall out if this thread lags.
+        self._news: deque[tuple[Status, Live | None]] = deque(maxlen=_HELD_NEWS)
+        self._closing = threading.Event()
+        self._wake_in, self._wake_out = os.pipe()
+        os.set_blocking(self._wake_in, False)
+        os.set_blocking(self._wake_out, False)
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._requests = self._context.socket(zmq.ROUTER)
+        self._requests.maxmsgsize = 4 * MAX_REQUEST_BYTES  # beyond it the line is cut
+        self._publisher = self._context.socket(zmq.PUB)
+        for end in (self._requests, self._publisher):
+            end.linger = _LINGER_MS
+            end.sndhwm = _HELD_MESSAGES
+        try:
+            self._requests.bind(address.control)
+            self._publisher.bind(address.news)
+        except zmq.ZMQError as error:
+            self._release()
+            what = f"cannot listen: {error.strerror}"
+            raise InputError(str(address.paths[0]), what, "see who owns that directory") from error
+        self._paths = address.paths
+        self._thread = threading.Thread(target=self._run, name="control", daemon=True)
+        self._thread.start()
+
+    def publish(self, status: Status, live: Live | None) -> None:
+        """Tell everybody; for the engine's writer: never blocks, never raises."""
+        self._news.append((status, live))
+        self._wake()
+
+    def close(self) -> None:
+        """Answer what can be answered, stop listening and remove the sockets."""
+        self._closing.set()
+        self._wake()
+        self._thread.join()
+        self._release()
+        for path in self._paths:
+            path.unlink(missing_ok=True)
+
+    def _release(self) -> None:
+        self._requests.close()
+        self._publisher.close()
+        self._context.term()
+        os.close(self._wake_in)
+        os.close(self._wake_out)
+
+    def _wake(self) -> None:
+        with suppress(OSError):  # full: it is awake; closed: nobody to wake
+            os.write(self._wake_out, b"!")
+
+    # The server's thread -----------------------------------------------------------------------
+
+    def _run(self) -> None:
+        poller = zmq.Poller()
+        poller.register(self._requests, zmq.POLLIN)
+        poller.register(self._wake_in, zmq.POLLIN)
+        while not self._closing.is_set():
+            try:
+                ready = dict(poller.poll(_POLL_MS))
+                self._turn(bool(ready.get(self._requests)))
+            except Exception as error:  # whatever it was: the next client is to be heard
+                _log.error("control: %r", error)
+        self._turn(False)
+
+    def _turn(self, requested: bool) -> None:
+        with suppress(BlockingIOError):
+            os.read(self._wake_in, 4096)
+        while self._news:
+            self._tell(*self._news.popleft())
+        if requested:
+            with suppress(zmq.Again):
+                *envelope, message = self._requests.recv_multipart(zmq.NOBLOCK)
+                self._take(envelope, message)
+        self._answer_pending()
+
+    def _tell(self, status: Status, live: Live | None) -> None:
+        now_s = time.monotonic()
+        self._status = replace(
+            status, controller=self._peers.controller(now_s), viewers=self._peers.viewers(now_s)
+        )
+        with suppress(zmq.Again):
+            self._publisher.send_multipart(
+                [STATUS_TOPIC, STATUS.dump_json(self._status)], zmq.NOBLOCK
+            )
+            if live is not None:
+                self._publisher.send_multipart([LIVE_TOPIC, LIVE.dump_json(live)], zmq.NOBLOCK)
+
+    def _take(self, envelope: list[bytes], message: bytes) -> None:
+        """Answer a request, or hand it to the engine."""
+        request = _read(message)
+        if isinstance(request, Reply):
+            self._reply(envelope, request)
+            return
+        now_s = time.monotonic()
+        order, number = request.order, request.number
+        self._peers.seen(request.client, now_s)
+        if isinstance(order, Hello):
+            error = self._peers.hello(request.client, order, now_s)
+            self._reply(envelope, Reply(number, error, self._status))
+        elif isinstance(order, AskStatus) and self._status is not None:
+            self._reply(envelope, Reply(number, status=self._status))
+        elif not isinstance(order, QUESTIONS) and not self._peers.in_control(request.client):
+            holder = self._peers.controller(now_s)
+            who = f"{holder} is in control" if holder else "you are not in control"
+            self._reply(envelope, Reply(number, f"{who}: you can only look on"))
+        elif len(self._pending) >= MAX_PENDING:
+            self._reply(envelope, Reply(number, "the recorder is busy: try again"))
+        else:
+            answer = self._submit(order, self._peers.name(request.client))
+            self._pending.append(_Pending(envelope, number, answer, now_s + ANSWER_S))
+            answer.add_done_callback(lambda _: self._wake())
+
+    def _answer_pending(self) -> None:
+        now_s = time.monotonic()
+        for pending in self._pending[:]:
+            if pending.answer.done():
+                reply = replace(_outcome(pending.answer), number=pending.number)
+            elif now_s > pending.deadline_s:
+                text = f"the recorder did not come round to it within {ANSWER_S:g} s"
+                reply = Reply(pending.number, text)
+            else:
+                continue
+            self._pending.remove(pending)
+            self._reply(pending.envelope, reply)
+
+    def _reply(self, envelope: Sequence[bytes], reply: Reply) -> None:
+        with suppress(zmq.ZMQError):  # it does not read, or has gone
+            self._requests.send_multipart([*envelope, REPLY.dump_json(reply)], zmq.NOBLOCK)
+
+
+def _outcome(answer: Future[Reply]) -> Reply:
+    try:
+        return answer.result()
+    except CancelledError:
+        return Reply(0, "the recorder is ending")
+    except Exception as error:  # whatever it was, the client is to hear of it
+        return Reply(0, printable(str(error) or repr(error), 400))
+
+
+def _read(message: bytes) -> Request | Reply:
+    """Return a request, or why the message is none."""
+    if len(message) > MAX_REQUEST_BYTES:
+        text = f"a request of {len(message)} bytes; the limit is {MAX_REQUEST_BYTES}"
+        return Reply(0, text)
+    try:
+        request: Request = REQUEST.validate_json(message)
+    except ValidationError as error:
+        number, protocol = _number_and_protocol(message)
+        if protocol != PROTOCOL:
+            return Reply(number, _other_protocol(protocol))
+        first = error.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        return Reply(number, printable(f"no request: {place}: {first['msg']}", 200))
+    if request.protocol != PROTOCOL:
+        return Reply(request.number, _other_protocol(request.protocol))
+    return request
+
+
+def _other_protocol(protocol: int) -> str:
+    return f"protocol {protocol} is not spoken here, but {PROTOCOL}: use one version of Bumpbench"
+
+
+def _number_and_protocol(message: bytes) -> tuple[int, int]:
+    """Return what can be made out of a message that is no request."""
+    with suppress(ValueError):
+        found = from_json(message)
+        if isinstance(found, dict):
+            number, protocol = found.get("number"), found.get("protocol")
+            return (
+                number if isinstance(number, int) else 0,
+                protocol if isinstance(protocol, int) else PROTOCOL,
+            )
+    return 0, PROTOCOL

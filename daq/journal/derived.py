@@ -1,0 +1,59 @@
+"""Which recordings have their session file: a small file beside the segments remembers it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from .scan import SegmentInfo
+
+
+def remember(folder: Path, recording: str, stop: int, session: Path) -> None:
+    """Note that a session file has all blocks of a recording up to `stop`.
+
+    A folder that cannot be written is left alone: its segments are not deleted then, that is all.
+    """
+    text = json.dumps(
+        {"stop": stop, "session": str(session.resolve()), "bytes": session.stat().st_size}
+    )
+    path = _memory(folder, recording)
+    beside = path.with_suffix(".tmp")
+    with suppress(OSError):
+        with beside.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        beside.replace(path)
+
+
+def derived_recordings(folder: Path, segments: Iterable[SegmentInfo]) -> set[str]:
+    """Return the recordings whose session file is there, whole, and has all of their blocks."""
+    stops: dict[str, int] = {}
+    for info in segments:
+        stops[info.recording] = max(info.stop, stops.get(info.recording, 0))
+    return {recording for recording, stop in stops.items() if _is_derived(folder, recording, stop)}
+
+
+def is_outdated(folder: Path, recording: str, stop: int) -> bool:
+    """Whether a session file was derived of a recording that has not its blocks up to `stop`."""
+    try:
+        told = json.loads(_memory(folder, recording).read_text("utf-8"))
+        return bool(told["stop"] < stop)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _memory(folder: Path, recording: str) -> Path:
+    return folder / f"derived_{recording}.json"
+
+
+def _is_derived(folder: Path, recording: str, stop: int) -> bool:
+    try:
+        told = json.loads(_memory(folder, recording).read_text("utf-8"))
+        # It was written beside and renamed: with its size it is whole.
+        return bool(told["stop"] >= stop and Path(told["session"]).stat().st_size == told["bytes"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return False

@@ -1,0 +1,144 @@
+"""The recordings in a folder of segments, told apart without reading their frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from pathlib import Path
+
+from ..errors import InputError
+from ..recorder.book import Code
+from ..runs import Event
+from .contents import JournalTail, RecordingInfo
+from .gaps import ENDED
+from .scan import SegmentInfo, read_head, scan
+
+PATTERN = "journal_*.mcap"
+
+
+def segments_in(folder: Path) -> tuple[Path, ...]:
+    """Return the segments in a folder by their numbers, also those that hold nothing."""
+    return tuple(sorted(folder.glob(PATTERN), key=segment_number))
+
+
+def segment_number(path: Path) -> int:
+    """Return the number in a segment's name, 0 if there is none."""
+    digits = path.stem.rpartition("_")[2]
+    return int(digits) if digits.isdecimal() else 0
+
+
+def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
+    """Return the recordings in a folder, the oldest first.
+
+    Files that are no segment, or that end before their head does, are left out.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files `journal_*.mcap` are.
+    """
+    return _grouped(info for path in segments_in(folder) if (info := _scanned(path)))
+
+
+def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
+    """Return the recordings that these segments are of, the oldest first.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or is no journal, or none holds even its beginning.
+    """
+    return _grouped(_all_scanned(segments))
+
+
+def last_recording(folder: Path) -> JournalTail | None:
+    """Return where the newest recording in a folder stands; None if there is none.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files `journal_*.mcap` are.
+    """
+    newest: list[SegmentInfo] = []
+    for path in reversed(segments_in(folder)):
+        info = _scanned(path)
+        if info is None:
+            continue
+        if newest and info.recording != newest[0].recording:
+            break
+        newest.append(info)
+    return _tail(newest[::-1]) if newest else None
+
+
+def recording_of(segments: Sequence[Path]) -> JournalTail:
+    """Return where the recording stands that these segments are of.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or is no journal, or none holds even its beginning.
+    """
+    return _tail(sorted(_all_scanned(segments), key=lambda info: info.number))
+
+
+def _all_scanned(segments: Sequence[Path]) -> list[SegmentInfo]:
+    infos = [info for path in segments if (info := scan(path))]
+    if not infos:
+        where = ", ".join(str(path) for path in segments) or "journal"
+        raise InputError(where, "holds no recording", "name the files journal_*.mcap")
+    return infos
+
+
+def _grouped(infos: Iterable[SegmentInfo]) -> tuple[RecordingInfo, ...]:
+    grouped: dict[str, list[SegmentInfo]] = {}
+    for info in sorted(infos, key=lambda info: info.number):
+        grouped.setdefault(info.recording, []).append(info)
+    return tuple(_recording(group) for group in grouped.values())
+
+
+def _tail(infos: Sequence[SegmentInfo]) -> JournalTail:
+    found = read_head(infos[0].path)
+    assert found is not None  # it was scanned
+    events = _events(infos)
+    return JournalTail(
+        found[0],
+        max(info.stop for info in infos),
+        max(info.last_ns for info in infos),
+        sum(info.frames for info in infos),
+        events,
+        any(event.code == ENDED for event in events),
+        tuple(info.path for info in infos),
+    )
+
+
+def _recording(infos: list[SegmentInfo]) -> RecordingInfo:
+    events = _events(infos)
+    return RecordingInfo(
+        infos[0].recording,
+        tuple(info.path for info in infos),
+        sum(info.bytes for info in infos),
+        sum(info.frames for info in infos),
+        next((info.first_ns for info in infos if info.frames), 0),
+        max(info.last_ns for info in infos),
+        sum(event.code == Code.BUMP for event in events),
+        any(event.code == ENDED for event in events),
+    )
+
+
+def _events(infos: Iterable[SegmentInfo]) -> tuple[Event, ...]:
+    """Return all events once: a segment whose sync failed has its last ones in the next too."""
+    events: list[Event] = []
+    stop = 0
+    for info in infos:
+        for number, told in groupby(info.events, key=lambda numbered: numbered[0]):
+            if number >= stop:
+                events += (event for _, event in told)
+                stop = number + 1
+    return tuple(events)
+
+
+def _scanned(path: Path) -> SegmentInfo | None:
+    try:
+        return scan(path)
+    except (InputError, OSError):
+        return None  # of another program, or just deleted

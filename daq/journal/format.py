@@ -1,0 +1,175 @@
+"""The form of the journal: what one message of the MCAP file holds.
+
+A journal is a row of segments `journal_0001.mcap`, `journal_0002.mcap`...  Each begins with a
+metadata record and the texts of bench.toml and DBC as attachments, so that it can be read alone.
+Every message carries the number of its place in the whole journal and a CRC: without chunks, MCAP
+itself would not notice a flipped bit.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from dbc.frames import FrameBatch
+
+from ..bus.source import HopLosses
+from ..runs import Event
+
+PROFILE = "bumpbench"
+FRAMES_TOPIC, EVENTS_TOPIC = "frames", "events"
+HEAD_RECORD, BENCH_NAME, DBC_NAME = "bumpbench", "bench.toml", "bench.dbc"
+
+_CRC = struct.Struct("<I")
+_BLOCK = struct.Struct("<QII4Q")  # number, frames, payload width, HopLosses
+_COLUMNS = (("t_ns", "<i8"), ("can_id", "<u4"), ("flags", "<u2"), ("bus", "u1"), ("length", "u1"))
+_COLUMN_BYTES = sum(np.dtype(form).itemsize for _, form in _COLUMNS)
+BLOCK_HEAD = _CRC.size + _BLOCK.size
+"""Bytes of a message of frames before its first column, which is `t_ns`."""
+
+
+@dataclass(frozen=True, slots=True)
+class JournalHead:
+    """What every segment of a recording begins with.
+
+    Parameters
+    ----------
+    bench_text, dbc_text : str
+        bench.toml and DBC in full.
+    software : str
+        Name and version of the writer.
+    wall_ns, monotonic_ns : int
+        The host's two clocks, read together when the recording began, or was taken up again.
+    recording : str
+        Identity of the recording (a uuid4 as 32 hex digits), kept when it is taken up again; empty
+        in journals of older versions, where the clocks are the identity.
+    """
+
+    bench_text: str
+    dbc_text: str
+    software: str
+    wall_ns: int
+    monotonic_ns: int
+    recording: str = ""
+
+    @property
+    def identity(self) -> str:
+        """What the segments of one recording have in common."""
+        return self.recording or f"{self.wall_ns}+{self.monotonic_ns}"
+
+
+def head_record(head: JournalHead, segment: int) -> dict[str, str]:
+    """Return the metadata of a segment; the texts go into attachments."""
+    return {
+        "software": head.software,
+        "wall_ns": str(head.wall_ns),
+        "monotonic_ns": str(head.monotonic_ns),
+        "segment": str(segment),
+        "recording": head.recording,
+        "bench_crc32": str(zlib.crc32(head.bench_text.encode())),
+        "dbc_crc32": str(zlib.crc32(head.dbc_text.encode())),
+    }
+
+
+def parse_head(
+    record: dict[str, str], bench_text: bytes, dbc_text: bytes
+) -> tuple[JournalHead, int]:
+    """Return what `head_record` was made of.
+
+    Raises
+    ------
+    ValueError, KeyError
+        If a text is not the one that was written, or the record is not ours.
+    """
+    for name, text in (("bench_crc32", bench_text), ("dbc_crc32", dbc_text)):
+        if zlib.crc32(text) != int(record[name]):
+            raise ValueError(f"{name} does not fit")
+    head = JournalHead(
+        bench_text.decode(),
+        dbc_text.decode(),
+        record["software"],
+        int(record["wall_ns"]),
+        int(record["monotonic_ns"]),
+        record.get("recording", ""),
+    )
+    return head, int(record["segment"])
+
+
+def pack_frames(number: int, frames: FrameBatch, losses: HopLosses) -> bytes:
+    """Return the message for a block of frames and the losses counted up to it."""
+    width = frames.data.shape[1]
+    body = b"".join(
+        [
+            _BLOCK.pack(number, len(frames), width, *astuple(losses)),
+            *(getattr(frames, name).astype(form).tobytes() for name, form in _COLUMNS),
+            frames.data.tobytes(),
+        ]
+    )
+    return _CRC.pack(zlib.crc32(body)) + body
+
+
+def unpack_frames(message: bytes) -> tuple[int, FrameBatch, HopLosses]:
+    """Return what `pack_frames` was given.
+
+    Raises
+    ------
+    ValueError
+        If a single bit differs from what was written.
+    """
+    if len(message) < BLOCK_HEAD:
+        raise ValueError("too short for a block")
+    if _CRC.unpack_from(message)[0] != zlib.crc32(memoryview(message)[_CRC.size :]):
+        raise ValueError("checksum does not fit")
+    number, n, width, *counts = _BLOCK.unpack_from(message, _CRC.size)
+    offset = BLOCK_HEAD
+    if len(message) != offset + n * (_COLUMN_BYTES + width):
+        raise ValueError("length does not fit the number of frames")
+    columns = {}
+    for name, form in _COLUMNS:
+        columns[name] = np.frombuffer(message, form, n, offset)
+        offset += columns[name].nbytes
+    data = np.frombuffer(message, np.uint8, n * width, offset).reshape(n, width)
+    return number, FrameBatch(**columns, data=data), HopLosses(*counts)
+
+
+def block_head(message: bytes) -> tuple[int, int]:
+    """Return number and frames of a block, unchecked, from the first `BLOCK_HEAD` bytes."""
+    number, frames, *_ = _BLOCK.unpack_from(message, _CRC.size)
+    return number, frames
+
+
+def first_stamp(message: bytes) -> int:
+    """Return the time stamp of the first frame of a block that has one."""
+    return int.from_bytes(message[BLOCK_HEAD : BLOCK_HEAD + 8], "little", signed=True)
+
+
+def pack_events(number: int, events: Sequence[Event]) -> bytes:
+    """Return the message for events: JSON, so that any MCAP tool can show it."""
+    body = {"number": number, "events": [list(astuple(event)) for event in events]}
+    return json.dumps({"crc32": zlib.crc32(_canonical(body)), **body}).encode()
+
+
+def unpack_events(message: bytes) -> tuple[int, tuple[Event, ...]]:
+    """Return what `pack_events` was given.
+
+    Raises
+    ------
+    ValueError
+        If it is not what was written.
+    """
+    try:
+        body = json.loads(message)
+        if body.pop("crc32") != zlib.crc32(_canonical(body)):
+            raise ValueError("checksum does not fit")
+        return body["number"], tuple(Event(*fields) for fields in body["events"])
+    except (KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(f"not the JSON of events: {error}") from error
+
+
+def _canonical(body: object) -> bytes:
+    return json.dumps(body, sort_keys=True, separators=(",", ":")).encode()

@@ -1,0 +1,165 @@
+"""Which segments may be deleted to make room, and the deleting.
+
+The oldest go first, and only sealed ones that nobody needs: of a recording whose session file is
+there and has everything, of one without a run, and of the open one what lies far from every run.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+from ..errors import InputError
+from ..recorder.book import Code
+from ..runs import Event
+from .derived import derived_recordings
+from .folder import segments_in
+from .gaps import RETENTION, Gap, gap_event, parse_gap
+from .scan import SegmentInfo, scan
+
+REACH_NS = 1_200_000_000_000
+"""Longer than any run reaches before and after its bump."""
+_BOOKED = frozenset(Code)
+_SCANS = 8
+"""So many old segments are looked through in a turn."""
+
+
+def expendable(
+    segments: Sequence[SegmentInfo], open_recording: str, derived: Collection[str], now_ns: int
+) -> tuple[SegmentInfo, ...]:
+    """Return the segments that may go, the oldest first.
+
+    Parameters
+    ----------
+    segments : sequence of SegmentInfo
+        All segments of the folder but the one being written.
+    open_recording : str
+        Identity of the recording that goes on.
+    derived : collection of str
+        Recordings whose session file is there and has everything.
+    now_ns : int
+        Latest time stamp of the open recording.
+    """
+    bumps: dict[str, list[int]] = {}
+    for info in segments:
+        times = [event.t_ns for _, event in info.events if event.code == Code.BUMP]
+        bumps.setdefault(info.recording, []).extend(times)
+    ordered = sorted(segments, key=lambda info: info.number)
+    # A bump may come at any moment, and what is before it belongs to it.
+    wanted = sorted([*bumps.get(open_recording, ()), now_ns])
+    may = []
+    for info in ordered:
+        if info.recording == open_recording:
+            free = not _tells(info) and not _near(info, wanted)
+        else:
+            free = info.recording in derived or not bumps[info.recording]
+        if free:
+            may.append(info)
+    return tuple(may)
+
+
+def oldest(may: Iterable[SegmentInfo], excess_bytes: float) -> tuple[SegmentInfo, ...]:
+    """Return as many of the first segments as together have `excess_bytes`."""
+    going: list[SegmentInfo] = []
+    for info in may:
+        if excess_bytes <= 0:
+            break
+        going.append(info)
+        excess_bytes -= info.bytes
+    return tuple(going)
+
+
+def parting_events(info: SegmentInfo, open_recording: str, t_ns: int) -> tuple[Event, ...]:
+    """Return what must be written before a segment is deleted: that it is, and what it told itself.
+
+    Gaps of the open recording that only this segment knew of would look like losses later.
+    """
+    own = Gap(info.recording, info.first, info.stop, info.frames, info.path.name)
+    events: list[Event] = []
+    for _, event in info.events:
+        gap = parse_gap(event)
+        if gap is None or gap.recording != open_recording:
+            continue
+        touches = gap.recording == own.recording and gap.stop >= own.first >= gap.first
+        if event.code == RETENTION and touches:
+            first, stop = min(gap.first, own.first), max(gap.stop, own.stop)
+            file = f"{gap.file.partition(' ')[0]} to {own.file}"
+            own = replace(own, first=first, stop=stop, frames=own.frames + gap.frames, file=file)
+        else:
+            events.append(event)
+    return (*events, gap_event(RETENTION, t_ns, own))
+
+
+def _tells(info: SegmentInfo) -> bool:
+    """Whether the book of the recording hangs on an event of this segment."""
+    return any(event.code in _BOOKED for _, event in info.events)
+
+
+def _near(info: SegmentInfo, times_ns: Sequence[int]) -> bool:
+    """Whether one of these times, in order, is within reach of a segment."""
+    after = bisect_left(times_ns, info.first_ns - REACH_NS)
+    return after < len(times_ns) and times_ns[after] <= info.last_ns + REACH_NS
+
+
+class Retention:
+    """The segments in a folder but for the one being written: their sizes, and which may go.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they are.
+    recording : str
+        Identity of the open recording.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be read.
+    """
+
+    def __init__(self, folder: Path, recording: str) -> None:
+        self._folder = folder
+        self._recording = recording
+        self._sizes = {path: path.stat().st_size for path in segments_in(folder)}
+        self._infos: dict[Path, SegmentInfo] = {}
+
+    @property
+    def bytes(self) -> int:
+        """Size of all of them."""
+        return sum(self._sizes.values())
+
+    def add(self, path: Path, size: int) -> None:
+        """Take note of a segment that is not written any more."""
+        self._sizes[path] = size
+
+    def forget(self, path: Path) -> None:
+        """Take note that a segment is not there any more."""
+        self._sizes.pop(path, None)
+        self._infos.pop(path, None)
+
+    def choose(self, excess_bytes: float, now_ns: int) -> tuple[SegmentInfo, ...] | None:
+        """Return what is to go; None if not all segments have been looked through yet."""
+        unknown = [path for path in self._sizes if path not in self._infos]
+        for path in unknown[:_SCANS]:
+            try:
+                info = scan(path)
+            except (InputError, OSError):
+                info = None
+            if info is None:
+                self._sizes.pop(path)  # not ours, or not there
+            else:
+                self._infos[path] = info
+        if len(unknown) > _SCANS:
+            return None
+        derived = derived_recordings(self._folder, self._infos.values())
+        may = expendable(tuple(self._infos.values()), self._recording, derived, now_ns)
+        return oldest(may, excess_bytes)
+
+    def delete(self, info: SegmentInfo) -> None:
+        """Delete a segment."""
+        with suppress(OSError):
+            info.path.unlink()
+        self.forget(info.path)

@@ -1,0 +1,245 @@
+"""One file of the journal being written: an MCAP file without chunks, each write synced.
+
+When `Segment.write` returns, neither a kill nor a power cut takes the blocks away.  After the
+first write error a file is not touched again: retrying in place leaves holes in what was reported
+as written.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from io import FileIO
+from pathlib import Path
+from typing import IO, Protocol, cast
+
+from mcap.writer import IndexType, Writer
+
+from .format import (
+    BENCH_NAME,
+    DBC_NAME,
+    EVENTS_TOPIC,
+    FRAMES_TOPIC,
+    HEAD_RECORD,
+    PROFILE,
+    JournalHead,
+    first_stamp,
+    unpack_events,
+)
+from .summary import SUMMARY_RECORD, Summary, pack_summary
+
+
+class JournalFile(Protocol):
+    """What a segment needs of a file."""
+
+    def write(self, data: memoryview, /) -> int | None:
+        """Write a part of `data` and return how much."""
+
+    def sync(self) -> None:
+        """Return when all that was written is on the disk."""
+
+    def stat(self) -> os.stat_result:
+        """Return what the file system says of the open file."""
+
+    def close(self) -> None:
+        """Close the file."""
+
+
+class SyncedFile(FileIO):
+    """A file that is not there yet, without a buffer in between."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "xb")
+
+    def sync(self) -> None:
+        """Return when all that was written is on the disk."""
+        os.fdatasync(self.fileno())
+
+    def stat(self) -> os.stat_result:
+        """Return what the file system says of the open file."""
+        return os.fstat(self.fileno())
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A message on its way to the disk.
+
+    Parameters
+    ----------
+    number : int
+        Its place in the recording.
+    topic : str
+        Of frames or of events.
+    t_ns : int
+        Latest time stamp up to it.
+    message : bytes
+        As packed.
+    frames : int
+        Frames in it.
+    """
+
+    number: int
+    topic: str
+    t_ns: int
+    message: bytes
+    frames: int
+
+
+class Segment:
+    """A file of the journal.
+
+    Parameters
+    ----------
+    file : JournalFile
+        New and empty; closed here.
+    path : Path
+        Its name; deleted again if not even the head can be written.
+    record : dict of str to str
+        From `head_record`.
+    head : JournalHead
+        Texts for the attachments.
+
+    Raises
+    ------
+    OSError
+        If the head cannot be written.
+    """
+
+    def __init__(
+        self, file: JournalFile, path: Path, record: dict[str, str], head: JournalHead
+    ) -> None:
+        self.path = path
+        self.file = file
+        self.first: int | None = None
+        self._stop = self._frames = self._first_ns = self._last_ns = 0
+        self._events: list[bytes] = []
+        self._stream = _Unbuffered(file)
+        self._writer = Writer(
+            cast(IO[bytes], self._stream), use_chunking=False, index_types=IndexType.METADATA
+        )
+        try:
+            self._writer.start(PROFILE, head.software)
+            self._channels = {
+                FRAMES_TOPIC: self._writer.register_channel(FRAMES_TOPIC, "bumpbench-frames-1", 0),
+                EVENTS_TOPIC: self._writer.register_channel(EVENTS_TOPIC, "json", 0),
+            }
+            self._writer.add_metadata(HEAD_RECORD, record)
+            for name, text in ((BENCH_NAME, head.bench_text), (DBC_NAME, head.dbc_text)):
+                self._writer.add_attachment(0, head.wall_ns, name, "text/plain", text.encode())
+            file.sync()
+            _sync_folder(path.parent)
+        except OSError:
+            self.discard()
+            raise
+
+    @property
+    def size(self) -> int:
+        """Bytes written."""
+        return self._stream.size
+
+    def write(self, blocks: Sequence[Block]) -> None:
+        """Write blocks through to the disk.
+
+        Raises
+        ------
+        OSError
+            If that failed; nothing else must be written to this file then.
+        """
+        for block in blocks:
+            self._writer.add_message(
+                self._channels[block.topic],
+                block.t_ns,
+                block.message,
+                block.t_ns,
+                sequence=block.number & 0xFFFF_FFFF,
+            )
+        self.file.sync()
+        for block in blocks:
+            self._note(block)
+
+    def finish(self) -> None:
+        """Write the end that MCAP tools expect, and close.
+
+        Raises
+        ------
+        OSError
+            If the end is not on the disk; the file is closed, and all blocks are in it.
+        """
+        try:
+            self._writer.add_metadata(SUMMARY_RECORD, pack_summary(self._summary()))
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self.file.sync()
+        finally:
+            with suppress(OSError):
+                self.file.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is, and delete it if no block is in it."""
+        if self.first is None:
+            self.discard()
+            return
+        with suppress(OSError):
+            self.file.close()
+
+    def forsake(self) -> None:
+        """Close the file and touch nothing else: what bears its name is another's."""
+        with suppress(OSError):
+            self.file.close()
+
+    def _note(self, block: Block) -> None:
+        """Take note of a block that is on the disk."""
+        if self.first is None:
+            self.first = block.number
+        self._stop = block.number + 1
+        if block.topic == EVENTS_TOPIC:
+            self._events.append(block.message)
+        elif block.frames:
+            self._frames += block.frames
+            self._first_ns = self._first_ns or first_stamp(block.message)
+            self._last_ns = max(self._last_ns, block.t_ns)
+
+    def _summary(self) -> Summary:
+        told = [unpack_events(message) for message in self._events]
+        events = tuple((number, event) for number, block in told for event in block)
+        first = self._stop if self.first is None else self.first
+        return Summary(first, self._stop, self._frames, self._first_ns, self._last_ns, events)
+
+    def discard(self) -> None:
+        """Close and delete the file: there is nothing in it that was reported as written."""
+        with suppress(OSError):
+            self.file.close()
+        with suppress(OSError):
+            self.path.unlink()
+
+
+class _Unbuffered:
+    """What MCAP's writer needs of a stream, with nothing kept back for a later flush to lose."""
+
+    def __init__(self, file: JournalFile) -> None:
+        self._file = file
+        self.size = 0
+
+    def write(self, data: bytes) -> int:
+        rest = memoryview(data)
+        while rest:  # a disk that is nearly full takes a part and reports no error
+            written = self._file.write(rest)
+            if not written:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            self.size += written
+            rest = rest[written:]
+        return len(data)
+
+    def tell(self) -> int:
+        return self.size
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the name of a new file survive a power cut."""
+    fd = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)

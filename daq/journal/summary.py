@@ -1,0 +1,107 @@
+"""The last record of a sealed segment: what is in it, so that nobody has to walk through it.
+
+A recorder that is started again has to know where its recording stands; after some weeks that is a
+hundred gigabytes, which take minutes to walk through and a blink to ask.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from io import BytesIO
+
+from mcap.data_stream import ReadDataStream
+from mcap.records import Metadata
+
+from ..runs import Event
+
+SUMMARY_RECORD = "bumpbench_summary"
+
+_RECORD = struct.Struct("<BQ")  # kind, length
+_FOOTER = struct.Struct("<BQQQI8s")  # kind, length, start of MCAP's index, offsets, crc, magic
+_INDEX = struct.Struct("<QQI")  # offset, length, length of the name
+_FOOTER_KIND, _METADATA_KIND, _INDEX_KIND = 0x02, 0x0C, 0x0D
+_MAGIC = b"\x89MCAP0\r\n"
+_LARGEST_BYTES = 1 << 16
+"""MCAP's own summary of a file without chunks: channels, statistics, two entries of an index."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What is in a segment.
+
+    Parameters
+    ----------
+    first, stop : int
+        Number of the first block and of the one after the last; equal if there is none.
+    frames : int
+        In all its blocks.
+    first_ns, last_ns : int
+        Time stamps of the first frame and the latest; 0 if there is none.
+    events : tuple of (int, Event)
+        In order, each with the number of its block.
+    """
+
+    first: int
+    stop: int
+    frames: int
+    first_ns: int
+    last_ns: int
+    events: tuple[tuple[int, Event], ...]
+
+
+def pack_summary(summary: Summary) -> dict[str, str]:
+    """Return the metadata that tells of a segment."""
+    events = [[number, *astuple(event)] for number, event in summary.events]
+    numbers = [summary.first, summary.stop, summary.frames, summary.first_ns, summary.last_ns]
+    text = json.dumps([*numbers, events], separators=(",", ":"))
+    return {"contents": text, "crc32": str(zlib.crc32(text.encode()))}
+
+
+def read_summary(fd: int, size: int) -> Summary | None:
+    """Return the summary of a file, None if it has no proper end or was written without one."""
+    try:
+        tail = os.pread(fd, _FOOTER.size, size - _FOOTER.size)
+        kind, length, start, _, _, magic = _FOOTER.unpack(tail)
+        if (kind, length, magic) != (_FOOTER_KIND, 20, _MAGIC) or not 0 < start < size:
+            return None
+        index = os.pread(fd, min(size - _FOOTER.size - start, _LARGEST_BYTES), start)
+        for offset in _metadata_offsets(index):
+            kind, length = _RECORD.unpack(os.pread(fd, _RECORD.size, offset))
+            if kind != _METADATA_KIND or offset + length > start:
+                return None
+            content = os.pread(fd, length, offset + _RECORD.size)
+            record = Metadata.read(ReadDataStream(BytesIO(content)))
+            return _parsed(record.metadata)
+    except Exception:  # a file that is not ours, or torn: it is walked through then
+        return None
+    return None
+
+
+def _metadata_offsets(index: bytes) -> Sequence[int]:
+    """Return where the records are that MCAP's index of metadata names as ours."""
+    found = []
+    at = 0
+    while at + _RECORD.size <= len(index):
+        kind, length = _RECORD.unpack_from(index, at)
+        at += _RECORD.size
+        if kind == _INDEX_KIND:
+            offset, _, name_bytes = _INDEX.unpack_from(index, at)
+            name = index[at + _INDEX.size : at + _INDEX.size + name_bytes]
+            if name == SUMMARY_RECORD.encode():
+                found.append(offset)
+        at += length
+    return found
+
+
+def _parsed(record: dict[str, str]) -> Summary | None:
+    text = record["contents"]
+    if zlib.crc32(text.encode()) != int(record["crc32"]):
+        return None
+    first, stop, frames, first_ns, last_ns, events = json.loads(text)
+    told = tuple((number, Event(*fields)) for number, *fields in events)
+    return Summary(first, stop, frames, first_ns, last_ns, told)

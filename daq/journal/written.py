@@ -1,0 +1,67 @@
+"""What a keeper wrote into which file, so that a file that is taken away can be told of exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from .gaps import Gap
+from .segment import Block
+
+
+@dataclass(frozen=True, slots=True)
+class _Span:
+    first: int
+    stop: int
+    frames: int
+
+
+class Written:
+    """The acknowledged blocks of each segment.
+
+    Parameters
+    ----------
+    recording : str
+        Identity of the recording.
+    """
+
+    def __init__(self, recording: str) -> None:
+        self._recording = recording
+        self._spans: dict[Path, _Span] = {}
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The segments that have blocks."""
+        return tuple(self._spans)
+
+    def note(self, path: Path, blocks: Sequence[Block]) -> int:
+        """Take note of blocks that are on the disk; return how many frames they have."""
+        frames = sum(block.frames for block in blocks)
+        before = self._spans.get(path)
+        self._spans[path] = _Span(
+            before.first if before else blocks[0].number,
+            blocks[-1].number + 1,
+            frames + (before.frames if before else 0),
+        )
+        return frames
+
+    def forget(self, path: Path) -> None:
+        """Take note that a segment was deleted on purpose."""
+        self._spans.pop(path, None)
+
+    def take_gone(self, also: Path | None) -> dict[Path, Gap]:
+        """Return what was in segments that are not there any more, and forget it.
+
+        Parameters
+        ----------
+        also : Path, optional
+            A segment whose name is there, but not our file.
+        """
+        gone = {p: s for p, s in self._spans.items() if p == also or not p.is_file()}
+        for path in gone:
+            del self._spans[path]
+        return {
+            path: Gap(self._recording, span.first, span.stop, span.frames, path.name)
+            for path, span in gone.items()
+        }

@@ -1,0 +1,1 @@
+"""The recorder: threads at the edge, pure folds within."""

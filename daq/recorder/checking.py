@@ -1,0 +1,55 @@
+"""The bench check over the last seconds, as the answer to a client."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from datetime import date
+
+from dbc.frames import FrameBatch
+
+from ..bench.config import Bench, bench_codec
+from ..check.check import check_bench
+from ..control.messages import CheckItem, Reply
+from .order_events import OrderError
+
+MOST = 4
+"""Each keeps the frames of some seconds until it is answered."""
+
+
+class Checks:
+    """Bench checks, one after the other in a thread beside: seconds of a full bus take a while."""
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(1, "check")
+        self._waiting: list[Future[Reply]] = []
+
+    def begin(self, bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
+        """Check a bench, and answer then.
+
+        Raises
+        ------
+        OrderError
+            If too many wait already.
+        """
+        self._waiting = [waiting for waiting in self._waiting if not waiting.done()]
+        if len(self._waiting) >= MOST:
+            raise OrderError("other checks are under way: try again")
+        self._waiting.append(answer)
+        self._thread.submit(_answer, bench, frames, answer)
+
+    def close(self) -> None:
+        """Begin no more of them."""
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+
+def _answer(bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
+    try:
+        report = check_bench(bench, bench_codec(bench), frames, date.today())
+        lines = tuple(
+            CheckItem(line.verdict.name, line.subject, line.reason, line.advice, dict(line.figures))
+            for line in report.lines
+        )
+    except Exception as error:  # the one who asked is to hear of it
+        answer.set_exception(error)
+        return
+    answer.set_result(Reply(0, check=lines))

@@ -1,0 +1,106 @@
+"""Session files derived beside the recording: one process at a time, started and polled."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..control.messages import SessionState, SessionStatus
+from ..errors import printable
+from ..journal.derive import DONE, DONE_WITH_LOSS
+
+_ENDING_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    target: Path
+    segments: tuple[Path, ...]
+
+
+class Derivation:
+    """Derives session files, one after the other; HDF5 never runs within the recorder."""
+
+    def __init__(self) -> None:
+        self._jobs: deque[_Job] = deque()
+        self._job: _Job | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self.status = SessionStatus()
+
+    def begin(self, target: Path, segments: Sequence[Path]) -> None:
+        """Have the session file of these segments built; never raises."""
+        waiting = [job for job in self._jobs if job.target != target]  # the newer one has it all
+        self._jobs = deque([*waiting, _Job(target, tuple(segments))])
+        self.status = SessionStatus(SessionState.BUILDING, str(target))
+        self.poll()
+
+    def poll(self) -> None:
+        """See how far it is; to be called now and then."""
+        if self._process is not None:
+            if self._process.poll() is None:
+                return
+            self._finish(self._process)
+        if self._process is None and self._jobs:
+            self._start(self._jobs.popleft())
+
+    def close(self) -> None:
+        """End what is under way: a session file is whole or absent, and can be built any time."""
+        self._jobs.clear()
+        if self._process is not None:
+            self._process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_ENDING_S)
+            if self._process.poll() is None:
+                self._process.kill()
+                self._process.wait()
+            self._finish(self._process)
+
+    def _start(self, job: _Job) -> None:
+        self._job = job
+        command = [
+            sys.executable,
+            "-m",
+            "daq.journal.derive",
+            str(job.target),
+            *map(str, job.segments),
+        ]
+        try:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,  # holds more than it says, so it is read at its end
+                stderr=subprocess.STDOUT,
+                process_group=0,  # a Ctrl-C at the terminal is not for it
+            )
+        except OSError as error:
+            self._finish_with(SessionState.FAILED, error.strerror or str(error))
+
+    def _finish(self, process: subprocess.Popen[bytes]) -> None:
+        said = process.communicate()[0].decode("utf-8", "replace").splitlines()
+        last, code = said[-1] if said else "", process.returncode
+        text = _told(last)
+        if code in (DONE, DONE_WITH_LOSS):
+            self._finish_with(SessionState.READY, text)
+        else:
+            failure = printable(f"ended with code {code}: {last}")
+            self._finish_with(SessionState.FAILED, text or failure)
+
+    def _finish_with(self, state: SessionState, text: str) -> None:
+        assert self._job is not None  # it was begun
+        if not self._jobs:
+            self.status = SessionStatus(state, str(self._job.target), text)
+        self._process = self._job = None
+
+
+def _told(line: str) -> str:
+    """Return what is wrong, or what the journal has lost, as told in the process's JSON line."""
+    with suppress(ValueError, AttributeError):
+        told = json.loads(line)
+        return printable(str(told.get("error") or told.get("loss") or ""), 400)
+    return ""

@@ -1,0 +1,112 @@
+"""The newest samples as an envelope: lowest and highest value of each channel in each bin of time.
+
+What terminals draw.  A ring of bins of data time; the recorder tells complete bins once, and all
+it still has to whoever begins to listen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..control.messages import Lane, Live
+
+BIN_S = 0.02
+KEPT_S = 60.0
+LATE_S = 0.1
+"""A bin is complete so long after its end: the buses do not deliver at the same moment."""
+MOST_TOLD_S = 10.0
+"""After a gap in time no more is told at once."""
+_BIN_NS = round(BIN_S * 1e9)
+_BINS = round(KEPT_S / BIN_S)
+
+Block = Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]]
+
+
+class LiveRing:
+    """The last minute of some channels.
+
+    Parameters
+    ----------
+    channels : sequence of str
+        Their names, in the order of the lanes.
+    """
+
+    def __init__(self, channels: Sequence[str]) -> None:
+        self._row = {name: row for row, name in enumerate(channels)}
+        self._low = np.full((len(channels), _BINS), np.nan)
+        self._high = self._low.copy()
+        self._end = 0  # bins before this one are or were in the ring
+        self._told = 0  # bins before this one were told
+        self._first = 0  # the ring holds nothing before this bin
+
+    def add(self, block: Block) -> None:
+        """Take in a block of samples in order of arrival; values that are not finite are none."""
+        pieces = [(self._row[name], *piece) for name, piece in block.items() if len(piece[0])]
+        if not pieces:
+            return
+        last = max(int(t_ns[-1]) for _, t_ns, _ in pieces) // _BIN_NS
+        first = min(int(t_ns[0]) for _, t_ns, _ in pieces) // _BIN_NS
+        if self._end == 0 or last < self._end - _BINS or last - self._end > _BINS:
+            self._begin(first)  # the first data, or a clock that was set anew
+        self._advance(last + 1)
+        for row, t_ns, value in pieces:
+            self._put(row, t_ns // _BIN_NS, value)
+
+    def fresh(self) -> Live | None:
+        """Return the bins that are complete and were not told yet."""
+        complete = self._end - math.ceil(LATE_S / BIN_S)
+        if complete <= self._told:
+            return None
+        first = max(self._told, complete - round(MOST_TOLD_S / BIN_S), self._first)
+        self._told = complete
+        return self._live(first, complete)
+
+    def history(self, seconds: float) -> Live:
+        """Return the bins of the last seconds, as far as they are complete."""
+        complete = max(self._end - math.ceil(LATE_S / BIN_S), self._first)
+        return self._live(max(complete - round(seconds / BIN_S), self._first), complete)
+
+    def _begin(self, first: int) -> None:
+        self._low[:], self._high[:] = np.nan, np.nan
+        self._first = self._told = self._end = first
+
+    def _advance(self, end: int) -> None:
+        if end <= self._end:
+            return
+        new = np.arange(max(self._end, end - _BINS), end) % _BINS
+        self._low[:, new] = np.nan
+        self._high[:, new] = np.nan
+        self._end = end
+        self._first = max(self._first, end - _BINS)
+
+    def _put(self, row: int, bins: NDArray[np.int64], value: NDArray[np.float64]) -> None:
+        good = np.isfinite(value) & (bins >= self._first) & (bins < self._end)
+        if not good.all():
+            bins, value = bins[good], value[good]
+            if not len(bins):
+                return
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(bins)) + 1])
+        place = bins[starts] % _BINS
+        # A bin may begin in one block and end in the next, or come twice if stamps fall back.
+        np.fmin.at(self._low[row], place, np.minimum.reduceat(value, starts))
+        np.fmax.at(self._high[row], place, np.maximum.reduceat(value, starts))
+
+    def _live(self, first: int, stop: int) -> Live:
+        columns = np.arange(first, stop) % _BINS
+        return Live(
+            first,
+            BIN_S,
+            tuple(
+                Lane(name, _plain(self._low[row, columns]), _plain(self._high[row, columns]))
+                for name, row in self._row.items()
+            ),
+        )
+
+
+def _plain(values: NDArray[np.float64]) -> tuple[float | None, ...]:
+    """Return numbers that JSON can hold: four digits are more than a terminal shows."""
+    return tuple(None if v != v else float(f"{v:.4g}") for v in values.tolist())

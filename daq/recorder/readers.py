@@ -1,0 +1,181 @@
+"""The readers of a recording: a thread for each bus, and the queue between them and the writer.
+
+Readers only read, stamp and hand over.  Whatever holds the writer up (a slow disk, a long decode)
+costs queue, not frames; if the queue is full, the frames that did not fit are counted.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+
+from dbc.frames import FrameBatch
+
+from ..bus.link import Link
+from ..bus.source import HopLosses, LinkFacts, SourceLosses
+from ..control.messages import QueueStatus
+
+READ_TIMEOUT_S = 0.1
+QUEUE_BLOCKS = 4096
+"""A reader hands over a block every 10 ms or 2048 frames: 10 s of four full buses."""
+QUEUE_BYTES = 128 << 20
+_FRAME_BYTES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """What a reader hands over: frames, when they came, and the counts up to and with them."""
+
+    reader: int
+    frames: FrameBatch
+    losses: SourceLosses
+    dropped: int
+    received_s: float
+
+    @property
+    def counts(self) -> HopLosses:
+        """What this reader has lost."""
+        lost = self.losses
+        return HopLosses(lost.dropped, lost.garbled, lost.restamped, self.dropped)
+
+    @property
+    def size(self) -> int:
+        """Bytes of memory."""
+        return self.frames.data.nbytes + _FRAME_BYTES * len(self.frames)
+
+
+class PieceQueue:
+    """Bounded in blocks and in bytes; putting never waits."""
+
+    def __init__(self, blocks: int = QUEUE_BLOCKS, size: int = QUEUE_BYTES) -> None:
+        self._most, self._most_bytes = blocks, size
+        self._pieces: deque[Piece] = deque()
+        self._bytes = 0
+        self._high = 0
+        self._lock = threading.Lock()
+
+    def put(self, piece: Piece) -> bool:
+        """Append a piece; return whether there was room."""
+        with self._lock:
+            full = len(self._pieces) >= self._most
+            if full or self._bytes + piece.size > self._most_bytes:
+                return False
+            self._pieces.append(piece)
+            self._bytes += piece.size
+            self._high = max(self._high, len(self._pieces))
+            return True
+
+    def take(self, frames: int) -> list[Piece]:
+        """Return the oldest pieces, until they hold so many frames."""
+        taken: list[Piece] = []
+        count = 0
+        with self._lock:
+            while self._pieces and count < frames:
+                piece = self._pieces.popleft()
+                self._bytes -= piece.size
+                count += len(piece.frames)
+                taken.append(piece)
+        return taken
+
+    @property
+    def status(self) -> QueueStatus:
+        """How full it is."""
+        return QueueStatus(len(self._pieces), self._high, self._most)
+
+
+class Reader(threading.Thread):
+    """Reads one link until it is halted."""
+
+    def __init__(self, number: int, link: Link, pieces: PieceQueue) -> None:
+        super().__init__(name=f"reader {link.facts().name}", daemon=True)
+        self.link = link
+        self.number = number
+        self.dropped = 0
+        self._pieces = pieces
+        self._halt, self._left = threading.Event(), threading.Event()
+
+    def run(self) -> None:
+        """Read until halted; the link never raises."""
+        told = (SourceLosses(), 0)
+        while not self._halt.is_set():
+            frames = self.link.read(READ_TIMEOUT_S)
+            if self._left.is_set():
+                break  # it hung for too long: its bus may have another reader by now
+            counts = (self.link.facts().losses, self.dropped)
+            if len(frames) or counts != told:
+                if self._pieces.put(self._piece(frames, counts[0])):
+                    told = counts
+                else:
+                    self.dropped += len(frames)
+        self.link.close()
+
+    def halt(self) -> None:
+        """Ask it to end."""
+        self._halt.set()
+        self.link.halt()
+
+    def leave(self) -> None:
+        """Take nothing from it any more, should it ever come back."""
+        self._left.set()
+
+    def counts(self) -> Piece:
+        """Return the counts as they stand."""
+        return self._piece(FrameBatch.empty(), self.link.facts().losses)
+
+    def _piece(self, frames: FrameBatch, losses: SourceLosses) -> Piece:
+        return Piece(self.number, frames, losses, self.dropped, time.monotonic())
+
+
+class Readers:
+    """All readers of a recorder, and the sum of their counts.
+
+    Parameters
+    ----------
+    pieces : PieceQueue
+        Where they put what they read.
+    """
+
+    def __init__(self, pieces: PieceQueue) -> None:
+        self._pieces = pieces
+        self._readers: list[Reader] = []
+        self._ended = HopLosses()
+        self._counts: dict[int, HopLosses] = {}
+
+    def start(self, links: Sequence[Link]) -> None:
+        """Start a reader for each link."""
+        self._readers = [Reader(number, link, self._pieces) for number, link in enumerate(links)]
+        for reader in self._readers:
+            reader.start()
+
+    def halt(self, within_s: float) -> None:
+        """End all readers; one that hangs in its driver is left behind."""
+        for reader in self._readers:
+            reader.halt()
+        deadline_s = time.monotonic() + within_s
+        for reader in self._readers:
+            reader.join(max(deadline_s - time.monotonic(), 0.0))
+            reader.leave()
+
+    def take(self, frames: int) -> list[Piece]:
+        """Return what was read; `hops` has the counts up to it."""
+        taken = self._pieces.take(frames)
+        self._counts.update((piece.reader, piece.counts) for piece in taken)
+        return taken
+
+    def settle(self) -> None:
+        """Bring the counts up to date, once all are halted and all was taken."""
+        for reader in self._readers:
+            self._counts[reader.number] = reader.counts().counts
+        self._ended, self._counts, self._readers = self.hops(), {}, []
+
+    def hops(self) -> HopLosses:
+        """Return what was lost up to what was taken last, over all readers."""
+        rows = [astuple(self._ended), *(astuple(counts) for counts in self._counts.values())]
+        return HopLosses(*(sum(column) for column in zip(*rows, strict=True)))
+
+    def facts(self) -> tuple[LinkFacts, ...]:
+        """Return how each link is doing."""
+        return tuple(reader.link.facts() for reader in self._readers)

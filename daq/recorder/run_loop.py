@@ -1,0 +1,209 @@
+"""The run loop: armed, bump, decay, verdict, and on to the next, as a fold without any clock.
+
+Time is that of the frames: a replay at twenty times the speed goes through the same phases.  What
+was decided is in the book; the loop only knows where it stands and how far an order to arm carries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ..bench.campaign import Step
+from ..control.messages import Phase
+from ..control.orders import Until
+from ..runs import Excitation
+from .book import Book, BookRun, BookStatus
+
+LIKE_REJECTS = 3
+"""After so many runs in a row that failed for the same reason, a person has to look."""
+
+_RUNNING = (Phase.TRIGGERED, Phase.DECAY)
+_JUDGED = (Phase.ACCEPTED, Phase.REJECTED)
+
+
+@dataclass(frozen=True, slots=True)
+class LoopState:
+    """Where the run loop stands; the default is that of a new recording.
+
+    Parameters
+    ----------
+    phase : Phase
+        Where it is.
+    since_ns : int
+        Data time since when.
+    until : Until or None
+        How far the order to arm carries; None if it does not carry any further.
+    kind : (str, Excitation) or None
+        Mass state and excitation that were due when it was armed.
+    runs_before : int
+        Runs in the book when it was armed: earlier rejects do not halt it.
+    label : str
+        The run that is recorded, or was just judged.
+    halted : str
+        The failing code of the like rejects that stopped it.
+    """
+
+    phase: Phase = Phase.IDLE
+    since_ns: int = 0
+    until: Until | None = None
+    kind: tuple[str, Excitation] | None = None
+    runs_before: int = 0
+    label: str = ""
+    halted: str = ""
+
+    @property
+    def running(self) -> bool:
+        """Whether a run is being recorded."""
+        return self.phase in _RUNNING
+
+    @property
+    def takes_bumps(self) -> bool:
+        """Whether the next bump is a run."""
+        return self.phase is Phase.ARMED
+
+    def countdown_s(self, t_ns: int, accept_after_s: float) -> float | None:
+        """Return the time until the next run is armed; None if none will be."""
+        if self.phase not in _JUDGED or self.until is None:
+            return None
+        return max(accept_after_s - (t_ns - self.since_ns) * 1e-9, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What the loop has to know of the rest of the recorder at a time.
+
+    Parameters
+    ----------
+    t_ns : int
+        Data time.
+    ready : bool
+        The car is at rest and the pre-trigger is full.
+    book : Book
+        The runs so far.
+    due : Step or None
+        `daq.recorder.book.next_step`.
+    bump_s, accept_after_s : float
+        Duration of a bump; the operator's time to reject.
+    """
+
+    t_ns: int
+    ready: bool
+    book: Book
+    due: Step | None
+    bump_s: float
+    accept_after_s: float
+
+
+def armed(state: LoopState, until: Until, now: Surroundings) -> LoopState:
+    """Return the loop after an order to arm; one during a run or a countdown only carries on."""
+    if now.due is None:
+        return replace(state, phase=Phase.COMPLETE, until=None, halted="")
+    kind = (now.due.mass_state, now.due.excitation)
+    state = replace(state, until=until, kind=kind, runs_before=len(now.book.runs), halted="")
+    if state.running or state.phase in (Phase.WAITING, Phase.ARMED):
+        return state
+    return _entered(replace(state, label=""), Phase.WAITING, now.t_ns)
+
+
+def paused(state: LoopState, now: Surroundings) -> LoopState:
+    """Return the loop after an order to pause; a run that is being recorded comes to its end."""
+    state = replace(state, until=None, halted="")
+    return state if state.running else _entered(state, Phase.PAUSED, now.t_ns)
+
+
+def chosen(state: LoopState, now: Surroundings) -> LoopState:
+    """Return the loop after the choice of a step."""
+    if state.phase is Phase.COMPLETE:
+        return _entered(state, Phase.IDLE, now.t_ns)
+    return _stopped_if_strayed(state, now)
+
+
+def turned(state: LoopState, now: Surroundings) -> LoopState:
+    """Return the loop once time has passed."""
+    age_s = (now.t_ns - state.since_ns) * 1e-9
+    if age_s < 0 and not state.running:  # the clock was set back
+        state = replace(state, since_ns=now.t_ns)
+    if state.phase is Phase.TRIGGERED and age_s >= now.bump_s:
+        return replace(state, phase=Phase.DECAY)
+    if state.phase in _JUDGED and age_s >= now.accept_after_s:
+        state = _after(state, now)
+    if state.phase is Phase.WAITING and now.ready:
+        return _entered(state, Phase.ARMED, now.t_ns)
+    if state.phase is Phase.ARMED and not now.ready:
+        return _entered(state, Phase.WAITING, now.t_ns)
+    return state
+
+
+def bumped(state: LoopState, label: str, bump_ns: int) -> LoopState:
+    """Return the loop after the bump of a run."""
+    return replace(_entered(state, Phase.TRIGGERED, bump_ns), label=label)
+
+
+def judged(state: LoopState, now: Surroundings) -> LoopState:
+    """Return the loop after the verdict on the run that was being recorded."""
+    run = now.book.run(state.label)
+    accepted = run is not None and run.status is BookStatus.ACCEPTED
+    state = _entered(state, Phase.ACCEPTED if accepted else Phase.REJECTED, now.t_ns)
+    if state.until is not Until.COMPLETE:
+        code = like_rejects(now.book.runs[state.runs_before :])
+        if code:
+            return replace(_entered(state, Phase.IDLE, now.t_ns), until=None, halted=code)
+    return state
+
+
+def decided(state: LoopState, now: Surroundings) -> LoopState:
+    """Return the loop after a person's verdict, or one that was undone or redone.
+
+    One on the run just judged begins the countdown anew.  When the last run of a complete campaign
+    is rejected after all, the campaign is no longer complete.
+    """
+    run = now.book.run(state.label)
+    if state.phase in _JUDGED and run is not None:
+        accepted = run.status is BookStatus.ACCEPTED
+        phase = Phase.ACCEPTED if accepted else Phase.REJECTED
+        return state if phase is state.phase else _entered(state, phase, now.t_ns)
+    if state.phase is Phase.COMPLETE and now.due is not None:
+        return _entered(state, Phase.IDLE, now.t_ns)
+    if now.due is None and not state.running:
+        return _entered(replace(state, until=None), Phase.COMPLETE, now.t_ns)
+    return _stopped_if_strayed(state, now)
+
+
+def like_rejects(runs: tuple[BookRun, ...]) -> str:
+    """Return the code for which the last runs were all rejected; empty if they were not."""
+    last = runs[-LIKE_REJECTS:]
+    codes = {_failing(run) for run in last}
+    return codes.pop() if len(last) == LIKE_REJECTS and len(codes) == 1 else ""
+
+
+def _failing(run: BookRun) -> str:
+    if run.status is not BookStatus.REJECTED or run.by:
+        return ""
+    return next((finding.code for finding in run.findings if not finding.passed), "")
+
+
+def _after(state: LoopState, now: Surroundings) -> LoopState:
+    """Return the loop after the countdown."""
+    if now.due is None:
+        return _entered(replace(state, until=None), Phase.COMPLETE, now.t_ns)
+    if state.until is None:
+        return _entered(state, Phase.PAUSED, now.t_ns)
+    if state.until is Until.RUN:
+        return _entered(replace(state, until=None), Phase.IDLE, now.t_ns)
+    return _stopped_if_strayed(_entered(state, Phase.WAITING, now.t_ns), now)
+
+
+def _stopped_if_strayed(state: LoopState, now: Surroundings) -> LoopState:
+    """Return the loop stopped if another kind of bump is due than the one it was armed for.
+
+    The boards have to be moved for it, and only a person can tell when they are.
+    """
+    kind = (now.due.mass_state, now.due.excitation) if now.due else None
+    armed_for_all = state.until is Until.COMPLETE
+    if state.phase in (Phase.WAITING, Phase.ARMED) and kind != state.kind and not armed_for_all:
+        return _entered(replace(state, until=None), Phase.IDLE, now.t_ns)
+    return state
+
+
+def _entered(state: LoopState, phase: Phase, t_ns: int) -> LoopState:
+    return replace(state, phase=phase, since_ns=t_ns)

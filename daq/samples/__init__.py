@@ -1,0 +1,1 @@
+"""From frames to samples in SI on the sensors' own clocks, and to runs."""

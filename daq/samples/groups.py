@@ -1,0 +1,199 @@
+"""Sample groups: the channels of a message, or of a set of messages, on one sensor clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.layout import MessageLayout
+from dbc.samples import UNUSABLE, Decoded, Quality, Samples
+
+from ..bench.message_rules import SampleSet, SensorClock
+from ..runs import SampleGroup
+from .binding import bind, bind_counted
+from .clock import SensorTimes, arrival_times, sensor_times, stamped_times
+from .mapping import MappedChannel
+
+
+@dataclass(frozen=True, slots=True)
+class Timekeeping:
+    """How the samples of a bench get their times.
+
+    Parameters
+    ----------
+    messages : mapping of name to MessageLayout
+        Of the bench's codec.
+    clocks : mapping of message name to SensorClock
+        Messages with a time stamp.
+    sets : sequence of SampleSet
+        Messages that carry a sample together.
+    """
+
+    messages: Mapping[str, MessageLayout]
+    clocks: Mapping[str, SensorClock]
+    sets: Sequence[SampleSet]
+
+
+def sample_groups(
+    mapped: Sequence[MappedChannel], decoded: Decoded, keeping: Timekeeping, t0_ns: int
+) -> tuple[SampleGroup, ...]:
+    """Gather the channels by sample set or message.
+
+    Multiplexed ones stand alone, for they come less often.
+
+    Parameters
+    ----------
+    mapped : sequence of MappedChannel
+        All channels.
+    decoded : Decoded
+        The frames of a run.
+    keeping : Timekeeping
+        Of the bench.
+    t0_ns : int
+        Origin of the times.
+
+    Returns
+    -------
+    tuple of SampleGroup
+        None of them empty.
+    """
+    set_of = {message: each for each in keeping.sets for message in each.messages}
+    members: dict[str, list[MappedChannel]] = {}
+    sets: dict[str, SampleSet] = {}
+    for m in mapped:
+        if m.channel.signal not in decoded.samples:
+            continue
+        if m.is_multiplexed:
+            name = m.channel.signal.replace(".", "_")
+        elif m.message.name in set_of and _has_carrier(set_of[m.message.name], decoded):
+            name = set_of[m.message.name].name
+            sets[name] = set_of[m.message.name]
+        else:
+            name = m.message.name
+        members.setdefault(name, []).append(m)
+    groups = (
+        _set_group(sets[name], channels, decoded, keeping, t0_ns)
+        if name in sets
+        else _message_group(name, channels, decoded, keeping, t0_ns)
+        for name, channels in members.items()
+    )
+    return tuple(group for group in groups if len(group.time_s))
+
+
+def _has_carrier(sample_set: SampleSet, decoded: Decoded) -> bool:
+    carrier = decoded.samples.get(".".join(sample_set.carrier))
+    return carrier is not None and bool(np.any((carrier.quality & UNUSABLE) == 0))
+
+
+def _message_group(
+    name: str, channels: Sequence[MappedChannel], decoded: Decoded, keeping: Timekeeping, t0_ns: int
+) -> SampleGroup:
+    first = channels[0]
+    t_ns = decoded[first.channel.signal].t_ns
+    times = None if first.is_multiplexed else _own_times(first.message, decoded, keeping, t0_ns)
+    if times is None:
+        rows, quality = np.arange(len(t_ns)), np.zeros(len(t_ns), np.uint8)
+        time_s = arrival_times(t_ns, t0_ns).time_s
+    else:
+        rows, time_s, quality = _between(*times)
+    for m in channels:
+        quality = quality | decoded[m.channel.signal].quality[rows]
+    values = {m.channel.name: m.values(decoded[m.channel.signal])[rows] for m in channels}
+    return SampleGroup(name, time_s, t_ns[rows], values, quality)
+
+
+def _own_times(
+    message: MessageLayout, decoded: Decoded, keeping: Timekeeping, t0_ns: int
+) -> tuple[NDArray[np.intp], SensorTimes] | None:
+    """Return the frames whose clock can be read and their times, if the message has a clock."""
+    clock, counter = keeping.clocks.get(message.name), message.counter
+    if clock is not None:
+        samples = decoded[clock.signal]
+        good = _good(samples)
+        stamp_s = samples.value[good] * clock.factor
+        return good, stamped_times(stamp_s, clock.wrap * clock.factor, samples.t_ns[good], t0_ns)
+    if counter is not None and message.cycle_s is not None:
+        samples = decoded[f"{message.name}.{counter.signal}"]
+        good = _good(samples)
+        value = samples.value[good].astype(np.int64)
+        return good, sensor_times(
+            value, counter.modulus, samples.t_ns[good], message.cycle_s, t0_ns
+        )
+    return None
+
+
+def _good(samples: Samples) -> NDArray[np.intp]:
+    return np.flatnonzero((samples.quality & UNUSABLE) == 0)
+
+
+def _between(
+    good: NDArray[np.intp], times: SensorTimes
+) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.uint8]]:
+    """Return which frames are samples, when those were taken, and which come after a gap.
+
+    A frame whose checksum fails has no clock: its time is between those of its neighbours, and at
+    the edge of a run it is left out.  A repeated frame is no sample.
+    """
+    if not len(good):
+        return good, np.zeros(0), np.zeros(0, np.uint8)
+    fresh = times.step > 0
+    sure, time_s, step = good[fresh], times.time_s[fresh], times.step[fresh]
+    rows = np.setdiff1d(np.arange(sure[0], sure[-1] + 1), good[~fresh])
+    place = np.searchsorted(rows, sure)
+    quality = np.zeros(len(rows), np.uint8)
+    quality[place[1:][step[1:] > np.diff(place)]] = Quality.COUNTER_GAP
+    return rows, np.interp(rows, sure, time_s), quality
+
+
+def _set_group(
+    sample_set: SampleSet,
+    channels: Sequence[MappedChannel],
+    decoded: Decoded,
+    keeping: Timekeeping,
+    t0_ns: int,
+) -> SampleGroup:
+    """Put the messages of a set side by side: row k is sample k, whichever of its frames came."""
+    carrier, signal = sample_set.carrier
+    times = _own_times(keeping.messages[carrier], decoded, keeping, t0_ns)
+    assert times is not None  # held by message_rules.check_sets
+    good, clock = times
+    good, time_s = good[clock.step > 0], clock.time_s[clock.step > 0]
+    number = np.cumsum(clock.step)[clock.step > 0]
+    bound = decoded[f"{carrier}.{signal}"]
+    carrier_ns = bound.t_ns[good]
+    found: dict[str, tuple[NDArray[np.intp], NDArray[np.int64]]] = {}
+    for message in dict.fromkeys(m.message for m in channels):
+        first = next(m for m in channels if m.message is message)
+        t_ns = decoded[first.channel.signal].t_ns
+        if message.name == carrier:
+            found[message.name] = good, number
+        elif "." not in sample_set.bound_by and message.counter is not None:
+            own = decoded[f"{message.name}.{signal}"]
+            rows = _good(own)
+            found[message.name] = bind_counted(
+                number, bound.value[good], carrier_ns, rows, own, message.counter.modulus
+            )
+        else:
+            found[message.name] = bind(number, carrier_ns, np.arange(len(t_ns)), t_ns)
+    numbers = np.unique(np.concatenate([each for _, each in found.values()]))
+    arrived = np.full(len(numbers), np.iinfo(np.int64).max)
+    quality = np.zeros(len(numbers), np.uint8)
+    quality[1:][np.diff(numbers) > 1] = Quality.COUNTER_GAP
+    values = {m.channel.name: np.full(len(numbers), np.nan) for m in channels}
+    for message_name, (rows, own_number) in found.items():
+        place = np.searchsorted(numbers, own_number)
+        absent = np.ones(len(numbers), np.bool_)
+        absent[place] = False
+        quality[absent] |= np.uint8(Quality.MISSING)
+        for m in channels:
+            if m.message.name == message_name:
+                samples = decoded[m.channel.signal]
+                values[m.channel.name][place] = m.values(samples)[rows]
+                quality[place] |= samples.quality[rows]
+                arrived[place] = np.minimum(arrived[place], samples.t_ns[rows])
+    return SampleGroup(
+        sample_set.name, np.interp(numbers, number, time_s), arrived, values, quality
+    )

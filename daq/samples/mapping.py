@@ -1,0 +1,96 @@
+"""From signals of the DBC to channels of the bench: units, polarity, scale and zero."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.layout import MessageLayout, SignalLayout
+from dbc.samples import UNUSABLE, Samples
+from dbc.units import to_si
+
+from ..channels import SI_UNITS, Channel, Quantity
+from ..errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class MappedChannel:
+    """A channel and how its values follow from the signal.
+
+    Parameters
+    ----------
+    channel : Channel
+        With the unit filled in.
+    message : MessageLayout
+        The message that carries it.
+    factor, offset : float
+        SI value = factor * signal + offset, before sign, gain and tare.
+    """
+
+    channel: Channel
+    message: MessageLayout
+    factor: float
+    offset: float
+
+    @property
+    def is_multiplexed(self) -> bool:
+        """Whether only some frames of the message hold the signal."""
+        return self.message.signal(self.channel.signal.partition(".")[2]).is_multiplexed
+
+    def values(self, samples: Samples) -> NDArray[np.float64]:
+        """Return ``sign * gain * SI(signal) - tare``, (n,); NaN where a sample is unusable."""
+        si = self.factor * samples.value + self.offset
+        value = self.channel.sign * self.channel.gain * si - self.channel.tare
+        return np.where((samples.quality & UNUSABLE) == 0, value, np.nan)
+
+
+def map_channels(
+    channels: Sequence[Channel], messages: Sequence[MessageLayout], dbc_name: str
+) -> tuple[MappedChannel, ...]:
+    """Find the signal of every channel and check that its unit fits the quantity.
+
+    Raises
+    ------
+    InputError
+        If the DBC lacks a signal, or its unit is unknown or of another kind.
+    """
+    by_name = {message.name: message for message in messages}
+    return tuple(_mapped(channel, by_name, dbc_name) for channel in channels)
+
+
+def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) -> MappedChannel:
+    message_name, _, signal_name = channel.signal.partition(".")
+    where = f"channel {channel.name}"
+    message = by_name.get(message_name)
+    signal = next((s for s in message.signals if s.name == signal_name), None) if message else None
+    if message is None or signal is None:
+        what = f"{dbc_name} has no signal {channel.signal!r}"
+        raise InputError(where, what, "write signal as Message.signal of the DBC")
+    if channel.quantity is Quantity.UNUSED:
+        return _unused(channel, message, signal)
+    expected = SI_UNITS[channel.quantity]
+    unit = channel.signal_unit or signal.unit
+    place = "bench.toml" if channel.signal_unit else dbc_name
+    found = f"{channel.signal} has unit {unit!r} in {place}"
+    try:
+        si = to_si(unit)
+    except InputError as error:
+        what = f"{found}, which is not known; {channel.quantity} needs {expected} or a multiple"
+        raise InputError(where, what, "state signal_unit in its [[channel]]") from error
+    if si.unit != expected:
+        what = f"{found}; {channel.quantity} needs {expected} or a multiple"
+        raise InputError(where, what, "mend signal, signal_unit or quantity in bench.toml")
+    return MappedChannel(replace(channel, unit=expected), message, si.factor, si.offset)
+
+
+def _unused(channel: Channel, message: MessageLayout, signal: SignalLayout) -> MappedChannel:
+    """Map a signal that is only recorded; it keeps the unit of the DBC where the table has none."""
+    unit = channel.signal_unit or signal.unit
+    try:
+        si = to_si(unit)
+    except InputError:
+        return MappedChannel(replace(channel, unit=unit), message, 1.0, 0.0)
+    return MappedChannel(replace(channel, unit=si.unit), message, si.factor, si.offset)

@@ -1,0 +1,1 @@
+"""Modes from free decays: the State Variable Method and its likelihood."""

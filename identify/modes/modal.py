@@ -1,0 +1,253 @@
+"""Modes of vibration: their nouns, measures of likeness, and the shape at the degrees of freedom.
+
+A mode is one of a conjugate pair; the one with a positive imaginary part stands for both.
+Frequency is ``|lambda| / 2 pi`` and damping ratio ``-Re(lambda) / |lambda|``, which are the
+undamped natural frequency and the damping ratio of a single oscillator with that pole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import TIME_DERIVATIVE, Channel
+from daq.vehicle import DOF, VehicleGeometry
+from dbc.errors import InputError
+from dbc.frames import read_only
+
+from ..display import modal_html
+from ..low_pass import low_pass_of
+from ..model import N_DOF, motion_row
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """One mode of vibration.
+
+    Parameters
+    ----------
+    pole : complex
+        Eigenvalue lambda, rad/s.
+    shape : (n_channels,) complex128
+        Its entry in each channel; the scale is arbitrary.
+    """
+
+    pole: complex
+    shape: NDArray[np.complex128]
+
+    @property
+    def frequency_hz(self) -> float:
+        """Undamped natural frequency, Hz."""
+        return float(abs(self.pole) / (2.0 * np.pi))
+
+    @property
+    def damping_ratio(self) -> float:
+        """Share of critical damping, 1 = critical."""
+        return float(-self.pole.real / abs(self.pole))
+
+
+@dataclass(frozen=True, slots=True)
+class ModalModel:
+    """The modes of a structure, in order of frequency.
+
+    Each shape is scaled so that its largest entry is 1.
+
+    Parameters
+    ----------
+    poles : (m,) complex128
+        Eigenvalues with positive imaginary part, rad/s.
+    shapes : (n_channels, m) complex128
+        One column a mode.
+    frequency_std_hz, damping_ratio_std : (m,) float64
+        Standard deviations by the noise of the records (Cramer-Rao bound); 0 from records without
+        noise, NaN where nothing was said of it, as for the modes of a matrix.
+    """
+
+    poles: NDArray[np.complex128]
+    shapes: NDArray[np.complex128]
+    frequency_std_hz: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    damping_ratio_std: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        if self.shapes.ndim != 2 or self.poles.shape != self.shapes.shape[1:]:
+            raise ValueError(f"poles {self.poles.shape} do not fit shapes {self.shapes.shape}")
+        order = np.argsort(np.abs(self.poles), kind="stable")
+        for name in ("frequency_std_hz", "damping_ratio_std"):
+            std = getattr(self, name)
+            std = std[order] if len(std) else np.full(len(order), np.nan)
+            object.__setattr__(self, name, read_only(std))
+        poles = np.asarray(self.poles, dtype=np.complex128)[order]
+        shapes = np.asarray(self.shapes, dtype=np.complex128)[:, order]
+        if shapes.size:
+            size = np.abs(shapes)
+            # The first of equals: rounding must not decide which entry of a symmetric shape it is.
+            largest = np.argmax(size > (1.0 - 1e-6) * size.max(axis=0), axis=0)
+            shapes = shapes / shapes[largest, np.arange(len(poles))]
+        object.__setattr__(self, "poles", read_only(poles))
+        object.__setattr__(self, "shapes", read_only(shapes))
+
+    def __len__(self) -> int:
+        return len(self.poles)
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """The modes one by one."""
+        return tuple(
+            Mode(complex(pole), shape)
+            for pole, shape in zip(self.poles, self.shapes.T, strict=True)
+        )
+
+    @property
+    def frequencies_hz(self) -> NDArray[np.float64]:
+        """Undamped natural frequencies, (m,)."""
+        return np.asarray(np.abs(self.poles) / (2.0 * np.pi), dtype=np.float64)
+
+    @property
+    def damping_ratios(self) -> NDArray[np.float64]:
+        """Shares of critical damping, (m,)."""
+        return np.asarray(-self.poles.real / np.abs(self.poles), dtype=np.float64)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return modal_html(self)
+
+
+def modes_of(A: NDArray[np.float64]) -> ModalModel:
+    """Return the modes of a state matrix for the state (X, dX/dt) (Eq. 12).
+
+    Parameters
+    ----------
+    A : (2n, 2n) float64
+        State matrix.
+
+    Returns
+    -------
+    ModalModel
+        The oscillating modes, shapes in X.  Overdamped motion (real eigenvalues) is no vibration
+        and is left out.
+    """
+    eigenvalues, eigenvectors = np.linalg.eig(A)
+    upper = eigenvalues.imag > 0.0
+    return ModalModel(eigenvalues[upper], eigenvectors[: len(A) // 2, upper])
+
+
+def mac(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the modal assurance criterion between two sets of shapes.
+
+    Parameters
+    ----------
+    left : (n, m) complex128
+    right : (n, k) complex128
+        Shapes as columns.
+
+    Returns
+    -------
+    (m, k) float64
+        1 for shapes alike but for a complex factor, 0 for orthogonal ones (and for a zero shape).
+    """
+    product = np.abs(left.conj().T @ right) ** 2
+    size = np.outer(np.sum(np.abs(left) ** 2, axis=0), np.sum(np.abs(right) ** 2, axis=0))
+    return np.asarray(np.divide(product, size, out=np.zeros_like(product), where=size > 0.0))
+
+
+def mpc(shapes: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the modal phase collinearity of each shape.
+
+    Parameters
+    ----------
+    shapes : (n, m) complex128
+        Shapes as columns, all entries of one kind (displacements, say).
+
+    Returns
+    -------
+    (m,) float64
+        1 if all points move in phase or opposite phase; 0 for a travelling wave.
+    """
+    xx = np.sum(shapes.real**2, axis=0)
+    yy = np.sum(shapes.imag**2, axis=0)
+    xy = np.sum(shapes.real * shapes.imag, axis=0)
+    return np.asarray(((xx - yy) ** 2 + 4.0 * xy**2) / (xx + yy) ** 2, dtype=np.float64)
+
+
+def sensor_rows(channels: Sequence[Channel], geometry: VehicleGeometry) -> NDArray[np.float64]:
+    """Return what each sensor sees of the seven degrees of freedom, its time derivative apart.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+        The sensors.
+    geometry : VehicleGeometry
+        Places the CG (positions are counted from the front axle) and, for a suspension travel,
+        the corners of the body.
+
+    Returns
+    -------
+    (n_channels, 7) float64
+        Row times displacements of `daq.vehicle.DOF` is the sensor's motion.
+    """
+    g = geometry
+    rows = []
+    for channel in channels:
+        x, y = (0.0, 0.0) if channel.at_cg else (channel.x_m + g.a, channel.y_m)
+        rows.append(motion_row(channel, x, y, (g.a, g.b, g.t_f, g.t_r)).real)
+    return np.array(rows).reshape(-1, N_DOF)
+
+
+def displacement_shapes(
+    sensed: ModalModel, channels: Sequence[Channel], geometry: VehicleGeometry
+) -> ModalModel:
+    """Turn shapes at the sensors into displacement shapes at the degrees of freedom.
+
+    In a mode everything moves as ``exp(lambda t)``, so an acceleration is ``lambda^2`` and a rate
+    ``lambda`` times a displacement: the division is exact, where integrating a signal over time
+    drifts.  A sensor's low-pass has passed it on times its gain at lambda.  What several sensors
+    say of one degree of freedom is reconciled by least squares.
+
+    Parameters
+    ----------
+    sensed : ModalModel
+        Shapes (n_channels, m) as measured, in the order of `channels`.
+    channels : sequence of Channel
+        What each row of the shapes is.
+    geometry : VehicleGeometry
+        As in `sensor_rows`.
+
+    Returns
+    -------
+    ModalModel
+        The same poles; shapes (7, m) in the order of `daq.vehicle.DOF`.
+
+    Raises
+    ------
+    InputError
+        If the number of channels differs, or a degree of freedom is seen by no sensor.
+    """
+    if len(channels) != len(sensed.shapes):
+        raise InputError(
+            "modal conversion",
+            f"{len(channels)} channels for shapes of {len(sensed.shapes)} rows",
+            "name every channel of the records, in their order",
+        )
+    rows = sensor_rows(channels, geometry)
+    _, strength, directions = np.linalg.svd(rows, full_matrices=True)
+    rank = int(np.sum(strength > 1e-9 * strength.max(initial=0.0)))
+    if rank < len(DOF):
+        unseen = np.max(np.abs(directions[rank:]), axis=0) > 1e-6
+        names = ", ".join(name for name, missing in zip(DOF, unseen, strict=True) if missing)
+        raise InputError(
+            "modal conversion",
+            f"the sensors do not determine {names}",
+            "add a sensor that sees them",
+        )
+    derivative = np.array([TIME_DERIVATIVE[channel.quantity] for channel in channels])
+    gain = np.array([low_pass_of(channel).gain(sensed.poles) for channel in channels])
+    displacement = sensed.shapes / (gain * sensed.poles ** derivative[:, None])
+    return ModalModel(
+        sensed.poles,
+        np.linalg.pinv(rows) @ displacement,
+        sensed.frequency_std_hz,
+        sensed.damping_ratio_std,
+    )

@@ -1,0 +1,148 @@
+"""Sums of exponentials against samples: what a fit of modes needs of the data.
+
+The poles of a fit are its own (not those of a vehicle, see `identify.exponentials`), and their
+waves are kept complex: the products ``conj(f) g`` and ``f g`` summed over the samples give every
+block of the normal equations by elementwise multiplication.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import read_only
+
+from .. import exponentials
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Series sampled at the same instants.
+
+    Parameters
+    ----------
+    time_s : (n,) float64
+        Times since the start of the decay, s.
+    values : (n, k) float64
+        One column a series.
+    run, channel : (k,) intp
+        To which run and channel each series belongs; each pair occurs in one block only.
+    free_level : bool
+        Whether each series stands on a constant of its own, which is not known.
+    """
+
+    time_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+    run: NDArray[np.intp]
+    channel: NDArray[np.intp]
+    free_level: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("time_s", "values", "run", "channel"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """The values, from their mean if their level is unknown, (n, k)."""
+        return self.values - self.values.mean(axis=0) if self.free_level else self.values
+
+
+def even_blocks(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Block, ...]:
+    """Return evenly sampled records, (n_i, n_channels), as blocks, one for each length."""
+    lengths = np.array([len(decay) for decay in decays])
+    n_channels = decays[0].shape[1]
+    blocks = []
+    for length in np.unique(lengths):
+        runs = np.flatnonzero(lengths == length).tolist()
+        blocks.append(
+            Block(
+                np.arange(length) / rate_hz,
+                np.hstack([decays[run] for run in runs]),
+                np.repeat(runs, n_channels),
+                np.tile(np.arange(n_channels), len(runs)),
+            )
+        )
+    return tuple(blocks)
+
+
+@dataclass(frozen=True, slots=True)
+class Waves:
+    """The functions ``exp(pole t)`` and ``t exp(pole t)`` at the samples of all blocks.
+
+    Parameters
+    ----------
+    poles : (m,) complex128
+        rad/s.
+    functions : tuple of (n, 4 m) float64
+        For each block the real parts and then the imaginary parts of the 2 m functions.
+    mixed, plain : (n_runs, n_channels, 2 m, 2 m) complex128
+        Sums of ``conj(f) g`` and of ``f g`` over the samples of each series; zero where there is
+        none.
+    """
+
+    poles: NDArray[np.complex128]
+    functions: tuple[NDArray[np.float64], ...]
+    mixed: NDArray[np.complex128]
+    plain: NDArray[np.complex128]
+
+
+def waves(blocks: Sequence[Block], place: NDArray[np.intp], poles: NDArray[np.complex128]) -> Waves:
+    """Evaluate the functions of some poles; `place` (n_runs, n_channels) is each series' block."""
+    k = 2 * len(poles)
+    functions = []
+    mixed = np.zeros((len(blocks) + 1, k, k), dtype=complex)  # the last stands for no series
+    plain = np.zeros_like(mixed)
+    for number, block in enumerate(blocks):
+        wave = exponentials.waves(block.time_s, poles)
+        table = np.empty((len(wave), 2 * k))
+        table[:, : len(poles)], table[:, k : k + len(poles)] = wave.real, wave.imag
+        wave *= block.time_s[:, None]
+        table[:, len(poles) : k], table[:, k + len(poles) :] = wave.real, wave.imag
+        if block.free_level:  # what a constant can follow tells nothing of the modes
+            table -= table.mean(axis=0)
+        gram = table.T @ table
+        rr, ri, ii = gram[:k, :k], gram[:k, k:], gram[k:, k:]
+        mixed[number] = rr + ii + 1j * (ri - ri.T)
+        plain[number] = rr - ii + 1j * (ri + ri.T)
+        functions.append(table)
+    return Waves(poles, tuple(functions), mixed[place], plain[place])
+
+
+def real_block(
+    left: NDArray[np.complex128],
+    right: NDArray[np.complex128],
+    mixed: NDArray[np.complex128],
+    plain: NDArray[np.complex128],
+) -> NDArray[np.float64]:
+    """Return the products of two families of derivatives, (..., 2 p, 2 q).
+
+    The derivatives by the real and by the imaginary part of the j-th unknown of a family are the
+    real parts of ``c_j f_j`` and of ``i c_j f_j``.
+
+    Parameters
+    ----------
+    left : (..., p) complex128
+    right : (..., q) complex128
+        Coefficients c of the two families.
+    mixed, plain : (..., p, q) complex128
+        Sums of ``conj(f) g`` and of ``f g``.
+    """
+    first = left.conj()[..., :, None] * right[..., None, :] * mixed
+    second = left[..., :, None] * right[..., None, :] * plain
+    total, gap = first + second, first - second
+    p, q = first.shape[-2:]
+    out = np.empty((*first.shape[:-2], 2 * p, 2 * q))
+    out[..., :p, :q], out[..., :p, q:] = total.real, -total.imag
+    out[..., p:, :q], out[..., p:, q:] = gap.imag, gap.real
+    return out / 2.0
+
+
+def real_gradient(
+    coefficients: NDArray[np.complex128], products: NDArray[np.complex128]
+) -> NDArray[np.float64]:
+    """Return products of a family with residuals, (..., 2 p); `products` sums f times them."""
+    product = coefficients * products
+    return np.concatenate([product.real, -product.imag], axis=-1)

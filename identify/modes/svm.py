@@ -1,0 +1,237 @@
+"""The State Variable Method (Eqs. 14-21): from free decays to poles and shapes.
+
+One regression over all records: bounce, pitch and roll excite different modes, and only together
+do they show all.  Two things are added to the paper.  The delay vectors are projected on their
+leading singular directions before the regression (an explicit rank, where Eq. 18 inverts a matrix
+that is singular for noise-free data), which also takes out most of the noise.  And where the
+sampling is much faster than the motion, delays step over several samples, whose mean they take:
+a sum of exponentials stays one under any filter, so poles and shapes are untouched.
+
+Which of the poles are modes is decided in `identify.modes.stabilisation`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dbc.errors import InputError
+from dbc.frames import read_only
+
+_MIN_SAMPLES = 8
+"""Fewer samples cannot show a damped sine and that nothing else is there."""
+
+_MAX_ROWS = 240
+"""Length of the longest delay vector: more costs time and hardly informs."""
+
+_WHERE = "free-decay records"
+
+
+@dataclass(frozen=True, slots=True)
+class Delays:
+    """How delay vectors are laid out.
+
+    Parameters
+    ----------
+    blocks : int
+        Number of delays, p + 2 for the p of Eq. 17: the regression is between the first and the
+        last ``blocks - 1`` of them.
+    step : int
+        Samples from one delay to the next; each is the mean of as many samples.
+    """
+
+    blocks: int
+    step: int
+
+
+@dataclass(frozen=True, slots=True)
+class DelaySpace:
+    """The directions in which the delay vectors of all records lie.
+
+    Parameters
+    ----------
+    delays : Delays
+        Layout of the rows.
+    rate_hz : float
+        Samples a second of the records.
+    directions : (blocks * n_channels, r) float64
+        Left singular vectors, the strongest first.
+    strength : (r,) float64
+        Singular values.
+    coordinates : tuple of (n_i, r) float64
+        The delay vectors of each record, one a sample, in these directions; none are needed
+        where the step is one sample.
+    n_channels : int
+        Channels of the records.
+    """
+
+    delays: Delays
+    rate_hz: float
+    directions: NDArray[np.float64]
+    strength: NDArray[np.float64]
+    coordinates: tuple[NDArray[np.float64], ...]
+    n_channels: int
+
+    def __post_init__(self) -> None:
+        for name in ("directions", "strength"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+
+def checked_records(
+    records: Sequence[ArrayLike], rate_hz: float
+) -> tuple[NDArray[np.float64], ...]:
+    """Return the records as (n_samples, n_channels) arrays, or say what is wrong with them.
+
+    Raises
+    ------
+    InputError
+        No record, a record that is not two-dimensional or not of numbers, different numbers of
+        channels, fewer than 8 samples, NaN or infinity, a rate that is not positive.
+    """
+    if not (np.isfinite(rate_hz) and rate_hz > 0.0):
+        raise InputError(_WHERE, f"the rate is {rate_hz} Hz", "give samples a second, above 0")
+    if len(records) == 0:
+        raise InputError(_WHERE, "there is no record", "give at least one free decay")
+    decays = []
+    for number, record in enumerate(records, start=1):
+        try:
+            decay = np.asarray(record)
+            decay = np.asarray(decay, np.float64) if decay.dtype.kind in "fiu" else np.empty(0)
+        except (TypeError, ValueError):
+            decay = np.empty(0)
+        if decay.ndim != 2 or decay.shape[1] == 0:
+            raise InputError(
+                _WHERE,
+                f"record {number} is no (n_samples, n_channels) array of real numbers",
+                "give time along the first axis and one column a channel",
+            )
+        if decay.shape[1] != np.shape(records[0])[1]:
+            raise InputError(
+                _WHERE,
+                f"record {number} has {decay.shape[1]} channels, record 1 has"
+                f" {np.shape(records[0])[1]}",
+                "give the same channels in every record",
+            )
+        if len(decay) < _MIN_SAMPLES:
+            raise InputError(
+                _WHERE,
+                f"record {number} has {len(decay)} samples",
+                f"give at least {_MIN_SAMPLES}, better some periods of the slowest mode",
+            )
+        if not np.all(np.isfinite(decay)):
+            raise InputError(
+                _WHERE,
+                f"record {number} holds values that are not finite",
+                "cut the record where it is whole",
+            )
+        decays.append(decay)
+    return tuple(decays)
+
+
+def layouts(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Delays, ...]:
+    """Return the layouts of delay vectors to try, those that usually serve best first.
+
+    The step is a tenth of a period of the highest frequency that matters in the records, the
+    longest vector at most half a record.  A step of one sample is tried as well: a weak mode far
+    above could turn by whole periods in a longer one.
+    """
+    longest = max(len(decay) for decay in decays)
+    coarse = max(1, int(rate_hz / (10.0 * _highest_frequency_hz(decays, rate_hz))))
+    coarse = min(coarse, max(1, longest // 16))
+    chosen = []
+    for step, parts in ((coarse, (1, 2)), (1, (1, 2))):
+        most = max(4, min(_MAX_ROWS // decays[0].shape[1], longest // (2 * step)))
+        chosen += [Delays(max(4, most // part), step) for part in parts]
+    return tuple(dict.fromkeys(chosen))
+
+
+def delay_space(
+    decays: Sequence[NDArray[np.float64]], rate_hz: float, delays: Delays
+) -> DelaySpace:
+    """Gather the delay vectors of all records (Eqs. 15-17) and find the directions they span.
+
+    Parameters
+    ----------
+    decays : sequence of (n_i, n_channels) float64
+        Records, scaled alike; those too short for one delay vector do not count.
+    rate_hz : float
+        Samples a second.
+    delays : Delays
+        Layout.
+    """
+    step, span = delays.step, delays.step * delays.blocks
+    smooth = [_running_mean(decay, step) for decay in decays if len(decay) > span]
+    tables = []
+    for record in smooth:
+        n = len(record) - step * (delays.blocks - 1)
+        tables.append(np.hstack([record[step * i : step * i + n] for i in range(delays.blocks)]))
+    triangle = np.linalg.qr(np.vstack(tables), mode="r")
+    _, strength, directions = np.linalg.svd(triangle, full_matrices=False)
+    directions = np.ascontiguousarray(directions.T)
+    return DelaySpace(
+        delays=delays,
+        rate_hz=rate_hz,
+        directions=directions,
+        strength=strength,
+        coordinates=tuple(table @ directions for table in tables) if step > 1 else (),
+        n_channels=decays[0].shape[1],
+    )
+
+
+def poles_of_rank(
+    space: DelaySpace, rank: int
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return the poles and shapes that the transition matrix of a given rank has (Eqs. 18-21).
+
+    With the delay vectors projected on `rank` directions U, the least-squares transition matrix of
+    Eq. 18 is that from the first to the last rows of U.  A step of several samples leaves the
+    imaginary part of ``ln z`` open by multiples of 2 pi; the phase by which the modal coordinate
+    turns in one sample decides.
+
+    Returns
+    -------
+    poles : (rank,) complex128
+        rad/s, real ones and both of each conjugate pair.
+    shapes : (n_channels, rank) complex128
+        First block of the eigenvectors.
+    """
+    U = space.directions[:, :rank]
+    earlier, later = U[: -space.n_channels], U[space.n_channels :]
+    transition = np.linalg.lstsq(earlier, later, rcond=None)[0]
+    z, vectors = np.linalg.eig(transition)
+    step = space.delays.step
+    turns = np.zeros(rank)
+    if step > 1:
+        inverse = np.linalg.pinv(vectors)
+        product = np.zeros(rank, dtype=complex)
+        for coordinates in space.coordinates:
+            modal = coordinates[:, :rank] @ inverse.T
+            product += np.sum(modal[:-1].conj() * modal[1:], axis=0)
+        turns = np.round((np.angle(product) * step - np.angle(z)) / (2.0 * np.pi))
+    size = np.maximum(np.abs(z), np.finfo(float).tiny)
+    ln_z = np.log(size) + 1j * (np.angle(z) + 2.0 * np.pi * turns)
+    return ln_z * space.rate_hz / step, U[: space.n_channels] @ vectors
+
+
+def _highest_frequency_hz(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> float:
+    """Return the frequency below which 98 % of the energy of the records lies, offsets apart."""
+    length = max(len(decay) for decay in decays)
+    power = np.zeros(length // 2 + 1)
+    for decay in decays:
+        spectrum = np.fft.rfft(decay - decay.mean(axis=0), length, axis=0)
+        power += np.sum(np.abs(spectrum) ** 2, axis=1)
+    share = np.cumsum(power)
+    bin_ = np.searchsorted(share, 0.98 * share[-1])
+    return float(max(1, bin_) * rate_hz / length)
+
+
+def _running_mean(record: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Return the mean of `width` successive samples, (n - width + 1, n_channels)."""
+    n = len(record) - width + 1
+    total = record[:n].copy()
+    for shift in range(1, width):  # a running sum would carry its rounding along
+        total += record[shift : shift + n]
+    return total / width

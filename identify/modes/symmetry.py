@@ -1,0 +1,110 @@
+"""Left and right: what a mirror does to the sensors of a vehicle, and to its modes.
+
+A vehicle that is its own mirror image has symmetric modes (heave, pitch, axles in parallel) and
+antisymmetric ones (roll, axles in opposition), and neither kind moves the other.  Sums and
+differences of mirrored sensors then each show one kind, and wheel modes of nearly one pole are told
+apart.  Whether the vehicle is so is for the data to say (`identify.modes.sensed`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import AT_CORNER, ON_BODY, Channel, Quantity
+from dbc.frames import read_only
+
+from .problem import Ties
+
+_SAME_PLACE_M = 0.005
+"""Two sensors are each other's mirror image, or one is its own, to this distance."""
+
+_ROLL = frozenset({Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION})
+
+
+@dataclass(frozen=True, slots=True)
+class Mirror:
+    """What becomes of each channel in a mirror.
+
+    Parameters
+    ----------
+    image : (n_channels,) intp
+        The channel that is its mirror image, itself perhaps; -1 if there is none.
+    sign : (n_channels,) float64
+        -1 if the mirror turns its sign (roll), else 1.
+    """
+
+    image: NDArray[np.intp]
+    sign: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "image", read_only(self.image))
+        object.__setattr__(self, "sign", read_only(self.sign))
+
+    def combinations(self, parity: float) -> NDArray[np.float64]:
+        """Return the combinations of channels that show modes of one kind only.
+
+        Parameters
+        ----------
+        parity : float
+            1 for symmetric modes, -1 for antisymmetric ones.
+
+        Returns
+        -------
+        (k, n_channels) float64
+            Orthonormal rows; none of a channel without image.
+        """
+        n = len(self.image)
+        rows = []
+        for channel in np.flatnonzero(self.image >= np.arange(n)):
+            image = self.image[channel]
+            row = np.zeros(n)
+            row[channel] = 1.0
+            row[image] += parity * self.sign[channel]
+            if np.any(row):
+                rows.append(row / np.linalg.norm(row))
+        return np.array(rows).reshape(-1, n)
+
+    def ties(self, parity: NDArray[np.float64]) -> Ties:
+        """Return what modes of given kinds, (m,) of 1 or -1, have in common in the channels."""
+        n = len(self.image)
+        owner = np.where(self.image >= 0, np.minimum(self.image, np.arange(n)), np.arange(n))
+        _, owner = np.unique(owner, return_inverse=True)
+        sign = np.ones((n, len(parity)))
+        for channel, image in enumerate(self.image):
+            if image == channel:
+                sign[channel] = parity == self.sign[channel]
+            elif 0 <= image < channel:
+                sign[channel] = parity * self.sign[channel]
+        return Ties(owner, sign)
+
+
+def mirror_of(channels: Sequence[Channel]) -> Mirror:
+    """Return what a mirror does to some channels by their quantity and place."""
+    sign = np.array([-1.0 if channel.quantity in _ROLL else 1.0 for channel in channels])
+    image = np.array([_image(channel, channels) for channel in channels], dtype=np.intp)
+    return Mirror(image, sign)
+
+
+def _image(channel: Channel, channels: Sequence[Channel]) -> int:
+    found = [number for number, other in enumerate(channels) if _mirrored(channel, other)]
+    back = [number for number, other in enumerate(channels) if _mirrored(other, channel)]
+    # Two sensors at one place leave open which is the image.
+    twins = [other for other in channels if found and _mirrored(other, channels[found[0]])]
+    return found[0] if len(found) == len(back) == len(twins) == 1 else -1
+
+
+def _mirrored(one: Channel, other: Channel) -> bool:
+    if one.quantity is not other.quantity:
+        return False
+    if one.quantity in AT_CORNER and one.corner and other.corner:
+        return one.corner.front is other.corner.front and one.corner.side == -other.corner.side
+    if one.quantity in ON_BODY:
+        if one.at_cg or other.at_cg:
+            return one.at_cg and other.at_cg
+        gap = np.hypot(one.x_m - other.x_m, one.y_m + other.y_m)
+        return bool(gap <= _SAME_PLACE_M)
+    return True

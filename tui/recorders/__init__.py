@@ -1,0 +1,1 @@
+"""Recorders as processes: started, fed, followed."""

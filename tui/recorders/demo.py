@@ -1,0 +1,78 @@
+"""A recorder on a simulated bench: the operator's terminal to try out, without any hardware.
+
+``python -m tui.recorders.demo FOLDER --speed 1 --fault double-bump --seed 1``
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..cli import run
+
+commands = typer.Typer(pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+@commands.command()
+def demo_recorder(
+    folder: Annotated[Path, typer.Argument(help="Folder for journal and sessions.")],
+    bench: Annotated[Path | None, typer.Option(help="bench.toml; the shipped bench.")] = None,
+    speed: Annotated[float, typer.Option(min=0.1, max=20.0, help="Times real time.")] = 1.0,
+    fault: Annotated[str | None, typer.Option(help="What spoils a run.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Draws noise and sensor errors.")] = 1,
+    wiggles: Annotated[
+        bool, typer.Option("--wiggles", help="Push corner after corner while nothing is armed.")
+    ] = False,
+    log: Annotated[Path | None, typer.Option(help="Log to this file.")] = None,
+) -> None:
+    """Record a simulated bench, idle, until told to shut down."""
+    import time
+
+    from daq.bench.config import BusConfig, bench_codec, load_bench
+    from daq.bus.source import FrameSource
+    from daq.control.lock import lone_recorder
+    from daq.control.messages import Status
+    from daq.errors import InputError
+    from daq.sim.bench_source import SimulatedBench
+    from daq.sim.car import SimulatedCar
+    from daq.sim.spoils import Fault
+
+    from ..output import progress
+    from .daemon import Habits
+    from .log import Log
+    from .recording import record_campaign
+
+    if fault and fault not in tuple(Fault):
+        raise InputError(f"--fault {fault}", "is unknown", f"one of {', '.join(Fault)}")
+    described = load_bench(bench)
+    latest: list[Status] = []
+    simulated = SimulatedBench(
+        described,
+        bench_codec(described),
+        SimulatedCar(),
+        seed,
+        speed,
+        lambda: latest[-1] if latest else None,
+        Fault(fault) if fault else None,
+        time.time_ns(),
+        wiggles,
+    )
+
+    def open_source(bus: BusConfig, number: int) -> FrameSource:
+        if number:
+            raise InputError(bus.channel, "is not simulated", "name one bus in bench.toml")
+        return simulated.open()
+
+    def follow(status: Status) -> None:
+        latest[:] = [status]
+
+    habits = Habits(False, True, None, lambda: load_bench(bench), follow)
+    with lone_recorder(folder), Log(log) as lines, progress("demo") as stage:
+        record_campaign(described, open_source, folder, habits, lines, stage)
+
+
+if __name__ == "__main__":
+    sys.exit(run(sys.argv[1:], commands))

@@ -1,0 +1,81 @@
+"""A recorder in words: what its log holds of a status, and its line of progress."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from daq.control.messages import Status
+
+
+def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
+    """Yield what a log is to hold of a status: the lines, and the keys that limit their number."""
+    if before is None:
+        yield f"recording {status.vehicle} into {status.folder}", ""
+    known = {(alarm.code, alarm.subject) for alarm in before.alarms} if before else set()
+    for alarm in status.alarms:
+        if (alarm.code, alarm.subject) not in known:
+            subject = f" {alarm.subject}" if alarm.subject else ""
+            yield (
+                f"alarm {alarm.code}{subject}: {alarm.text} ({alarm.advice})",
+                f"{alarm.code}{subject}",
+            )
+    standing = {(alarm.code, alarm.subject) for alarm in status.alarms}
+    for code, subject in sorted(known - standing):
+        yield f"over: {code} {subject}".rstrip(), f"over {code} {subject}"
+    judged = {run.label: run.status for run in before.runs} if before else {}
+    for run in status.runs:
+        if before and judged.get(run.label) != run.status:
+            reasons = f": {'; '.join(run.reasons)}" if run.reasons else ""
+            yield f"{run.label} {run.status}{reasons}", ""
+    session = status.session
+    if session.state == "failed" and (before is None or before.session != session):
+        yield f"session: {session.text}", ""
+
+
+def progress_words(status: Status) -> tuple[float, str]:
+    """Return how far the campaign is, as a share and in words."""
+    planned = sum(tally.planned for tally in status.tallies)
+    done = sum(min(tally.accepted, tally.planned) for tally in status.tallies)
+    text = f"{done} of {planned} runs"
+    if status.session.state == "building":
+        text = "building the session file"
+    elif status.due:
+        running = status.phase in ("triggered", "decay")
+        label = status.due.step.label
+        text += f", {label} running" if running else f", waiting for {label}"
+    frames = sum(bus.frames for bus in status.buses)
+    if not frames:
+        text += ", no frame yet"
+    elif status.losses.unknown_id == frames:
+        text += f", none of {frames} frames is in the DBC"
+    if status.losses.measured:
+        text += f", {status.losses.measured} frames lost"
+    return (done / planned if planned else 0.0), text
+
+
+def status_lines(status: Status) -> Iterator[str]:
+    """Yield a status in a few lines for a person."""
+    from daq.control.systemd import status_line
+
+    yield f"{status.vehicle}, into {status.folder}: {status_line(status)}"
+    done, text = progress_words(status)
+    yield f"{status.phase}: {text} ({done:.0%})"
+    for bus in status.buses:
+        yield (
+            f"bus {bus.name}: {bus.state}, {bus.frames_per_s:,.0f} frames/s, load {bus.load:.0%},"
+            f" {bus.frames:,} frames, {bus.error_frames:,} error frames, reopened {bus.reopened}"
+        )
+    queue, disk = status.queue, status.disk
+    yield (
+        f"{disk.recorded_frames:,} frames on the disk; journal {disk.journal_bytes / 1e6:,.0f} MB;"
+        f" queue {queue.blocks} of {queue.room} blocks, at most {queue.high}"
+    )
+    yield f"in control: {status.controller or 'nobody'}; {status.viewers} looking on"
+    for alarm in status.alarms:
+        subject = f" {alarm.subject}" if alarm.subject else ""
+        yield f"ALARM {alarm.code}{subject}: {alarm.text} ({alarm.advice})"
+    if status.session.path or status.session.text:
+        session = status.session
+        yield f"session {session.state}: {' '.join(t for t in (session.path, session.text) if t)}"

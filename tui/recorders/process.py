@@ -1,0 +1,139 @@
+"""Recorders started by a terminal, which live on when it is closed or its line drops."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+LOG = "recorder.log"
+PATIENCE_S = 20.0
+_POLL_S = 0.05
+
+
+def start_recorder(
+    bench: Path | None, folder: Path, interface: str | None = None, channel: str | None = None
+) -> subprocess.Popen[bytes]:
+    """Start the recorder of a folder, idle, until it is told to shut down.
+
+    Parameters
+    ----------
+    bench : Path or None
+        bench.toml; the shipped one if None.
+    folder : Path
+        For journal, sessions and the log.
+    interface, channel : str or None
+        In place of those of the file.
+    """
+    arguments = ["tui", "record", *([str(bench.resolve())] if bench else [])]
+    arguments += ["--out", str(folder.resolve()), "--keep-on", "--idle"]
+    arguments += ["--log", str(folder.resolve() / LOG)]
+    arguments += ["--interface", interface] if interface else []
+    arguments += ["--channel", channel] if channel else []
+    return _start(arguments, folder)
+
+
+def start_demo_recorder(
+    folder: Path,
+    speed: float = 1.0,
+    fault: str = "",
+    seed: int = 1,
+    bench: Path | None = None,
+    wiggles: bool = False,
+) -> subprocess.Popen[bytes]:
+    """Start a recorder on a simulated bench, which bumps its car whenever a run is armed.
+
+    Parameters
+    ----------
+    folder : Path
+        For journal, sessions and the log.
+    speed : float
+        How many seconds of the car pass in one.
+    fault : str
+        What spoils a run (`tui.recorders.demo`); empty for nothing.
+    seed : int
+        Draws noise and sensor errors.
+    bench : Path or None
+        bench.toml; the shipped one if None.
+    wiggles : bool
+        Push corner after corner while nothing is armed, for the check of the bench.
+    """
+    arguments = ["tui.recorders.demo", str(folder.resolve()), "--speed", f"{speed:g}"]
+    arguments += ["--seed", f"{seed}", *(["--fault", fault] if fault else [])]
+    arguments += ["--bench", str(bench.resolve())] if bench else []
+    arguments += ["--wiggles"] if wiggles else []
+    arguments += ["--log", str(folder.resolve() / LOG)]
+    return _start(arguments, folder)
+
+
+def start_replay_recorder(
+    folder: Path, session: Path, speed: float = 1.0
+) -> subprocess.Popen[bytes]:
+    """Start a recorder on the frames of a recorded session.
+
+    Parameters
+    ----------
+    folder : Path
+        For journal, sessions and the log; not the session's own.
+    session : Path
+        What is played.
+    speed : float
+        How many seconds of it pass in one.
+    """
+    arguments = ["tui.recorders.replay", str(folder.resolve()), str(session.resolve())]
+    return _start([*arguments, "--speed", f"{speed:g}"], folder)
+
+
+def wait_for_recorder(process: subprocess.Popen[bytes], folder: Path) -> None:
+    """Wait until a recorder that was started answers.
+
+    Raises
+    ------
+    InputError
+        If it ends, with the last line of its log, or does not answer in time.
+    """
+    from daq.control.address import control_address
+    from daq.control.client import is_running
+    from daq.errors import InputError
+
+    address = control_address(folder)
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not is_running(address):
+        if process.poll() is not None:
+            raise InputError(str(folder), f"the recorder ended: {last_line(folder)}", f"see {LOG}")
+        if time.monotonic() > deadline_s:
+            raise InputError(str(folder), "the recorder does not answer", f"see {LOG} there")
+        time.sleep(_POLL_S)
+
+
+def last_line(folder: Path) -> str:
+    """Return the last line of a recorder's log; it says why the recorder ended."""
+    try:
+        with (folder / LOG).open("rb") as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - 2000))
+            lines = file.read().decode("utf-8", "replace").split("\n")
+    except OSError:
+        return "no log"
+    said = [line for line in lines if line.strip()]
+    return said[-1].removeprefix("bumpbench: ").removeprefix("error: ") if said else "no word"
+
+
+def _start(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:
+    from daq.errors import InputError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / LOG).open("ab") as log:
+            # A session of its own: what ends a terminal's processes does not reach it.
+            return subprocess.Popen(
+                [sys.executable, "-m", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=log,
+                start_new_session=True,
+            )
+    except OSError as error:
+        what = error.strerror or str(error)
+        raise InputError(str(folder), what, "name another folder") from error

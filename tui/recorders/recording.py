@@ -1,0 +1,178 @@
+"""A campaign from the buses into a session file: what `record` and `demo` share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..diagnostics import ExitCode, say_left_out
+from ..output import Stage, print_json, print_line, print_table
+from .daemon import Habits, run_recorder
+from .log import Log
+
+if TYPE_CHECKING:
+    from daq import Session
+    from daq.bench.config import Bench, BusConfig
+    from daq.bus.source import FrameSource
+    from daq.control.messages import Status
+
+
+class OpenedAtStart:
+    """Opens the buses of a bench at once: with none at all, nothing is begun.
+
+    Called as `daq.bus.interfaces.open_source`, it hands over what it has opened, and opens anew
+    later on.
+
+    Parameters
+    ----------
+    bench : Bench
+        Its buses are opened.
+    open_source : callable
+        Opens one.
+
+    Raises
+    ------
+    BusError
+        If none can be opened: the first one's reason.
+    """
+
+    def __init__(self, bench: Bench, open_source: Callable[[BusConfig, int], FrameSource]) -> None:
+        from daq.errors import BusError
+
+        self._open_source = open_source
+        self._opened: dict[int, FrameSource] = {}
+        errors = []
+        for number, bus in enumerate(bench.buses):
+            try:
+                self._opened[number] = open_source(bus, number)
+            except BusError as error:
+                errors.append(error)
+        if not self._opened:
+            raise errors[0]
+
+    def __call__(self, bus: BusConfig, number: int) -> FrameSource:
+        """Return a source of the bus."""
+        return self._opened.pop(number, None) or self._open_source(bus, number)
+
+
+def record_campaign(
+    bench: Bench,
+    open_source: Callable[[BusConfig, int], FrameSource],
+    out: Path,
+    habits: Habits,
+    log: Log,
+    stage: Stage,
+) -> Status:
+    """Record until the campaign is complete or a signal comes.
+
+    Parameters
+    ----------
+    bench : Bench
+        What is on the bench.
+    open_source : callable
+        Opens a bus, given its description and its number.
+    out : Path
+        Folder.  The journal goes to a folder in it, and a session file carries the number of the
+        journal's first segment.
+    habits : Habits
+        When to begin and when to end.
+    log : Log
+        Alarms, verdicts and what else is worth a line.
+    stage : Stage
+        Shows how far it is.
+
+    Returns
+    -------
+    Status
+        The last one of the recorder.
+    """
+    from importlib.metadata import version
+
+    from daq.bench.config import bench_codec
+    from daq.recorder.engine import Engine
+    from daq.samples.mapping import map_channels
+
+    codec = bench_codec(bench)
+    say_left_out(codec)
+    map_channels(bench.channels, codec.messages, bench.dbc_name)  # before anything is made
+    if habits.arm:  # nobody is asked whether a run will do: the next bump may come at once
+        reread = habits.reread
+        habits = replace(habits, reread=lambda: _unasked(reread()))
+        bench = _unasked(bench)
+    engine = Engine(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
+    return run_recorder(engine, out, habits, log, stage)
+
+
+def _unasked(bench: Bench) -> Bench:
+    """Return a bench whose runs are taken without a person's time to reject them."""
+    return replace(bench, procedure=replace(bench.procedure, accept_after_s=0.0))
+
+
+def recorded_session(last: Status) -> tuple[Path, Session]:
+    """Return the session file that a recorder has left behind, and what is in it.
+
+    Raises
+    ------
+    InputError
+        If there is none, with the reason.
+    """
+    from daq import read_session
+    from daq.control.messages import SessionState
+    from daq.errors import InputError
+
+    if last.session.state is not SessionState.READY:
+        what = last.session.text or "no session file was built"
+        raise InputError(last.folder, what, "the journal is there: try `bumpbench recover`")
+    path = Path(last.session.path)
+    return path, read_session(path)
+
+
+def print_outcome(last: Status, json: bool) -> ExitCode:
+    """Print what was recorded and return the exit code."""
+    path, session = recorded_session(last)
+    if json:
+        print_json(summary(path, session))
+    else:
+        print_summary(path, session)
+    lost = sum(run.losses.measured for run in session.runs)
+    return ExitCode.DATA_LOST if lost else ExitCode.OK
+
+
+def summary(path: Path, session: Session) -> dict[str, Any]:
+    """Return a session as a JSON document."""
+    return {
+        "session": str(path),
+        "vehicle": session.vehicle.name,
+        "runs": [
+            {
+                "label": run.label,
+                "status": str(run.status),
+                "reasons": list(run.reasons),
+                "samples": {group.name: len(group.time_s) for group in run.groups},
+                "frames": len(run.frames),
+                "losses": asdict(run.losses),
+            }
+            for run in session.runs
+        ],
+    }
+
+
+def print_summary(path: Path, session: Session) -> None:
+    """Write a session as a table: one row a run."""
+    rows = []
+    for run in session.runs:
+        length_s = max(
+            (float(group.time_s[-1]) for group in run.groups if len(group.time_s)), default=0
+        )
+        losses = ", ".join(f"{n} {name}" for name, n in asdict(run.losses).items() if n)
+        rows.append(
+            [run.label, str(run.status), f"{length_s:.1f}", f"{len(run.frames)}", losses or "none"]
+        )
+    columns = ["run", "status", "length s", "frames", "losses"]
+    print_table(f"{session.vehicle.name}: {len(session.runs)} runs", columns, rows)
+    for run in session.runs:
+        for reason in run.reasons:
+            print_line(f"  {run.label}: {reason}")
+    print_line(f"session: {path}")

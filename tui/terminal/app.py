@@ -1,0 +1,365 @@
+"""The operator's terminal: news from the recorder in, orders out; screens do the rest."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from textual.app import App
+from textual.binding import Binding, BindingType
+from textual.command import Provider
+from textual.filter import LineFilter
+from textual.message import Message
+from textual.screen import Screen
+
+from daq.control.messages import BusState, Live, Phase, Reply, Status
+from daq.control.orders import QUESTIONS, AskBench, AskHistory, Hello, Order
+from daq.errors import InputError, printable
+
+from .feed import Feed, Lost, News, Refused, Role
+from .glyphs import Glyphs, GlyphSet
+from .lanes import Lanes
+from .screens.news import LiveArrived, RecorderLost, StatusArrived
+from .steps import SCREEN_OF, BenchStep, progress
+from .themes import THEMES
+from .widgets.plain_ascii import PlainAscii
+
+if TYPE_CHECKING:
+    from daq.bench.config import Bench
+
+HISTORY_S = 10.0
+AUTO_S = 0.25
+MOST_NEWS = 1200
+"""A minute of news: all that waits for a terminal whose line is stopped and takes no output."""
+
+
+def _screen(module: str, name: str) -> Screen[Any]:
+    """Make a screen when it is first asked for: the first screen must not wait for all."""
+    made: Screen[Any] = getattr(import_module(f".screens.{module}", __package__), name)()
+    return made
+
+
+def _palette() -> type[Provider]:
+    from .palette import BenchCommands
+
+    return BenchCommands
+
+
+class NewsArrived(Message):
+    """The feed has posted something."""
+
+
+class BenchApp(App[None]):
+    """A client of one recorder.
+
+    Parameters
+    ----------
+    feed : Feed
+        Of the recorder.
+    folder : Path
+        The recorder's; sessions and reports are there.
+    glyphs : Glyphs
+        What the terminal can show.
+    operator : str
+        The person; goes into the journal with every decision.
+    theme : str
+        Name of a theme.
+    auto : bool
+        Press the next action whenever there is one.
+    clock : callable
+        Monotonic seconds, for the lock-out of held keys.
+    """
+
+    CSS_PATH = "app.tcss"
+    TITLE = "Bumpbench"
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]  # noqa: RUF012 - theirs
+    VERTICAL_BREAKPOINTS = [(0, "-low"), (36, "-tall")]  # noqa: RUF012
+    SCREENS: ClassVar[dict[str, Callable[[], Screen[Any]]]] = {
+        name: partial(_screen, name, f"{name.capitalize()}Screen")
+        for name in (
+            "vehicle", "check", "home", "run", "masses", "identify", "results", "report",
+            "sessions",
+        )
+    }  # fmt: skip
+    COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {_palette}
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("ctrl+q", "quit", "Quit", show=False, priority=True),
+        Binding("f1", "help", "Help", key_display="F1", priority=True),
+    ]
+
+    def __init__(
+        self,
+        feed: Feed,
+        folder: Path,
+        glyphs: Glyphs,
+        operator: str,
+        theme: str = "bench-dark",
+        auto: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__()
+        for made in THEMES:
+            self.register_theme(made)
+        if theme not in self.available_themes:
+            names = ", ".join(sorted(self.available_themes))
+            raise InputError("--theme", f"{theme} is no theme", f"one of {names}")
+        self.theme = theme
+        self.feed, self.folder, self.glyphs, self.operator = feed, folder, glyphs, operator
+        self.auto, self.clock = auto, clock
+        self.status: Status | None = None
+        self.lost: Lost | None = None
+        self.in_control, self.role_text = False, ""
+        self.lanes = Lanes()
+        self.bench: Bench | None = None
+        self.bench_text = ""
+        self.step = BenchStep.VEHICLE
+        self.bell_on = False
+        self._ascii = PlainAscii()
+        self.typed: dict[str, str] = {}
+        """What was typed last in answer to each question."""
+        self._news: deque[News] = deque(maxlen=MOST_NEWS)
+        self._role = Role(False)
+        self._landed = False
+        self._halted = ""
+        self._history_of = ""
+
+    # News ---------------------------------------------------------------------------------------
+
+    async def on_mount(self) -> None:
+        """Begin to listen; the first status decides which screen comes first."""
+        await self.push_screen("home")
+        self.feed.start(self.post)
+        if self.auto:
+            self.set_interval(AUTO_S, self._press_next)
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Let nothing but ASCII pass to a terminal that is not trusted with more."""
+        filters = super().get_line_filters()
+        return [*filters, self._ascii] if self.glyphs.name is GlyphSet.ASCII else filters
+
+    def on_unmount(self) -> None:
+        """Leave the recorder alone."""
+        self.feed.stop()
+
+    def post(self, news: News) -> None:
+        """Take news from the feed's thread."""
+        if isinstance(news, Role):
+            self._role = news
+        self._news.append(news)
+        if len(self._news) == 1:  # whoever handles the first handles all
+            with suppress(RuntimeError):  # the app has just ended
+                self.post_message(NewsArrived())
+
+    async def on_news_arrived(self, _: NewsArrived) -> None:
+        """Take all that was posted; of many statuses the newest counts."""
+        if not self.screen_stack:  # the app is closing
+            return
+        status: Status | None = None
+        live = False
+        while self._news:
+            news = self._news[0]
+            if isinstance(news, Status):
+                status = news
+            elif isinstance(news, Live):
+                self.lanes.add(news)
+                live = True
+            elif isinstance(news, Role):
+                self._history_of = ""
+            else:
+                self.lost, status = news, None
+                self.screen.post_message(RecorderLost())
+            self._news.popleft()
+        self.in_control, self.role_text = self._role.in_control, self._role.text
+        if status is not None:
+            await self._take(status)
+        if live:
+            self.screen.post_message(LiveArrived())
+
+    async def _take(self, status: Status) -> None:
+        before, self.status, self.lost = self.status, status, None
+        if self._history_of != status.recording:
+            self._history_of = status.recording
+            if before is not None and before.recording != status.recording:
+                self.lanes.clear()
+            self.run_worker(self._fetch_history(), group="history", exclusive=True)
+        if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
+            self.run_worker(self._fetch_bench(), group="bench", exclusive=True)
+        if not self._landed:
+            self._landed = True
+            await self.go_to(self._bumped(status) or progress(status).due)
+            if not self.operator and not self.auto and self.step is not BenchStep.VEHICLE:
+                self._ask_name()
+        elif before is not None and not _under_way(before):
+            step, own = self._bumped(status), self.get_screen(SCREEN_OF[self.step])
+            if step is not None and self.screen is own:  # and no question is open
+                await self.go_to(step)
+        self._tell_title(before, status)
+        self.screen.post_message(StatusArrived(status))
+        if status.halted and status.halted != self._halted:
+            self.show_help(status.halted)
+        self._halted = status.halted
+
+    def _bumped(self, status: Status) -> BenchStep | None:
+        """Return the step with bumps if a recorder waits for one that this terminal did not arm."""
+        early = self.step <= BenchStep.CHECK and progress(status).due <= BenchStep.BASELINE
+        return BenchStep.BASELINE if early and _under_way(status) else None
+
+    def _ask_name(self) -> None:
+        """Ask who this is where the form of the vehicle, which asks too, is behind us."""
+        from .screens.question import Question
+
+        async def answered(name: str | None) -> None:
+            if name and await self.ask(Hello(name, self.in_control)) is not None:
+                self.operator = name
+
+        self.push_screen(Question("Your name or initials, for every verdict", "name"), answered)
+
+    async def _fetch_history(self) -> None:
+        with suppress(Refused):
+            reply = await self.feed.ask(AskHistory(HISTORY_S))
+            if reply.live is not None:
+                self.lanes.add(reply.live)
+                self.screen.post_message(LiveArrived())
+
+    async def _fetch_bench(self) -> None:
+        from daq.bench.config import parse_bench
+
+        with suppress(Refused, InputError):
+            text = (await self.feed.ask(AskBench())).bench_text
+            self.bench = parse_bench(text, "bench.toml", self.folder, dbc_text="")
+            self.bench_text = text
+            if self.status is not None:
+                self.screen.post_message(StatusArrived(self.status))
+
+    # Orders -------------------------------------------------------------------------------------
+
+    async def ask(self, order: Order) -> Reply | None:
+        """Send an order; the operator is told why if it is refused, and None comes back."""
+        if not self.in_control and not isinstance(order, QUESTIONS):
+            self.warn("this terminal looks on: C asks for control")
+            return None
+        try:
+            reply = await self.feed.ask(order)
+        except Refused as refused:
+            self.warn(str(refused))
+            return None
+        if reply.status is not None:
+            self.post(reply.status)
+        return reply
+
+    def warn(self, text: str) -> None:
+        """Tell the operator something in a corner of the screen."""
+        self.notify(printable(text, 600), severity="warning", markup=False)
+
+    def tell(self, text: str) -> None:
+        """Tell the operator that something is done."""
+        self.notify(printable(text, 600), markup=False)
+
+    # Ways ---------------------------------------------------------------------------------------
+
+    async def go_to(self, step: BenchStep) -> None:
+        """Go to a step's screen; to the run screen while a run is under way."""
+        self.step = step
+        name = SCREEN_OF[step]
+        if name == "home" and self.status is not None and _under_way(self.status):
+            name = "run"
+        await self.open(name)
+
+    async def open(self, name: str) -> None:
+        """Bring a screen to the front; it keeps what was typed into it."""
+        if self.screen is not self.get_screen(name):
+            await self.switch_screen(name)
+
+    async def action_step(self, number: int) -> None:
+        """Jump to a step, if it is reached."""
+        step = BenchStep(number)
+        if progress(self.status).reached(step):
+            await self.go_to(step)
+        else:
+            self.warn(f"step {step.title} is not reached yet")
+
+    async def action_sessions(self) -> None:
+        """Show the sessions of the folder."""
+        await self.open("sessions")
+
+    async def action_home(self) -> None:
+        """Show what is next."""
+        await self.open("home")
+
+    def action_note(self, label: str = "") -> None:
+        """Write a note."""
+        from .screens.note import NoteScreen
+
+        self.push_screen(NoteScreen(label))
+
+    def show_help(self, page: str) -> None:
+        """Show a page of help over the screen."""
+        from .screens.help import HelpScreen
+
+        self.push_screen(HelpScreen(page))
+
+    def action_help(self) -> None:
+        """Show the help of the screen in front, or of the one that a dialog belongs to."""
+        from .screens.help import HelpScreen
+
+        if isinstance(self.screen, HelpScreen):
+            self.screen.dismiss()
+            return
+        pages = (getattr(screen, "HELP_PAGE", "") for screen in reversed(self.screen_stack))
+        self.show_help(next(filter(None, pages), "home"))
+
+    def action_take_over(self) -> None:
+        """Ask for control of the recorder."""
+        if not self.in_control:
+            self.feed.take_over()
+
+    async def action_restart_recorder(self) -> None:
+        """Start the recorder again."""
+        try:
+            await asyncio.to_thread(self.feed.restart)
+        except Refused as refused:
+            self.warn(str(refused))
+
+    def action_toggle_bell(self) -> None:
+        """Ring at bumps and verdicts, or do not."""
+        self.bell_on = not self.bell_on
+        self.tell(f"bell {'on' if self.bell_on else 'off'}")
+
+    async def _press_next(self) -> None:
+        from .screens.base import BenchScreen
+
+        screen = self.screen
+        if isinstance(screen, BenchScreen) and self.status is not None and screen.ready:
+            await screen.action_next()
+
+    def _tell_title(self, before: Status | None, status: Status) -> None:
+        """Ring and set the window's title when the phase changes: both are seen from afar."""
+        if before is not None and before.phase is status.phase:
+            return
+        words = f"{status.phase.value.upper()} - {status.vehicle} - Bumpbench"
+        safe = "".join(c for c in words if c.isprintable())
+        if self._driver is not None and not self.is_headless:
+            self._driver.write(f"\x1b]2;{safe}\x07")
+        rings = {Phase.TRIGGERED: 1, Phase.ACCEPTED: 2, Phase.REJECTED: 3}
+        if self.bell_on and before is not None:
+            for _ in range(rings.get(status.phase, 0)):
+                self.bell()
+
+    @property
+    def troubled(self) -> bool:
+        """Whether a bus is not well."""
+        return self.status is not None and any(
+            bus.state is not BusState.OK for bus in self.status.buses
+        )
+
+
+def _under_way(status: Status) -> bool:
+    """Whether bumps are waited for, or one is being looked at."""
+    return status.phase not in (Phase.IDLE, Phase.COMPLETE)

@@ -1,0 +1,106 @@
+"""What every screen of the terminal has: top line, steps, keys, help, and the one key."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.screen import Screen
+
+from ..widgets.key_bar import KeyBar
+from ..widgets.step_bar import StepBar
+from ..widgets.top_line import TopLine
+from .news import LiveArrived, RecorderLost, StatusArrived
+
+if TYPE_CHECKING:
+    from daq.control.messages import Status
+
+    from ..app import BenchApp
+
+LOCK_OUT_S = 0.3
+
+
+class BenchScreen(Screen[None]):
+    """A screen of the campaign.
+
+    A screen composes what is its own in `compose_body`, does its next action in `action_next`,
+    and shows the recorder's news in `show_status`; `HELP_PAGE` is its page in `tui/help`.
+    """
+
+    HELP_PAGE: ClassVar[str] = ""
+    AUTO_FOCUS = ""
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space,pagedown", "press('next')", "Next", key_display="SPACE"),
+        Binding("1", "app.step(1)", "Step", key_display="1-7"),
+        *(Binding(str(i), f"app.step({i})", show=False) for i in range(2, 8)),
+        Binding("n", "app.note", "Note", key_display="N"),
+        Binding("s", "app.sessions", "Sessions", key_display="S"),
+        Binding("c", "app.take_over", "Control", show=False),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._pressed: tuple[str, float] = ("", float("-inf"))
+
+    @property
+    def bench_app(self) -> BenchApp:
+        """The app, by its own type."""
+        app: Any = self.app
+        return app  # type: ignore[no-any-return]
+
+    @property
+    def ready(self) -> bool:
+        """Whether the next action would do something now; `--auto` presses it then."""
+        return True
+
+    def compose(self) -> ComposeResult:
+        """Lay the screen out: what all have around what is its own."""
+        yield TopLine(self.bench_app.glyphs)
+        yield StepBar(self.bench_app.glyphs)
+        yield from self.compose_body()
+        yield KeyBar()
+
+    def compose_body(self) -> ComposeResult:
+        """Lay out what is the screen's own."""
+        return ()
+
+    def show_status(self, status: Status) -> None:
+        """Show where the recorder stands; also called when the screen comes to the front."""
+
+    async def action_next(self) -> None:
+        """Do what is next on this screen."""
+
+    async def action_press(self, name: str) -> None:
+        """Do an action of a key that may be held down by a glove: once a press."""
+        now_s = self.bench_app.clock()
+        last, self._pressed = self._pressed, (name, now_s)
+        if last[0] == name and now_s - last[1] < LOCK_OUT_S:
+            return
+        await self.run_action(name)
+
+    def on_screen_resume(self) -> None:
+        """Show what was told meanwhile."""
+        if self.bench_app.status is not None:
+            self._show(self.bench_app.status)
+
+    def on_status_arrived(self, message: StatusArrived) -> None:
+        """Show where the recorder stands."""
+        self._show(message.status)
+
+    def on_resize(self) -> None:
+        """Fit what is shown into the new room."""
+        if self.bench_app.status is not None:
+            self.call_after_refresh(self._show, self.bench_app.status)
+            self.call_after_refresh(self.post_message, LiveArrived())
+
+    def on_recorder_lost(self, _: RecorderLost) -> None:
+        """Show that the recorder is gone: the top line says so on every screen."""
+        self.query_one(TopLine).show(self.bench_app.status, self.bench_app)
+
+    def _show(self, status: Status) -> None:
+        if not self.is_mounted:
+            return
+        self.query_one(TopLine).show(status, self.bench_app)
+        self.query_one(StepBar).show(status, self.bench_app.step)
+        self.show_status(status)

@@ -1,0 +1,142 @@
+"""What home and run screen share: the keys of the run loop."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+
+from daq.control.messages import Phase
+from daq.control.orders import Accept, Acknowledge, Choose, Pause, Redo, Reject, Undo
+from daq.recorder.book import BookRun, BookStatus
+
+from ..banner import run_words
+from ..next_action import next_action
+from ..widgets.lists import TallyList
+from .base import BenchScreen
+from .question import Question
+
+_AT_EASE = (Phase.IDLE, Phase.COMPLETE)
+
+
+class BumpingScreen(BenchScreen):
+    """Arms, pauses, rejects, undoes; nothing asks whether one is sure, everything can be undone."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("backspace,pageup", "press('reject')", "Reject", key_display="Bksp"),
+        Binding("u", "press('undo')", "Undo", key_display="U"),
+        Binding("r", "press('redo')", "Redo", key_display="R"),
+        Binding("t", "take_back", "Take back", key_display="T"),
+        Binding("v", "view", "View", key_display="V"),
+        Binding("m", "more", "More", key_display="M"),
+        Binding("up", "choose(-1)", show=False),
+        Binding("down", "choose(1)", show=False),
+        Binding("a", "acknowledge", "Lamp out", key_display="A"),
+        Binding("escape", "press('pause')", "Pause", key_display="Esc"),
+        Binding("x", "restart", "Restart", key_display="X"),
+    ]
+
+    @property
+    def ready(self) -> bool:
+        """Whether SPACE would begin something; a countdown is left to run out."""
+        status = self.bench_app.status
+        return (
+            status is not None
+            and status.phase in _AT_EASE
+            and not status.halted
+            and bool(next_action(status).words)
+        )
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Show only the keys that do something now."""
+        status = self.bench_app.status
+        if action == "restart":
+            return self.bench_app.lost is not None
+        if status is None:
+            return action not in ("take_back", "more", "acknowledge", "press") or parameters == (
+                "next",
+            )
+        match (action, parameters):
+            case ("press", ("undo",)):
+                return bool(status.undo)
+            case ("press", ("redo",)):
+                return bool(status.redo)
+            case ("press", ("reject",)):
+                return bool(status.runs)
+            case ("take_back", _):
+                return self._rejected is not None
+            case ("acknowledge", _):
+                return bool(status.overloaded)
+            case ("more", _):
+                return status.phase in (*_AT_EASE, Phase.PAUSED)
+        return True
+
+    async def action_next(self) -> None:
+        """Arm, or go to the step that is due."""
+        app = self.bench_app
+        action = next_action(app.status)
+        if action.step is not None:
+            await app.go_to(action.step)
+        elif action.order is not None and await app.ask(action.order) is not None:
+            await app.open("run")
+
+    async def action_reject(self) -> None:
+        """Reject the run under way, or the last one."""
+        await self.bench_app.ask(Reject())
+
+    async def action_undo(self) -> None:
+        """Take the last verdict back."""
+        await self.bench_app.ask(Undo())
+
+    async def action_redo(self) -> None:
+        """Take the last undo back."""
+        await self.bench_app.ask(Redo())
+
+    async def action_pause(self) -> None:
+        """Pause; go home if nothing is armed."""
+        status = self.bench_app.status
+        if status is None or status.phase in (*_AT_EASE, Phase.PAUSED):
+            await self.bench_app.open("home")
+        else:
+            await self.bench_app.ask(Pause())
+
+    async def action_acknowledge(self) -> None:
+        """Put the overload lamps out."""
+        await self.bench_app.ask(Acknowledge())
+
+    async def action_restart(self) -> None:
+        """Start the recorder that was lost."""
+        await self.bench_app.action_restart_recorder()
+
+    async def action_more(self) -> None:
+        """Bump the chosen kind next, also beyond what was planned."""
+        status = self.bench_app.status
+        if status is not None and status.tallies:
+            tally = status.tallies[min(self.query_one(TallyList).chosen, len(status.tallies) - 1)]
+            order = Choose(tally.mass_state, tally.excitation)
+            if await self.bench_app.ask(order) is not None:
+                self.bench_app.tell(f"next: {tally.mass_state} {tally.excitation.value}")
+
+    def action_choose(self, by: int) -> None:
+        """Point to another kind of bump."""
+        if self.bench_app.status is not None:
+            self.query_one(TallyList).move(by, self.bench_app.status)
+
+    def action_take_back(self) -> None:
+        """Count a rejected run all the same; the reason goes into the journal with the name."""
+        run = self._rejected
+        if run is None:
+            return
+
+        async def accept(reason: str | None) -> None:
+            if reason:
+                await self.bench_app.ask(Accept(run.label, reason))
+
+        words = f"Take {run.mass_state} {run_words(run)} back although: {'; '.join(run.reasons)}"
+        self.app.push_screen(Question(words, "reason"), accept)
+
+    @property
+    def _rejected(self) -> BookRun | None:
+        status = self.bench_app.status
+        runs = status.runs if status else ()
+        return next((r for r in reversed(runs) if r.status is BookStatus.REJECTED), None)

@@ -1,0 +1,388 @@
+"""Step 2: is the bench fit; does every sensor sit where it says, the right way up, at zero."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.content import Content
+from textual.widgets import Static
+
+from daq.bench.edit import with_channel
+from daq.check.wiggle import ORDER, Wiggle, can_tell, judge_wiggle
+from daq.control.messages import CheckItem, Phase, Status
+from daq.control.orders import AskCheck, Configure, Mark, OverrideWarning
+from daq.errors import InputError, printable
+from daq.vehicle import Corner
+
+from ..bench_check import (
+    FAIL,
+    NOW,
+    OK,
+    WAIT,
+    WARN,
+    CheckRow,
+    ZeroOffset,
+    item_rows,
+    recorder_rows,
+    rest_levels,
+    wiggle_rows,
+    wiggle_subject,
+    with_overrides,
+    zero_offsets,
+)
+from ..drafts import write_draft
+from ..steps import BenchStep
+from ..widgets.check_line import check_line
+from ..widgets.row_list import RowList
+from .base import BenchScreen
+from .news import LiveArrived
+from .question import Question
+
+REST = "rest.json"
+"""Beside the recording: what the channels read at rest, before any weight is on the car."""
+AGAIN_S, WINDOW_S = 1.0, 3.0
+HANDS_OFF_S = 5.0
+_SEEN_S = 10.0
+_ZERO = "zero"
+_PUSH = "SPACE = push the corners"
+_HANDS_OFF = "SPACE = zero: hands off the car"
+_TARE = "SPACE = take this as zero"
+_ON = "SPACE = the bench is fit: go on to step 3 Baseline"
+
+
+class CheckScreen(BenchScreen):
+    """Lines OK, WARN, FAIL; then the corners are pushed, then the zeros are set."""
+
+    HELP_PAGE: ClassVar[str] = "check"
+    DEFAULT_CSS = """
+    CheckScreen #explained { height: 6; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("r", "again", "Again", key_display="R"),
+        Binding("o", "override", "Override", key_display="O"),
+        Binding("i", "invert", "Invert", key_display="I"),
+        Binding("z", "zero", "Zero", key_display="Z"),
+        Binding("s", "skip", "Skip", key_display="S"),
+        Binding("down", "mark(1)", "Down", show=False),
+        Binding("up", "mark(-1)", "Up", show=False),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._items: tuple[CheckItem, ...] = ()
+        self._rows: list[CheckRow] = []
+        self._asking = False
+        self._corner: Corner | None = None
+        self._begin_bin = 0
+        self._pushed: dict[Corner, Wiggle] = {}
+        self._skipped: set[str] = set()
+        self._zeroed = False
+        self._hands_off_s = 0.0
+        self._still_s = 0.0
+
+    def compose_body(self) -> ComposeResult:
+        """Lay out the lines, and the marked one's explanation."""
+        yield RowList()
+        yield Static(id="explained", classes="box", markup=False)
+
+    def on_mount(self) -> None:
+        """Ask again each second."""
+        self.set_interval(AGAIN_S, self._tick)
+
+    @property
+    def ready(self) -> bool:
+        """Whether SPACE would go on without a person's word."""
+        return self._due in (_PUSH, _HANDS_OFF, _TARE, _ON)
+
+    def show_status(self, status: Status) -> None:
+        """Show the lines."""
+        if not self._items and not self._asking:
+            self.run_worker(self._ask(WINDOW_S))
+        self._show_rows()
+
+    # Asking -------------------------------------------------------------------------------------
+
+    async def _tick(self) -> None:
+        """Ask again, unless hands are on the car or were a moment ago."""
+        if not self.is_current:
+            return
+        if self._hands_off_s:
+            self._hands_off_s = max(0.0, self._hands_off_s - AGAIN_S)
+            if not self._hands_off_s:
+                await self._ask(HANDS_OFF_S)
+                self._zeroed = True
+            self._show_rows()
+        elif self._still_s:
+            self._still_s = max(0.0, self._still_s - AGAIN_S)
+        elif self._corner is None:
+            await self._ask(WINDOW_S)
+
+    async def _ask(self, seconds: float) -> None:
+        if self._asking or self.bench_app.status is None:
+            return
+        self._asking = True
+        try:
+            reply = await self.bench_app.ask(AskCheck(seconds))
+        finally:
+            self._asking = False
+        if reply is not None:
+            self._items = reply.check
+            self._show_rows()
+
+    # Showing ------------------------------------------------------------------------------------
+
+    def _show_rows(self) -> None:
+        app, status = self.bench_app, self.bench_app.status
+        if status is None or app.bench is None:
+            return
+        told = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
+        rows = [*recorder_rows(status), *item_rows(self._items)]
+        if not self._items:
+            rows.append(CheckRow(WAIT, "sensors", "listening"))
+        rows = with_overrides(rows, told)
+        active = self._corner or ""
+        rows += wiggle_rows(self._pushed, active, told, can_tell(app.bench.channels))
+        rows.append(self._zero_row())
+        self._rows = rows
+        lines = self.query_one(RowList)
+        width = max(len(row.subject) for row in rows)
+        lines.show([check_line(row, width, app.glyphs) for row in rows])
+        self._explain()
+
+    def _zero_row(self) -> CheckRow:
+        if self._hands_off_s:
+            return CheckRow(NOW, _ZERO, f"hands off the car: {self._hands_off_s:.0f} s more")
+        offsets = self._offsets()
+        if not self._zeroed:
+            return CheckRow(WAIT, _ZERO, f"hands off for {HANDS_OFF_S:.0f} s")
+        if not offsets:
+            return CheckRow(OK, _ZERO, "travels and rates read nothing at rest")
+        text = ", ".join(offset.text for offset in offsets)
+        advice = "Z takes this as zero, the car at ride height (goes to the report)"
+        return CheckRow(NOW, _ZERO, text, advice)
+
+    def _explain(self) -> None:
+        lines, box = self.query_one(RowList), self.query_one("#explained", Static)
+        if not self._rows:
+            return
+        row = self._rows[lines.cursor]
+        box.border_title = printable(row.subject, 50).replace("[", "(")
+        said = [Content(printable(row.text, 300))]
+        if row.advice:
+            said.append(Content(printable(row.advice, 300)))
+        said.append(Content.styled(self._due, "bold $accent"))
+        box.update(Content("\n").join(said))
+
+    @property
+    def _due(self) -> str:
+        """What SPACE would do, by the words it is explained with; '' while it would do nothing."""
+        if self._corner is not None:
+            return f"Push the car at the corner that is marked {NOW}."
+        if self._hands_off_s:
+            return "Hands off the car."
+        if not self._items:
+            return "The sensors are being listened to."
+        if blocked := sum(row.blocks for row in self._rows):
+            return f"SPACE is blocked: {blocked} FAIL"
+        if self._next_corner() is not None:
+            return _PUSH
+        if not self._zeroed:
+            return _HANDS_OFF
+        if self._offsets():
+            return _TARE
+        if asks := sum(row.asks for row in self._rows):
+            return f"SPACE = answer for {asks} WARN"
+        return _ON
+
+    def action_mark(self, by: int) -> None:
+        """Mark another line."""
+        lines = self.query_one(RowList)
+        lines.move_to(lines.cursor + by)
+        self._explain()
+
+    def _mark_row(self, subject: str) -> None:
+        for i, row in enumerate(self._rows):
+            if row.subject == subject:
+                self.query_one(RowList).move_to(i)
+        self._explain()
+
+    @property
+    def _marked(self) -> CheckRow | None:
+        return self._rows[self.query_one(RowList).cursor] if self._rows else None
+
+    # SPACE --------------------------------------------------------------------------------------
+
+    async def action_next(self) -> None:
+        """Do the first thing that is not done: corners, zero, warnings, and on."""
+        app, due = self.bench_app, self._due
+        corner = self._next_corner()
+        if due == _PUSH and corner is not None:
+            await self._begin_wiggle(corner)
+        elif due == _HANDS_OFF:
+            self._begin_zero()
+        elif due == _TARE:
+            await self.action_zero()
+        elif due == _ON:
+            if await app.ask(Mark(BenchStep.CHECK.mark)) is not None:
+                await asyncio.to_thread(write_draft, app.folder / REST, rest_levels(self._items))
+                await app.go_to(BenchStep.BASELINE)
+        elif worst := next((row for row in self._rows if row.blocks), None):
+            self._mark_row(worst.subject)
+            app.warn(f"blocked: {printable(worst.subject, 60)}: {printable(worst.text, 200)}")
+        elif asks := next((row for row in self._rows if row.asks), None):
+            self._mark_row(asks.subject)
+            self.action_override()
+
+    async def action_again(self) -> None:
+        """Ask again; on a line of the wiggle, push that corner again; on zero, measure again."""
+        row = self._marked
+        corner = next((c for c in ORDER if row and row.subject == wiggle_subject(c)), None)
+        if self._corner is not None:
+            await self._begin_wiggle(self._corner)
+        elif corner is not None:
+            await self._begin_wiggle(corner)
+        elif row is not None and row.subject == _ZERO:
+            self._begin_zero()
+        else:
+            await self._ask(WINDOW_S)
+
+    # Warnings -----------------------------------------------------------------------------------
+
+    def action_override(self) -> None:
+        """Answer for the marked warning, with a reason; the name goes along."""
+        row = self._marked
+        if row is None or row.state != WARN or row.overridden:
+            self.bench_app.warn("O answers for a line that says WARN: mark one")
+            return
+        self._ask_reason(row.subject, f"{row.text}. Why is that no harm here?")
+
+    def action_skip(self) -> None:
+        """Leave out the corner that is to be pushed, with a reason."""
+        row = self._marked
+        told = wiggle_subject(self._corner) if self._corner else row.subject if row else ""
+        if not told.startswith("wiggle "):
+            self.bench_app.warn("S skips a corner that is to be pushed: mark its line")
+            return
+        self._ask_reason(told, "Why is this corner not pushed?")
+
+    def _ask_reason(self, subject: str, question: str) -> None:
+        async def answered(reason: str | None) -> None:
+            if not reason or await self.bench_app.ask(OverrideWarning(subject, reason)) is None:
+                return
+            if subject.startswith("wiggle "):
+                self._skipped.add(subject)  # the recorder's word comes a moment later
+                self._pushed = {
+                    c: w for c, w in self._pushed.items() if wiggle_subject(c) != subject
+                }
+                if self._corner is None or subject == wiggle_subject(self._corner):
+                    await self._go_on()
+            self._show_rows()
+
+        self.bench_app.push_screen(Question(f"{subject}: {question}", "reason"), answered)
+
+    # The wiggle ---------------------------------------------------------------------------------
+
+    def _next_corner(self) -> Corner | None:
+        app = self.bench_app
+        if app.bench is None or app.status is None or not can_tell(app.bench.channels):
+            return None
+        told = {override.subject for override in app.status.overrides} | self._skipped
+        open_corners = (c for c in ORDER if wiggle_subject(c) not in told)
+        return next((c for c in open_corners if c not in self._pushed), None)
+
+    async def _begin_wiggle(self, corner: Corner) -> None:
+        """Wait for a push; the mark in the recording says which corner was asked for."""
+        app = self.bench_app
+        if app.status is None or app.status.phase is not Phase.IDLE:
+            app.warn("a run is armed: pause it first")
+            return
+        self._pushed.pop(corner, None)
+        self._corner, self._begin_bin = corner, app.lanes.end
+        self._show_rows()
+        self._mark_row(wiggle_subject(corner))
+        if await app.ask(Mark(wiggle_subject(corner))) is None:
+            self._corner = None
+            self._show_rows()
+
+    async def on_live_arrived(self, _: LiveArrived) -> None:
+        """Look whether the corner was pushed."""
+        app, corner = self.bench_app, self._corner
+        if corner is None or app.bench is None or not app.lanes.bin_s:
+            return
+        count = round(_SEEN_S / app.lanes.bin_s)
+        first = app.lanes.end - count
+        seen = {c.name: app.lanes.window(c.name, first, count) for c in app.bench.channels}
+        begin = max(0, self._begin_bin - first)
+        wiggle = judge_wiggle(corner, app.bench.channels, seen, begin, app.lanes.bin_s)
+        self._pushed[corner] = wiggle
+        if wiggle.done:
+            await self._go_on()
+        else:
+            self._show_rows()
+
+    async def _go_on(self) -> None:
+        """Ask for the next corner after one that was right; stop at one that was wrong."""
+        corner, self._corner = self._corner, None
+        self._still_s = WINDOW_S + AGAIN_S
+        right = corner is None or corner not in self._pushed or self._pushed[corner].passed
+        following = self._next_corner()
+        if right and following is not None:
+            await self._begin_wiggle(following)
+        self._show_rows()
+
+    # Sign and zero ------------------------------------------------------------------------------
+
+    async def action_invert(self) -> None:
+        """Turn the sign of the channel that the marked line is about."""
+        app, row = self.bench_app, self._marked
+        if row is None or app.bench is None:
+            return
+        corner = next((c for c in ORDER if row.subject == wiggle_subject(c)), None)
+        names = [row.subject.removeprefix("channel ")]
+        if corner is not None:
+            names = list(self._pushed[corner].inverted) if corner in self._pushed else []
+        channel = next((c for c in app.bench.channels if c.name in names[:1]), None)
+        if channel is None or row.state != FAIL:
+            app.warn("I turns the sign of a channel whose line says FAIL: mark one")
+            return
+        if await self._configure({channel.name: (-channel.sign, -channel.tare)}):
+            app.tell(f"sign of {channel.name} is now {-channel.sign:+.0f}")
+            if corner is not None:
+                await self._begin_wiggle(corner)
+
+    def _begin_zero(self) -> None:
+        self._hands_off_s, self._zeroed = HANDS_OFF_S, False
+        self._show_rows()
+        self._mark_row(_ZERO)
+
+    def _offsets(self) -> tuple[ZeroOffset, ...]:
+        bench = self.bench_app.bench
+        return zero_offsets(self._items, bench.channels) if bench and self._zeroed else ()
+
+    async def action_zero(self) -> None:
+        """Take what travels and rates read at rest as their zero; measure it first."""
+        if not self._zeroed:
+            self._begin_zero()
+            return
+        tares = {offset.channel: (None, offset.tare) for offset in self._offsets()}
+        if not tares or not await self._configure(tares):
+            return
+        self._items = ()  # what was read before the new zero does not count any more
+        self._still_s = WINDOW_S
+        self._show_rows()
+
+    async def _configure(self, changes: Mapping[str, tuple[float | None, float]]) -> bool:
+        """Tell the recorder another sign and tare of channels: so it is in the journal."""
+        app = self.bench_app
+        text = app.bench_text
+        try:
+            for name, (sign, tare) in changes.items():
+                text = with_channel(text, name, sign=sign, tare=tare)
+        except InputError as error:
+            app.warn(str(error))
+            return False
+        return await app.ask(Configure(text)) is not None

@@ -1,0 +1,44 @@
+"""Which format a session is written in for another tool, and that it is done."""
+
+from __future__ import annotations
+
+from contextlib import aclosing
+from pathlib import Path
+
+from textual.app import App
+
+from daq.errors import printable
+
+from ...workers.lines import Done, ExportTask, Trouble
+from ...workers.worker import lines_of
+from .choice import ChoiceScreen
+
+FORMATS = (
+    ("mf4", "MF4      measurement tools: asammdf, CANape"),
+    ("mat", "MAT      MATLAB, Octave, SciPy"),
+    ("uff", "UFF      modal analysis tools"),
+    ("csv", "CSV      tables, one a run and sample clock"),
+    ("parquet", "Parquet  data frames"),
+    ("blf", "BLF      raw frames: CANalyzer, SavvyCAN"),
+    ("asc", "ASC      raw frames as text"),
+    ("sep005", "SEP005   Python dictionaries of time series"),
+)
+
+
+async def export_session(app: App[None], path: str) -> None:
+    """Ask for the format, write the session in a worker, tell where it is; run in a worker."""
+    name = printable(Path(path).name, 40)
+    form = await app.push_screen_wait(ChoiceScreen(f"Export {name} as", FORMATS))
+    if form is None:
+        return
+    app.notify(f"exporting {name} as {form}", markup=False)
+    async with aclosing(lines_of(ExportTask(path, form), name)) as lines:
+        async for line in lines:
+            if isinstance(line, Trouble):
+                app.notify(line.text, severity="error", markup=False)
+            elif isinstance(line, Done):
+                paths = [printable(str(item)) for item in line.body["paths"]]
+                more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+                app.notify(
+                    "\n".join([f"written: {paths[0]}{more}", *line.body["notes"]]), markup=False
+                )

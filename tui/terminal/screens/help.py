@@ -1,0 +1,61 @@
+"""Help over any screen: what it is for, what its keys do, what the marked thing is."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.screen import ModalScreen, Screen
+from textual.widgets import Markdown, Static
+
+from ..help_pages import page_of
+
+
+class HelpScreen(ModalScreen[None]):
+    """One page; Esc, SPACE or F1 closes it.
+
+    Parameters
+    ----------
+    page : str
+        As `tui.terminal.help_pages.page_of`.
+    """
+
+    DEFAULT_CSS = """
+    HelpScreen { align: center middle; }
+    HelpScreen > Vertical { width: 90; max-width: 100%; height: 94%;
+        border: solid $primary; background: $surface; }
+    HelpScreen VerticalScroll { height: 1fr; }
+    HelpScreen #keys { height: auto; padding: 0 2 1 2; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,space,enter,q", "dismiss", "Close")]
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self._page = page
+
+    def compose(self) -> ComposeResult:
+        """Lay out page and keys."""
+        with Vertical() as box:
+            box.border_title = "Help"
+            box.border_subtitle = "Esc closes, arrows scroll"
+            with VerticalScroll(can_focus=True):
+                yield Markdown(page_of(self._page), open_links=False)
+                yield Static("\n".join(self._keys()), id="keys", markup=False)
+
+    def _keys(self) -> list[str]:
+        """Say what the keys of the screen below do, hidden ones included."""
+        stack = self.app.screen_stack
+        below: Screen[object] = stack[-2] if stack[-1] is self else stack[-1]
+        told: dict[str, str] = {}
+        for _, binding, enabled, _ in below.active_bindings.values():
+            words = binding.tooltip or binding.description
+            if enabled and words and words not in told.values():
+                told[binding.key_display or self.app.get_key_display(binding)] = words
+        lines = ["Keys of this screen", ""]
+        lines += [f"  {key:<12} {words}" for key, words in told.items()]
+        focused = below.focused
+        if focused is not None and focused.tooltip:
+            lines += ["", f"Marked: {focused.tooltip}"]
+        return lines

@@ -1,0 +1,55 @@
+"""Home: the next action of the campaign, and how far it is."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+
+from daq.control.messages import Status
+
+from ..widgets.lists import AlarmList, Journal, RunList, TallyList
+from ..widgets.next_panel import NextPanel
+from ..widgets.sketch import SketchBox
+from .bumping import BumpingScreen
+from .live import draw_lanes, live_chart
+from .news import LiveArrived
+
+
+class HomeScreen(BumpingScreen):
+    """What is next, how it is bumped, progress, runs and journal."""
+
+    HELP_PAGE: ClassVar[str] = "home"
+
+    def compose_body(self) -> ComposeResult:
+        """Lay out what is next and what is done."""
+        glyphs = self.bench_app.glyphs
+        with Horizontal(id="body"):
+            with Vertical(id="left"):
+                yield NextPanel(glyphs)
+                yield live_chart(glyphs)
+                yield RunList(glyphs)
+            with Vertical(id="right"):
+                yield SketchBox()
+                yield TallyList(glyphs)
+                yield Journal()
+        yield AlarmList(glyphs)
+
+    def show_status(self, status: Status) -> None:
+        """Show what is next and what is done."""
+        self.query_one(NextPanel).show(status)
+        self.query_one(SketchBox).show(status, self.bench_app.bench)
+        self.query_one(TallyList).show(status)
+        self.query_one(RunList).show(status)
+        self.query_one(Journal).show(status)
+        self.query_one(AlarmList).show(status)
+        self.refresh_bindings()
+
+    def on_live_arrived(self, _: LiveArrived) -> None:
+        """Draw the newest samples."""
+        draw_lanes(self, self.bench_app)
+
+    def action_view(self) -> None:
+        """Change between sketch and runs, where there is no room for both."""
+        self.toggle_class("-runs")

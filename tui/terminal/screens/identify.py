@@ -1,0 +1,192 @@
+"""Step 6: from the recording to parameters, with progress; then on to the results."""
+
+from __future__ import annotations
+
+from contextlib import aclosing
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.widgets import Static
+
+from daq.control.messages import SessionState, Status
+from daq.control.orders import Build
+from daq.errors import printable
+from daq.recorder.book import BookStatus
+
+from ...workers.lines import Done, IdentifyTask, Trouble
+from ...workers.outcome import Outcome, parse_outcome
+from ...workers.worker import lines_of
+from ..long_work import LongWork, Stage, after, work_text
+from .base import BenchScreen
+
+_BUILD_ADVICE = "SPACE = try again; the journal is untouched"
+_KEPT = 8
+"""Outcomes kept: the operator goes back and forth between sessions."""
+
+
+class IdentifyScreen(BenchScreen):
+    """Builds the session file, identifies it in a worker, and shows the results."""
+
+    HELP_PAGE: ClassVar[str] = "identify"
+    DEFAULT_CSS = """
+    IdentifyScreen #work { height: 1fr; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "cancel", "Cancel", key_display="Esc"),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.work = LongWork()
+        self.outcome: Outcome | None = None
+        self._kept: dict[tuple[str, int, tuple[str, ...]], Outcome] = {}
+        self._asked_ns = 0
+
+    def compose_body(self) -> ComposeResult:
+        """Lay out what is done and how far it is."""
+        box = Static(id="work", classes="box", markup=False)
+        box.border_title = "Identify"
+        yield box
+
+    def on_mount(self) -> None:
+        """Show where it stands."""
+        self._draw()
+
+    def on_resize(self) -> None:
+        """Fit the bar."""
+        self._draw()
+
+    @property
+    def ready(self) -> bool:
+        """Whether SPACE would do something."""
+        return self.work.stage in (Stage.IDLE, Stage.DONE)
+
+    async def action_next(self) -> None:
+        """Build and identify; show the results if they are there."""
+        if self.work.stage in (Stage.IDLE, Stage.FAILED):
+            await self.build()
+        elif self.work.stage is Stage.DONE:
+            await self.show_results()
+
+    async def build(self) -> None:
+        """Have the recorder derive its session file; identify it as soon as it is there."""
+        reply = await self.bench_app.ask(Build())
+        if reply is None or reply.status is None:
+            return
+        self.workers.cancel_node(self)
+        self._asked_ns = reply.status.wall_ns
+        self.work = LongWork(Stage.BUILDING, told=(Stage.BUILDING.value,))
+        self.show_status(reply.status)
+
+    def show_status(self, status: Status) -> None:
+        """Follow the recorder while it builds."""
+        # News that were on their way when the order was given tell of the file before.
+        if self.work.stage is Stage.BUILDING and status.wall_ns >= self._asked_ns:
+            session = status.session
+            if session.state is SessionState.READY:
+                self.begin(session.path)
+            elif session.state is SessionState.FAILED:
+                trouble = Trouble(status.folder, session.text or "no session file", _BUILD_ADVICE)
+                self.work = replace(self.work, stage=Stage.FAILED, trouble=trouble)
+        self._draw()
+
+    def begin(self, path: str, without: tuple[str, ...] = ()) -> None:
+        """Identify a session file in a worker; what is known already is shown at once."""
+        self.workers.cancel_node(self)
+        told = (Stage.BUILDING.value,) if self.work.stage is Stage.BUILDING else ()
+        self.work = LongWork(Stage.WORKING, path, 0.0, told)
+        self._draw()
+        self.run_worker(self._identify(path, without), exclusive=True)
+
+    async def _identify(self, path: str, without: tuple[str, ...]) -> None:
+        key = (path, _changed_ns(path), without)
+        if key not in self._kept:
+            async with aclosing(lines_of(IdentifyTask(path, without), Path(path).name)) as lines:
+                async for line in lines:
+                    self.work = after(self.work, line)
+                    if isinstance(line, Done):
+                        self._kept[key] = parse_outcome(line.body)
+                    self._draw()
+            if key not in self._kept:
+                return
+            while len(self._kept) > _KEPT:
+                self._kept.pop(next(iter(self._kept)))
+        self.outcome = self._kept[key]
+        self.work = replace(self.work, stage=Stage.DONE, share=1.0)
+        self._draw()
+        if self.app.screen is self:
+            await self.show_results()
+        else:
+            self.bench_app.tell("identified: step 6 shows the results")
+
+    async def show_results(self) -> None:
+        """Go to the results."""
+        from .results import ResultsScreen
+
+        results = self.app.get_screen("results")
+        if self.outcome is not None and isinstance(results, ResultsScreen):
+            results.show_outcome(self.outcome)
+            await self.bench_app.open("results")
+
+    async def action_cancel(self) -> None:
+        """End the worker, or go back to what is next."""
+        if self.work.stage in (Stage.BUILDING, Stage.WORKING):
+            self.workers.cancel_node(self)
+            self.work = LongWork()
+            self._draw()
+        else:
+            await self.bench_app.action_home()
+
+    def _draw(self) -> None:
+        if not self.query("#work"):
+            return
+        box = self.query_one("#work", Static)
+        box.update("\n".join(self._lines(box.size.width)))
+
+    def _lines(self, width: int) -> list[str]:
+        glyphs, work = self.bench_app.glyphs, self.work
+        lines = [*self._about(), ""]
+        match work.stage:
+            case Stage.IDLE:
+                lines.append(f"{glyphs.now} SPACE = build the session file and identify it")
+            case Stage.DONE:
+                lines += [*work_text(work, glyphs, width), "", f"{glyphs.now} SPACE = results"]
+            case Stage.FAILED:
+                lines += [*work_text(work, glyphs, width), "", f"{glyphs.now} SPACE = try again"]
+            case _:
+                lines += [*work_text(work, glyphs, width), "", "Esc cancels; nothing is lost"]
+        return lines
+
+    def _about(self) -> list[str]:
+        if self.work.session and not self._is_current(self.work.session):
+            return [f"Session {printable(Path(self.work.session).name)}"]
+        status = self.bench_app.status
+        if status is None:
+            return ["waiting for the recorder"]
+        accepted = sum(run.status is BookStatus.ACCEPTED for run in status.runs)
+        rejected = sum(run.status is BookStatus.REJECTED for run in status.runs)
+        lines = [
+            f"{printable(status.vehicle, 60)}: {accepted} runs accepted, {rejected} rejected (kept)"
+        ]
+        glyphs = self.bench_app.glyphs
+        for t in status.tallies:
+            mark = glyphs.good if t.accepted >= t.planned else glyphs.warn
+            kind = f"{t.mass_state} {t.excitation}"
+            lines.append(f"  {mark} {kind:<20} {t.accepted} of {t.planned} accepted")
+        if status.session.path:
+            lines.append(f"  session file: {printable(status.session.path)}")
+        return lines
+
+    def _is_current(self, path: str) -> bool:
+        status = self.bench_app.status
+        return status is not None and status.session.path == path
+
+
+def _changed_ns(path: str) -> int:
+    try:
+        return Path(path).stat().st_mtime_ns
+    except OSError:
+        return 0

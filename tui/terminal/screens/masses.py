@@ -1,0 +1,383 @@
+"""Step 4: which weights are on the car, where, and what they will gain."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
+from textual.content import Content
+from textual.widgets import Static
+
+from daq.bench.edit import with_weights
+from daq.control.messages import Status
+from daq.control.orders import AskCheck, Configure, Mark, Note
+from daq.errors import InputError, printable
+from daq.loading import expected_car, loading
+from daq.vehicle import VehicleParameters
+
+from ...workers.gain import GAIN, Gain
+from ..bench_check import rest_levels
+from ..drafts import read_draft, remove_draft, write_draft
+from ..forms import FieldError
+from ..inventory import (
+    Entry,
+    axle_loads_with,
+    baseline_spread,
+    effect_line,
+    entries_of,
+    gain_line,
+    sag_line,
+    shift_line,
+    sketch,
+    table_head,
+    table_line,
+    told_entries,
+    with_bolted,
+)
+from ..steps import BenchStep
+from ..weight_form import BODY, check_inventory, check_weight, weight_of, weight_values
+from ..widgets.row_list import RowList
+from .base import BenchScreen
+from .check import REST
+from .weight import WeightScreen
+
+DRAFT = "draft_masses.json"
+_QUIET_S = 0.3
+_REST_S = 2.0
+_PATIENCE_S = 60.0
+_ANOTHER = "new"
+_NEW = {"place": BODY, "serial": "", "mass_kg": "", "sigma_kg": "0.01", "height_m": "0"}
+
+
+class MassesScreen(BenchScreen):
+    """The inventory of weights, the car from above, and the outlook."""
+
+    HELP_PAGE: ClassVar[str] = "masses"
+    DEFAULT_CSS = """
+    MassesScreen #top { height: 1fr; }
+    MassesScreen #car { width: 24; height: 10; }
+    MassesScreen #head { height: 1; text-style: bold; }
+    MassesScreen #outlook { height: 10; text-wrap: nowrap; text-overflow: ellipsis; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("a", "add", "Add", key_display="A"),
+        Binding("e,enter", "edit", "Edit", key_display="E"),
+        Binding("delete", "remove", "Remove", key_display="Del"),
+        Binding("u", "undo", "Undo", key_display="U"),
+        Binding("b", "bolt", "Bolted", key_display="B"),
+        Binding("r", "measure", "Sag", key_display="R"),
+        Binding("down", "mark(1)", "Down", show=False),
+        Binding("up", "mark(-1)", "Up", show=False),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._filled = False
+        self._entries: tuple[Entry, ...] = ()
+        self._before: list[tuple[Entry, ...]] = []
+        self._open: dict[str, dict[str, str]] = {}
+        """What was typed into a weight and not applied, by its number."""
+        self._gain: Gain | None = None
+        self._asked_text = ""
+        self._levels: dict[str, float] = {}
+        self._rest: dict[str, float] = {}
+        self._lost_draft = ""
+        self._drafting = asyncio.Lock()
+
+    def compose_body(self) -> ComposeResult:
+        """Lay out the car, the table and the outlook."""
+        yield Static(f"{'':25}{table_head()}", id="head", markup=False)
+        with Horizontal(id="top"):
+            yield Static(id="car", markup=False)
+            yield RowList()
+        yield Static(id="outlook", classes="box", markup=False)
+
+    @property
+    def ready(self) -> bool:
+        """Whether SPACE would go on."""
+        return self._filled and not self._errors()
+
+    def show_status(self, status: Status) -> None:
+        """Fill the table as soon as the bench in force is known."""
+        app = self.bench_app
+        if app.bench is None:
+            return
+        if not self._filled:
+            self._filled = True
+            draft = read_draft(app.folder / DRAFT)
+            self._entries = entries_of(app.bench.mass_states[1].added.weights, draft)
+            told = draft.get("open")
+            if isinstance(told, dict):
+                self._open = {
+                    at: {name: text for name, text in typed.items() if isinstance(text, str)}
+                    for at, typed in told.items()
+                    if isinstance(typed, dict)
+                }
+            rest = read_draft(app.folder / REST)
+            self._rest = {k: v for k, v in rest.items() if isinstance(v, float)}
+            self._think()
+            self.run_worker(self.action_measure())
+        self._show_all()
+
+    # What is known ------------------------------------------------------------------------------
+
+    @property
+    def _car(self) -> VehicleParameters:
+        assert self.bench_app.bench is not None  # held by show_status
+        return expected_car(self.bench_app.bench.vehicle)
+
+    @property
+    def _weights(self) -> tuple[Any, ...]:
+        return tuple(entry.weight for entry in self._entries)
+
+    def _errors(self) -> tuple[FieldError, ...]:
+        if self.bench_app.bench is None:
+            return ()
+        car = self._car
+        total_kg, _ = axle_loads_with(loading(self._weights, car), car)
+        return check_inventory(self._weights, total_kg)
+
+    # Showing ------------------------------------------------------------------------------------
+
+    def _show_all(self) -> None:
+        glyphs, car = self.bench_app.glyphs, self._car
+        self.query_one("#car", Static).update(Content("\n".join(sketch(self._entries, car))))
+        lines = []
+        for number, entry in enumerate(self._entries, 1):
+            text = printable(table_line(number, entry, glyphs.good, glyphs.bad))
+            lines.append(Content.styled(text, "" if entry.bolted else "$warning"))
+        self.query_one(RowList).show(lines or [Content("no weight: A adds one")])
+        self._show_outlook()
+
+    def _show_outlook(self) -> None:
+        app, car = self.bench_app, self._car
+        assert app.bench is not None  # held by show_status
+        told = loading(self._weights, car)
+        total, axles = axle_loads_with(told, car)
+        lines = [self._next_line(), Content(f"Effect    {effect_line(told)}")]
+        if self._gain is None:
+            lines.append(Content(f"Expected  {app.glyphs.now} being computed"))
+        else:
+            lines += self._expected(self._gain)
+        lines.append(
+            Content(f"Sag       {sag_line(app.bench, self._weights, self._rest, self._levels)}")
+        )
+        lines.append(
+            Content(
+                f"Axles     front {axles[0]:.0f} kg, rear {axles[1]:.0f} kg with the weights"
+                f" (the car alone {total:.0f} kg)"
+            )
+        )
+        box = self.query_one("#outlook", Static)
+        box.border_title = "Outlook"
+        box.update(Content("\n").join(lines))
+
+    def _expected(self, gain: Gain) -> list[Content]:
+        warn, car = self.bench_app.glyphs.warn, self._car
+        lines: list[Content] = []
+        for shift in gain.shifts:
+            spread = baseline_spread(self.bench_app.status, shift.mode)
+            text, weak = shift_line(shift, spread, self._entries, car)
+            head = "Expected  " if not lines else " " * 10
+            parts: list[Content | tuple[str, str]] = [Content(head + text)]
+            if weak:
+                parts.append((f"  {warn} {weak}", "bold $warning"))
+            lines.append(Content.assemble(*parts))
+        text, weak = gain_line(gain)
+        lines.append(
+            Content.styled(f"          {warn} {weak}", "bold $warning")
+            if weak
+            else Content(" " * 10 + text)
+        )
+        return lines
+
+    def _next_line(self) -> Content:
+        errors = self._errors()
+        if errors:
+            return Content.styled(f"{self.bench_app.glyphs.bad} {errors[0]}", "bold $error")
+        loose = self._loose()
+        if not loose:
+            return Content.styled("SPACE = all are bolted: go on to step 5 Added", "bold $accent")
+        if self.query_one(RowList).cursor == loose[0]:
+            return Content.styled(f"SPACE = weight {loose[0] + 1} is bolted", "bold $accent")
+        text = (
+            f"not bolted: {', '.join(str(i + 1) for i in loose)}   SPACE = look at {loose[0] + 1}"
+        )
+        return Content.styled(text, "bold $accent")
+
+    def _loose(self) -> list[int]:
+        return [i for i, entry in enumerate(self._entries) if not entry.bolted]
+
+    def action_mark(self, by: int) -> None:
+        """Mark another weight."""
+        rows = self.query_one(RowList)
+        rows.move_to(rows.cursor + by)
+        self._show_outlook()
+
+    # Changing -----------------------------------------------------------------------------------
+
+    def _change(self, entries: tuple[Entry, ...], thinks: bool = True) -> None:
+        self._before.append(self._entries)
+        self._entries = entries
+        self._after_change(thinks)
+
+    def _after_change(self, thinks: bool) -> None:
+        if thinks:
+            self._think()
+        self._show_all()
+        self.run_worker(self._keep_draft(), group="draft", exclusive=True)
+
+    async def _keep_draft(self) -> None:
+        told = {"entries": told_entries(self._entries), "open": self._open}
+        async with self._drafting:
+            path = self.bench_app.folder / DRAFT
+            error = await asyncio.to_thread(write_draft, path, told)
+        if error and error != self._lost_draft:
+            self.bench_app.warn(error)
+        self._lost_draft = error
+
+    def action_add(self) -> None:
+        """Add a weight: what was typed into one that was given up is still there."""
+        self._edit("Add a weight", _NEW, len(self._entries))
+
+    def action_edit(self) -> None:
+        """Edit the marked weight."""
+        at = self.query_one(RowList).cursor
+        if at < len(self._entries):
+            entry = self._entries[at]
+            self._edit(f"Weight {at + 1}", weight_values(entry.weight, entry.serial), at)
+
+    def _edit(self, title: str, values: Mapping[str, str], at: int) -> None:
+        car = self._car
+        key = str(at) if at < len(self._entries) else _ANOTHER
+
+        def check(typed: Mapping[str, str]) -> tuple[FieldError, ...]:
+            return check_weight(typed, car.a + car.b, max(car.t_f, car.t_r))
+
+        def keep(typed: dict[str, str]) -> None:
+            self._open[key] = typed
+            self.run_worker(self._keep_draft(), group="draft", exclusive=True)
+
+        def done(typed: dict[str, str] | None) -> None:
+            if typed is None:
+                return
+            self._open.pop(key, None)
+            entry = Entry(weight_of(typed), typed["serial"].strip())
+            self._change((*self._entries[:at], entry, *self._entries[at + 1 :]))
+            self.query_one(RowList).move_to(at)
+
+        typed = self._open.get(key, {})
+        self.app.push_screen(WeightScreen(title, {**values, **typed}, check, keep), done)
+
+    def action_remove(self) -> None:
+        """Take the marked weight off; U puts it back."""
+        at = self.query_one(RowList).cursor
+        if at < len(self._entries):
+            self._renumber()
+            self._change((*self._entries[:at], *self._entries[at + 1 :]))
+
+    def _renumber(self) -> None:
+        """Forget what was typed into weights that are other ones now."""
+        self._open = {key: typed for key, typed in self._open.items() if key == _ANOTHER}
+
+    def action_undo(self) -> None:
+        """Take the last change back."""
+        if self._before:
+            self._renumber()
+            self._entries = self._before.pop()
+            self._after_change(True)
+
+    def action_bolt(self) -> None:
+        """Say that the marked weight is bolted, or that it is not."""
+        at = self.query_one(RowList).cursor
+        if at < len(self._entries):
+            bolted = not self._entries[at].bolted
+            self._change(with_bolted(self._entries, at, bolted), thinks=False)
+
+    # The outlook --------------------------------------------------------------------------------
+
+    def _think(self) -> None:
+        """Compute the outlook of these weights in a process of its own."""
+        app = self.bench_app
+        try:
+            text = with_weights(app.bench_text, self._weights)
+        except InputError as error:
+            self._gain = Gain(error=str(error))
+            return
+        if text != self._asked_text or self._gain is None:
+            self._asked_text, self._gain = text, None
+            self.run_worker(self._compute(text), group="gain", exclusive=True)
+
+    async def _compute(self, text: str) -> None:
+        await asyncio.sleep(_QUIET_S)
+        question = json.dumps({"bench": text, "folder": str(self.bench_app.folder)})
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tui.workers.gain"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            answer, _ = await asyncio.to_thread(process.communicate, question.encode(), _PATIENCE_S)
+            self._gain = GAIN.validate_json(answer)
+        except (subprocess.TimeoutExpired, ValueError):
+            self._gain = Gain(error="the planner did not answer")
+        finally:
+            process.kill()  # the weights were changed meanwhile, or the terminal ends
+        self._show_outlook()
+
+    async def action_measure(self) -> None:
+        """Read where the body stands now: with the weights on it has sunk."""
+        reply = await self.bench_app.ask(AskCheck(_REST_S))
+        if reply is not None:
+            self._levels = rest_levels(reply.check)
+            self._show_outlook()
+
+    # SPACE --------------------------------------------------------------------------------------
+
+    async def action_next(self) -> None:
+        """Look at the first weight that is not bolted, say that it is, and at last go on."""
+        app = self.bench_app
+        if not self._filled:
+            return
+        errors = self._errors()
+        if errors:
+            app.warn(str(errors[0]))
+            return
+        loose, rows = self._loose(), self.query_one(RowList)
+        if loose and rows.cursor != loose[0]:
+            rows.move_to(loose[0])
+            self._show_outlook()
+            return
+        if loose:
+            self._change(with_bolted(self._entries, loose[0], True), thinks=False)
+            if len(loose) > 1:
+                rows.move_to(loose[1])
+                self._show_outlook()
+            return
+        await self._apply()
+
+    async def _apply(self) -> None:
+        app = self.bench_app
+        try:
+            text = with_weights(app.bench_text, self._weights)
+        except InputError as error:
+            app.warn(str(error))
+            return
+        if text != app.bench_text and await app.ask(Configure(text)) is None:
+            return
+        serials = [f"{i} {e.serial}" for i, e in enumerate(self._entries, 1) if e.serial]
+        if serials and await app.ask(Note(f"weights: {', '.join(serials)}"[:2000])) is None:
+            return
+        if await app.ask(Mark(BenchStep.MASSES.mark)) is None:
+            return
+        async with self._drafting:
+            await asyncio.to_thread(remove_draft, app.folder / DRAFT)
+        await app.go_to(BenchStep.ADDED)

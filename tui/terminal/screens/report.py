@@ -1,0 +1,163 @@
+"""Step 7: the report as a page and as PDF; then what was recorded, where it is, what is next."""
+
+from __future__ import annotations
+
+from contextlib import aclosing
+from pathlib import Path
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.widgets import Static
+
+from daq.control.messages import SessionState, Status
+from daq.control.orders import Mark, Start
+from daq.errors import printable
+
+from ...workers.lines import ReportTask
+from ...workers.worker import lines_of
+from ..long_work import LongWork, Stage, after, work_text
+from ..sessions import report_of, size_text
+from ..steps import BenchStep
+from .base import BenchScreen
+
+
+class ReportScreen(BenchScreen):
+    """Writes the report of a session in a worker."""
+
+    HELP_PAGE: ClassVar[str] = "report"
+    DEFAULT_CSS = """
+    ReportScreen #work { height: 1fr; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("r", "again", "Write again", key_display="R"),
+        Binding("w", "new_vehicle", "Next vehicle", key_display="W"),
+        Binding("escape", "cancel", "Cancel", key_display="Esc"),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.work = LongWork()
+        self._session = ""
+
+    def compose_body(self) -> ComposeResult:
+        """Lay out what is written and how far it is."""
+        box = Static(id="work", classes="box", markup=False)
+        box.border_title = "Report"
+        yield box
+
+    def on_mount(self) -> None:
+        """Show where it stands."""
+        self._draw()
+
+    def on_resize(self) -> None:
+        """Fit the bar."""
+        self._draw()
+
+    @property
+    def ready(self) -> bool:
+        """Whether SPACE would do something."""
+        return self.work.stage is Stage.IDLE
+
+    def show_session(self, path: str) -> None:
+        """Choose the session that the report is of."""
+        if path != self._session:
+            self.workers.cancel_node(self)
+            self._session, self.work = path, LongWork()
+        self._draw()
+
+    def show_status(self, status: Status) -> None:
+        """Take the recording's own session where none was chosen: this terminal has just come."""
+        if not self._session and status.session.state is SessionState.READY:
+            self._session = status.session.path
+        self._draw()
+
+    async def action_next(self) -> None:
+        """Write the report; identify first where there is no session file."""
+        if not self._session:
+            await self.bench_app.go_to(BenchStep.IDENTIFY)
+        elif self.work.stage in (Stage.IDLE, Stage.FAILED):
+            self.begin()
+
+    def action_again(self) -> None:
+        """Write the report once more."""
+        if self._session and self.work.stage is not Stage.WORKING:
+            self.begin()
+
+    async def action_new_vehicle(self) -> None:
+        """End the recording and begin the next vehicle's."""
+        if await self.bench_app.ask(Start()) is not None:
+            self._session, self.work = "", LongWork()
+            await self.bench_app.go_to(BenchStep.VEHICLE)
+
+    async def action_cancel(self) -> None:
+        """End the worker, or go back to what is next."""
+        if self.work.stage is Stage.WORKING:
+            self.workers.cancel_node(self)
+            self.work = LongWork()
+            self._draw()
+        else:
+            await self.bench_app.action_home()
+
+    def begin(self) -> None:
+        """Write the report in a worker."""
+        self.work = LongWork(Stage.WORKING, self._session)
+        self._draw()
+        self.run_worker(self._write(self._session), exclusive=True)
+
+    async def _write(self, path: str) -> None:
+        html = report_of(Path(path))
+        task = ReportTask(path, str(html), str(html.with_suffix(".pdf")))
+        async with aclosing(lines_of(task, Path(path).name)) as lines:
+            async for line in lines:
+                self.work = after(self.work, line)
+                self._draw()
+        status = self.bench_app.status
+        mark = BenchStep.REPORT.mark
+        if self.work.stage is Stage.DONE and status is not None and status.session.path == path:
+            if mark not in {note.text for note in status.notes}:
+                await self.bench_app.ask(Mark(mark))
+            self._draw()
+
+    def _draw(self) -> None:
+        if not self.query("#work"):
+            return
+        box = self.query_one("#work", Static)
+        box.update("\n".join(self._lines(box.size.width)))
+
+    def _lines(self, width: int) -> list[str]:
+        glyphs, work = self.bench_app.glyphs, self.work
+        if not self._session:
+            return [f"{glyphs.now} no session file yet: SPACE = step 6 Identify"]
+        lines = [f"Session {printable(Path(self._session).name)}", ""]
+        match work.stage:
+            case Stage.IDLE:
+                page = printable(str(report_of(Path(self._session))))
+                return [*lines, f"{glyphs.now} SPACE = write the report", f"  {page}"]
+            case Stage.DONE:
+                return [*lines, *self._done()]
+            case Stage.FAILED:
+                lines += [*work_text(work, glyphs, width), "", f"{glyphs.now} SPACE = try again"]
+            case _:
+                lines += [*work_text(work, glyphs, width), "", "Esc cancels; nothing is lost"]
+        return lines
+
+    def _done(self) -> list[str]:
+        """Say what was made and what is next."""
+        glyphs, status = self.bench_app.glyphs, self.bench_app.status
+        lines = [f"{glyphs.good} WRITTEN   verdict {printable(str(self.work.answer['verdict']))}"]
+        files: dict[str, int] = self.work.answer["files"]
+        for path, size in files.items():
+            lines.append(f"  {printable(path)}   {size_text(size)}")
+        lines += [
+            "  The page is one file: open it in any browser, print it, send it.",
+            f"  The session itself is {printable(self._session)}",
+        ]
+        if status is not None and status.session.path == self._session:
+            lines += ["", f"Recorded   {printable(status.vehicle, 60)}"]
+            lines += [
+                f"  {t.mass_state} {t.excitation}: {t.accepted} accepted, {t.rejected} rejected"
+                for t in status.tallies
+            ]
+            lines.append(f"  raw frames: {printable(status.folder)}, {status.disk.recorded_frames}")
+        return [*lines, "", f"{glyphs.now} W = next vehicle   S = sessions   R = write again"]

@@ -1,0 +1,274 @@
+"""What was found: the verdict first, then parameters, modes, M C K, decays and findings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.content import Content
+from textual.widgets import OptionList, Static
+from textual.widgets.option_list import Option
+
+from daq.control.messages import Status
+from daq.control.orders import Accept, Mark, Reject
+from daq.errors import printable
+from daq.recorder.book import BookStatus
+
+from ...workers.outcome import Outcome
+from ..outcome_text import (
+    findings_lines,
+    matrix_lines,
+    mode_lines,
+    parameter_lines,
+    run_line,
+    verdict_lines,
+)
+from ..steps import BenchStep
+from ..widgets.decay_plot import DecayPlot
+from .base import BenchScreen
+
+_PAGES = ("Parameters", "Modes", "M C K", "Decays", "Findings", "Derived")
+_DECAYS = _PAGES.index("Decays")
+_WIDE = 160
+"""From here on a decay has its place beside every page."""
+_VERDICT_LINES, _VERDICT_LINES_TALL = 4, 8
+_NEXT = f"SPACE = step {BenchStep.REPORT.title}"
+_REASON = "excluded at the results"
+
+
+class ResultsScreen(BenchScreen):
+    """The results of one session; the page is chosen by Tab."""
+
+    HELP_PAGE: ClassVar[str] = "results"
+    DEFAULT_CSS = """
+    ResultsScreen #verdict { height: auto; padding: 0 1; }
+    ResultsScreen #verdict.ok { color: $success; }
+    ResultsScreen #verdict.doubtful { color: $warning; }
+    ResultsScreen #verdict.refused { color: $error; }
+    ResultsScreen #pages { height: 1; padding: 0 1; }
+    ResultsScreen #body { height: 1fr; }
+    ResultsScreen #scroll { width: 1fr; padding: 0 0 0 1; scrollbar-size: 1 1; }
+    ResultsScreen #text { width: auto; height: auto; }
+    ResultsScreen #side { width: 1fr; display: none; }
+    ResultsScreen #runs { height: 6; border: none; padding: 0 1; }
+    ResultsScreen DecayPlot { height: 1fr; }
+    ResultsScreen.decays #scroll { display: none; }
+    ResultsScreen.decays #side { display: block; }
+    ResultsScreen.beside #side { display: block; }
+    ResultsScreen.-tall #runs { height: 10; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("tab", "page(1)", "Page", key_display="Tab"),
+        Binding("shift+tab", "page(-1)", "Page back", show=False),
+        Binding("p", "decays", "Decays", key_display="P"),
+        Binding("down", "move(1)", "Next run, or scroll", show=False),
+        Binding("up", "move(-1)", "Run before, or scroll back", show=False),
+        Binding("x", "exclude", "Exclude run", key_display="X"),
+        Binding("e", "export", "Export", key_display="E"),
+        Binding("escape", "app.step(6)", "Back", key_display="Esc", show=False),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.outcome: Outcome | None = None
+        self._page = 0
+        self._recording = ""
+
+    def compose_body(self) -> ComposeResult:
+        """Lay out verdict, page and decay."""
+        yield Static(id="verdict", markup=False)
+        yield Static(id="pages", markup=False)
+        with Horizontal(id="body"):
+            with VerticalScroll(id="scroll", can_focus=True):
+                yield Static(id="text", markup=False)
+            with Vertical(id="side"):
+                yield OptionList(id="runs")
+                yield DecayPlot(self.bench_app.glyphs)
+
+    def on_mount(self) -> None:
+        """Show what was told before."""
+        self._fill()
+
+    def on_resize(self) -> None:
+        """Fit the tables."""
+        self.call_after_refresh(self._draw)
+
+    @property
+    def ready(self) -> bool:
+        """Whether SPACE would do something."""
+        return self.outcome is not None
+
+    def show_outcome(self, outcome: Outcome) -> None:
+        """Show an identification."""
+        self.outcome = outcome
+        status = self.bench_app.status
+        if status is not None and status.session.path == outcome.session:
+            self._recording = status.recording
+        else:
+            self._recording = ""
+        self._page = 0 if outcome.parameters else _PAGES.index("Findings")
+        self._fill()
+
+    # Keys ---------------------------------------------------------------------------------------
+
+    async def action_next(self) -> None:
+        """Go on to the report of this session."""
+        from .report import ReportScreen
+
+        if self.outcome is None:
+            await self.bench_app.go_to(BenchStep.IDENTIFY)
+            return
+        report = self.app.get_screen("report")
+        if isinstance(report, ReportScreen):
+            report.show_session(self.outcome.session)
+        mark = BenchStep.IDENTIFY.mark
+        status = self.bench_app.status
+        if self._is_current(status) and status is not None:
+            if mark not in {note.text for note in status.notes}:
+                await self.bench_app.ask(Mark(mark))
+            self.bench_app.step = BenchStep.REPORT
+        await self.bench_app.open("report")
+
+    def action_page(self, step: int) -> None:
+        """Show the next page."""
+        self._page = (self._page + step) % len(_PAGES)
+        self._draw()
+
+    def action_decays(self) -> None:
+        """Show the decays, or the parameters again."""
+        self._page = 0 if self._page == _DECAYS else _DECAYS
+        self._draw()
+
+    def action_move(self, step: int) -> None:
+        """Move among the runs where they are shown; else scroll."""
+        runs = self.query_one("#runs", OptionList)
+        if not self._runs_shown:
+            self.query_one("#scroll").scroll_relative(y=2 * step, animate=False)
+        elif step > 0:
+            runs.action_cursor_down()
+        else:
+            runs.action_cursor_up()
+
+    async def action_exclude(self) -> None:
+        """Reject the chosen run (or take it back) and identify again."""
+        outcome = self.outcome
+        index = self.query_one("#runs", OptionList).highlighted
+        if outcome is None or index is None or not outcome.runs:
+            return
+        if not self._runs_shown:
+            self.bench_app.warn("choose the run first: P shows the runs, X then excludes one")
+            return
+        label = outcome.runs[index].label
+        status = self.bench_app.status
+        run = None
+        if status is not None and self._is_current(status):
+            run = next((run for run in status.runs if run.label == label), None)
+        await (
+            self._try_without(outcome, label) if run is None else self._decide(label, run.status)
+        )
+
+    def action_export(self) -> None:
+        """Write the session in another tool's format."""
+        from .export import export_session
+
+        if self.outcome is not None:
+            self.run_worker(export_session(self.app, self.outcome.session), group="export")
+
+    def on_option_list_option_highlighted(self, _: OptionList.OptionHighlighted) -> None:
+        """Show the decay of the run."""
+        self._draw_run()
+
+    # Inside -------------------------------------------------------------------------------------
+
+    async def _decide(self, label: str, status: BookStatus) -> None:
+        """Reject a run of the recording, or take it back: the recorder's book is the truth."""
+        order = (
+            Reject(label, _REASON)
+            if status is BookStatus.ACCEPTED
+            else Accept(label, "taken back at the results")
+        )
+        if await self.bench_app.ask(order) is None:
+            return
+        from .identify import IdentifyScreen
+
+        identify = self.app.get_screen("identify")
+        if isinstance(identify, IdentifyScreen):
+            await self.bench_app.open("identify")
+            await identify.build()
+
+    async def _try_without(self, outcome: Outcome, label: str) -> None:
+        """Identify a file of the past without a run; the file stays as it is."""
+        from .identify import IdentifyScreen
+
+        left = set(outcome.without) ^ {label}
+        identify = self.app.get_screen("identify")
+        if isinstance(identify, IdentifyScreen):
+            await self.bench_app.open("identify")
+            identify.begin(outcome.session, tuple(sorted(left)))
+
+    @property
+    def _runs_shown(self) -> bool:
+        return self._page == _DECAYS or self.size.width >= _WIDE
+
+    def _is_current(self, status: Status | None) -> bool:
+        """Whether the outcome is of what the recorder records; while it builds, too."""
+        return status is not None and status.recording == self._recording
+
+    def _fill(self) -> None:
+        if not self.query("#runs") or self.outcome is None:
+            return
+        runs = self.query_one("#runs", OptionList)
+        runs.clear_options()
+        glyphs = self.bench_app.glyphs
+        runs.add_options([Option(Content(run_line(run, glyphs))) for run in self.outcome.runs])
+        if self.outcome.runs:
+            runs.highlighted = 0
+        self._draw()
+        self._draw_run()
+
+    def _draw(self) -> None:
+        if not self.query("#runs"):
+            return
+        outcome = self.outcome
+        verdict = self.query_one("#verdict", Static)
+        if outcome is None:
+            verdict.update("nothing is identified yet: SPACE = step 6 Identify")
+            return
+        glyphs, size = self.bench_app.glyphs, self.size
+        most = _VERDICT_LINES if size.height < 36 else _VERDICT_LINES_TALL
+        lines = verdict_lines(outcome, glyphs, size.width - 2, most)
+        verdict.update("\n".join(lines))
+        verdict.set_classes(outcome.verdict)
+        names = [f"[{n}]" if i == self._page else f" {n} " for i, n in enumerate(_PAGES)]
+        name = printable(Path(outcome.session).name, 60)
+        tail = f"  {name}" if size.width >= _WIDE else ""
+        pages = Content.assemble("".join(names) + tail, "  ", (_NEXT, "bold $accent"))
+        self.query_one("#pages", Static).update(pages)
+        self.set_class(self._page == _DECAYS, "decays")
+        self.set_class(size.width >= _WIDE, "beside")
+        room = size.width - 2 if size.width < _WIDE else min(124, size.width // 2 - 3)
+        self.query_one("#text", Static).update("\n".join(self._page_lines(outcome, room)))
+
+    def _page_lines(self, outcome: Outcome, width: int) -> list[str]:
+        glyphs = self.bench_app.glyphs
+        match _PAGES[self._page]:
+            case "Parameters":
+                return parameter_lines(outcome.parameters, "parameter", glyphs, width)
+            case "Derived":
+                return parameter_lines(outcome.derived, "what follows", glyphs, width)
+            case "Modes":
+                return mode_lines(outcome.states, width)
+            case "M C K":
+                return matrix_lines(outcome.states, width)
+            case "Findings":
+                return findings_lines(outcome, glyphs, width)
+        return []
+
+    def _draw_run(self) -> None:
+        index = self.query_one("#runs", OptionList).highlighted
+        outcome = self.outcome
+        run = None if outcome is None or index is None else outcome.runs[index]
+        self.query_one(DecayPlot).show(run)

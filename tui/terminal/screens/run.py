@@ -1,0 +1,72 @@
+"""The run: what the car does and what becomes of it."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+
+from daq.control.messages import Status
+
+from ..banner import banner
+from ..next_action import next_action
+from ..widgets.banner_bar import BannerBar
+from ..widgets.lists import AlarmList, Journal, RunList, TallyList
+from ..widgets.progress_line import ProgressLine
+from .bumping import BumpingScreen
+from .live import draw_lanes, live_chart
+from .news import LiveArrived, RecorderLost
+
+
+class RunScreen(BumpingScreen):
+    """Banner and lanes; on a wide terminal progress, runs and journal beside them."""
+
+    HELP_PAGE: ClassVar[str] = "run"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._page = 0
+
+    def compose_body(self) -> ComposeResult:
+        """Lay out the run."""
+        glyphs = self.bench_app.glyphs
+        yield BannerBar(glyphs)
+        with Horizontal(id="body"):
+            yield live_chart(glyphs)
+            with Vertical(id="right"):
+                yield TallyList(glyphs)
+                yield RunList(glyphs)
+                yield Journal()
+        yield AlarmList(glyphs)
+        yield ProgressLine(glyphs)
+
+    def show_status(self, status: Status) -> None:
+        """Show the run."""
+        self._show_banner()
+        self.query_one(TallyList).show(status)
+        self.query_one(RunList).show(status)
+        self.query_one(Journal).show(status)
+        self.query_one(AlarmList).show(status)
+        self.query_one(ProgressLine).show(status)
+        self.refresh_bindings()
+
+    def on_live_arrived(self, _: LiveArrived) -> None:
+        """Draw the newest samples."""
+        draw_lanes(self, self.bench_app, self._page)
+
+    def on_recorder_lost(self, message: RecorderLost) -> None:
+        """Say in the banner what to do."""
+        super().on_recorder_lost(message)
+        self._show_banner()
+        self.refresh_bindings()
+
+    def action_view(self) -> None:
+        """Begin with the lanes of the wheels, of another quantity there, of the body again."""
+        self._page += 1
+        draw_lanes(self, self.bench_app, self._page)
+
+    def _show_banner(self) -> None:
+        app = self.bench_app
+        said = banner(app.status, app.lost, next_action(app.status), app.glyphs)
+        self.query_one(BannerBar).show(said)

@@ -1,0 +1,269 @@
+"""The sessions of the folder: found as you type, opened, reported, compared, exported."""
+
+from __future__ import annotations
+
+from contextlib import aclosing
+from pathlib import Path
+from typing import ClassVar
+
+from pydantic import TypeAdapter
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.content import Content
+from textual.screen import ModalScreen
+from textual.widgets import Input, OptionList, Static
+from textual.widgets.option_list import Option
+
+from daq.control.messages import Status
+from daq.errors import printable
+
+from ...workers.lines import CompareTask, Done, Item, ListTask, Task, Trouble
+from ...workers.worker import lines_of
+from ..sessions import SessionEntry, SessionState, entry_line, found, heading, with_open
+from ..steps import progress
+from ..widgets.line import Line
+from .base import BenchScreen
+
+_ENTRY = TypeAdapter(SessionEntry)
+
+
+class SessionsScreen(BenchScreen):
+    """A list that is read anew whenever the screen comes to the front."""
+
+    HELP_PAGE: ClassVar[str] = "sessions"
+    DEFAULT_CSS = """
+    SessionsScreen #head { height: 1; padding: 0 1; text-style: bold; }
+    SessionsScreen #list { height: 1fr; border: none; padding: 0 1; }
+    SessionsScreen #about { height: 2; padding: 0 1; }
+    SessionsScreen #find { height: 1; border: none; padding: 0 1; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("o", "open", "Open", key_display="O"),
+        Binding("r", "report", "Report", key_display="R"),
+        Binding("v", "replay", "Replay", key_display="V"),
+        Binding("c", "compare", "Compare 2", key_display="C"),
+        Binding("e", "export", "Export", key_display="E"),
+        Binding("slash,f", "find", "Find", key_display="F"),
+        Binding("escape", "back", "Back", key_display="Esc", show=False),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._entries: list[SessionEntry] = []
+        self._shown: list[SessionEntry] = []
+        self._first = ""
+        self._trouble = ""
+        self._reading = False
+        self._stale = True
+
+    def compose_body(self) -> ComposeResult:
+        """Lay out heading, list, what is chosen, and where one types."""
+        yield Static(id="head", markup=False)
+        yield OptionList(id="list")
+        yield Static(id="about", markup=False)
+        yield Line(placeholder="find: F, then type date, vehicle, state or note", id="find")
+
+    def on_screen_resume(self) -> None:
+        """Read the folder anew."""
+        super().on_screen_resume()
+        self.query_one("#list", OptionList).focus()
+        if self._stale:
+            self.run_worker(self._read(), group="list", exclusive=True)
+
+    def on_screen_suspend(self) -> None:
+        """Keep the list under a dialog; elsewhere a session may be made."""
+        self._stale = not isinstance(self.app.screen, ModalScreen)
+
+    def on_resize(self) -> None:
+        """Fit the lines."""
+        self.call_after_refresh(self._draw)
+
+    @property
+    def ready(self) -> bool:
+        """Nobody is here by himself."""
+        return False
+
+    def show_status(self, status: Status) -> None:
+        """Tell which session is open."""
+        before = self._entries
+        self._entries = [with_open(entry, status.recording) for entry in before]
+        if self._entries != before:
+            self._draw()
+
+    # Keys ---------------------------------------------------------------------------------------
+
+    async def action_next(self) -> None:
+        """Open what is chosen."""
+        await self.action_open()
+
+    async def action_open(self) -> None:
+        """Show the results of a session; go on with the recording that is open."""
+        from .identify import IdentifyScreen
+
+        entry = self._chosen()
+        if entry is None:
+            return
+        if entry.state is SessionState.OPEN:
+            await self.bench_app.go_to(progress(self.bench_app.status).due)
+        elif entry.state is SessionState.CUT_OFF:
+            self.bench_app.warn(
+                "this recording was cut off: start the recorder in this folder to go on with it, "
+                "or make its session file with bumpbench recover"
+            )
+        elif self._is_file(entry):
+            identify = self.app.get_screen("identify")
+            if isinstance(identify, IdentifyScreen):
+                await self.bench_app.open("identify")
+                identify.begin(entry.path)
+
+    async def action_report(self) -> None:
+        """Write the report of a session."""
+        from .report import ReportScreen
+
+        entry = self._chosen()
+        report = self.app.get_screen("report")
+        if entry is not None and self._is_file(entry) and isinstance(report, ReportScreen):
+            await self.bench_app.open("report")
+            report.show_session(entry.path)
+            report.begin()
+
+    def action_replay(self) -> None:
+        """Say how a session is shown once more through these screens."""
+        from .text import TextScreen
+
+        entry = self._chosen()
+        if entry is not None and self._is_file(entry):
+            path = printable(entry.path, 400)
+            lines = ["In a second terminal:", "", f"  bumpbench tui --replay '{path}'"]
+            self.app.push_screen(TextScreen("Replay", lines))
+
+    def action_compare(self) -> None:
+        """Choose the first session, then the second; show what they differ in."""
+        entry = self._chosen()
+        if entry is None or not self._is_file(entry):
+            return
+        if not self._first or self._first == entry.path:
+            self._first = "" if self._first == entry.path else entry.path
+            self._draw()
+            return
+        first, self._first = self._first, ""
+        self.run_worker(self._compare((first, entry.path)), group="compare", exclusive=True)
+
+    def action_export(self) -> None:
+        """Write a session in another tool's format."""
+        from .export import export_session
+
+        entry = self._chosen()
+        if entry is not None and self._is_file(entry):
+            self.run_worker(export_session(self.app, entry.path), group="export")
+
+    def action_find(self) -> None:
+        """Type what is looked for."""
+        self.query_one("#find", Input).focus()
+
+    async def action_back(self) -> None:
+        """Leave the search, then the screen."""
+        find = self.query_one("#find", Input)
+        if find.has_focus or find.value:
+            find.value = ""
+            self.query_one("#list", OptionList).focus()
+        else:
+            await self.bench_app.action_home()
+
+    def on_input_changed(self, _: Input.Changed) -> None:
+        """Show what fits."""
+        self._draw()
+
+    def on_input_submitted(self, _: Input.Submitted) -> None:
+        """Go to what was found."""
+        self.query_one("#list", OptionList).focus()
+
+    def on_option_list_option_highlighted(self, _: OptionList.OptionHighlighted) -> None:
+        """Tell of what is chosen."""
+        self._about()
+
+    async def on_option_list_option_selected(self, _: OptionList.OptionSelected) -> None:
+        """Enter opens."""
+        await self.action_open()
+
+    # Inside -------------------------------------------------------------------------------------
+
+    async def _read(self) -> None:
+        entries: list[SessionEntry] = []
+        self._reading, self._trouble = True, ""
+        task: Task = ListTask(str(self.bench_app.folder))
+        async with aclosing(lines_of(task, "list of sessions")) as lines:
+            async for line in lines:
+                if isinstance(line, Item):
+                    entries.append(_ENTRY.validate_python(line.body))
+                elif isinstance(line, Trouble):
+                    self._trouble = line.text
+        status = self.bench_app.status
+        self._entries = [with_open(e, status.recording if status else "") for e in entries]
+        self._reading = False
+        self._draw()
+
+    async def _compare(self, paths: tuple[str, str]) -> None:
+        from .text import TextScreen
+
+        self.bench_app.tell("comparing: both sessions are identified")
+        async with aclosing(lines_of(CompareTask(paths), "comparison")) as lines:
+            async for line in lines:
+                if isinstance(line, Trouble):
+                    self.bench_app.warn(line.text)
+                elif isinstance(line, Done):
+                    text = [printable(str(item), 400) for item in line.body["lines"]]
+                    self.app.push_screen(TextScreen("Comparison", text))
+        self._draw()
+
+    def _is_file(self, entry: SessionEntry) -> bool:
+        if entry.path and entry.state is not SessionState.DAMAGED:
+            return True
+        self.bench_app.warn(entry.note or "there is no session file yet: step 6 makes it")
+        return False
+
+    def _chosen(self) -> SessionEntry | None:
+        index = self.query_one("#list", OptionList).highlighted
+        return None if index is None or index >= len(self._shown) else self._shown[index]
+
+    def _draw(self) -> None:
+        if not self.query("#list"):
+            return
+        words = self.query_one("#find", Input).value
+        chosen = self._chosen()
+        self._shown = [entry for entry in self._entries if found(entry, words)]
+        width = max(60, self.size.width - 6)
+        self.query_one("#head", Static).update(f"  {heading(width)}")
+        options = self.query_one("#list", OptionList)
+        options.clear_options()
+        options.add_options([Option(Content(self._line(e, width))) for e in self._shown])
+        if self._shown:
+            options.highlighted = self._shown.index(chosen) if chosen in self._shown else 0
+        self._about()
+
+    def _line(self, entry: SessionEntry, width: int) -> str:
+        first = "1 " if entry.path and entry.path == self._first else "  "
+        return first + entry_line(entry, self._mark(entry.state), width)
+
+    def _mark(self, state: SessionState) -> str:
+        glyphs = self.bench_app.glyphs
+        return {
+            SessionState.OPEN: glyphs.bus,
+            SessionState.CUT_OFF: glyphs.warn,
+            SessionState.READY: " ",
+            SessionState.REPORTED: glyphs.good,
+            SessionState.DAMAGED: glyphs.bad,
+        }[state]
+
+    def _about(self) -> None:
+        entry = self._chosen()
+        about = self.query_one("#about", Static)
+        if self._trouble:
+            about.update(self._trouble)
+        elif entry is None:
+            words = "nothing fits what was typed" if self._entries else "no session here yet"
+            about.update("reading the folder ..." if self._reading else words)
+        else:
+            first = "compare: now choose the second and press C" if self._first else ""
+            place = printable(entry.path or str(Path(entry.folder) / "journal"), 400)
+            about.update(f"{place}\n{first or printable(entry.note, 300)}")

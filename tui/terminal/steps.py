@@ -1,0 +1,84 @@
+"""The seven steps of a campaign at the bench: which are reached, which is due."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from daq.control.messages import Status
+from daq.runs import ADDED, BASELINE
+
+
+class BenchStep(IntEnum):
+    """The steps, by the key that jumps to them."""
+
+    VEHICLE = 1
+    CHECK = 2
+    BASELINE = 3
+    MASSES = 4
+    ADDED = 5
+    IDENTIFY = 6
+    REPORT = 7
+
+    @property
+    def title(self) -> str:
+        """`1 Vehicle` and the like."""
+        return f"{self.value} {self.name.capitalize()}"
+
+    @property
+    def mark(self) -> str:
+        """The mark in the recording by which a person says that the step is done."""
+        return f"step {self.name.lower()} done"
+
+
+SCREEN_OF = {
+    BenchStep.VEHICLE: "vehicle",
+    BenchStep.CHECK: "check",
+    BenchStep.BASELINE: "home",
+    BenchStep.MASSES: "masses",
+    BenchStep.ADDED: "home",
+    BenchStep.IDENTIFY: "identify",
+    BenchStep.REPORT: "report",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a campaign is.
+
+    Parameters
+    ----------
+    done : frozenset of BenchStep
+        Steps that are behind us.
+    due : BenchStep
+        The first that is not done.
+    """
+
+    done: frozenset[BenchStep]
+    due: BenchStep
+
+    def reached(self, step: BenchStep) -> bool:
+        """Whether a person may go to a step."""
+        return step <= self.due or step in self.done
+
+
+def progress(status: Status | None) -> Progress:
+    """Return how far the recording is, by its book alone: a new terminal is where the old one was.
+
+    A person's word (a mark) ends the steps without bumps; accepted runs end the others.  A bump of
+    a later step implies those before it.
+    """
+    if status is None:
+        return Progress(frozenset(), BenchStep.VEHICLE)
+    marks = {note.text for note in status.notes if not note.by}
+    done = {step for step in BenchStep if step.mark in marks}
+    for step, state in ((BenchStep.BASELINE, BASELINE), (BenchStep.ADDED, ADDED)):
+        if any(run.mass_state == state for run in status.runs):
+            done |= {before for before in BenchStep if before < step and before.mark}
+        tallies = [tally for tally in status.tallies if tally.mass_state == state]
+        if tallies and all(tally.accepted >= tally.planned for tally in tallies):
+            done.add(step)
+        else:
+            done.discard(step)
+    due = next((step for step in BenchStep if step not in done), BenchStep.REPORT)
+    return Progress(frozenset(done), due)

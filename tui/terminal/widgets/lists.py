@@ -1,0 +1,200 @@
+"""What has been done so far: tallies, runs with their reasons, notes and events."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from statistics import fmean, stdev
+
+from textual.content import Content
+
+from daq.control.messages import Status, Tally
+from daq.errors import printable
+from daq.recorder.book import BookRun, BookStatus
+
+from ..glyphs import Glyphs
+from .words import Words
+
+_KEPT = 200
+_ALARMS = 3
+_WITH_REASONS = 48
+
+
+def clock_time(t_ns: int) -> str:
+    """Return the time of day of a time stamp, where the terminal is."""
+    return datetime.fromtimestamp(t_ns * 1e-9, UTC).astimezone().strftime("%H:%M:%S")
+
+
+class TallyList(Words):
+    """Accepted and planned runs of each kind, the one that is due marked; up and down choose."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__(classes="box")
+        self.border_title = "Progress"
+        self._glyphs = glyphs
+        self.chosen = 0
+
+    def move(self, by: int, status: Status) -> None:
+        """Choose another kind of bump."""
+        self.chosen = min(max(self.chosen + by, 0), max(0, len(status.tallies) - 1))
+        self.show(status)
+
+    def show(self, status: Status) -> None:
+        """Show the tallies."""
+        lines = []
+        wide = self.size.width > _WITH_REASONS
+        reasons = _reasons(status)
+        due = status.due.step if status.due else None
+        for i, tally in enumerate(status.tallies):
+            here = due is not None and (tally.mass_state, tally.excitation) == (
+                due.mass_state,
+                due.excitation,
+            )
+            bar = self._glyphs.bar(tally.accepted, tally.planned)
+            more = f" +{tally.accepted - tally.planned}" if tally.accepted > tally.planned else ""
+            pointer = ">" if i == self.chosen else " "
+            sign = self._glyphs.now if here else " "
+            words = f"{pointer}{sign} {tally.mass_state:<9}{tally.excitation.value:<7} {bar}  "
+            count = f"{min(tally.accepted, tally.planned)}/{tally.planned}{more}"
+            why = reasons.get((tally.mass_state, tally.excitation.value), "") if wide else ""
+            measured = _frequency(status, tally, wide)
+            word = "rejected" if wide or not measured else "rej."
+            rejected = f"   {tally.rejected} {word}  {why}".rstrip() if tally.rejected else ""
+            lines.append(
+                Content.assemble(
+                    (f"{words}{count}", "bold" if here else ""), f"{measured}{rejected}"
+                )
+            )
+        self.say(Content("\n").join(lines))
+
+
+class RunList(Words):
+    """The runs, the newest on top: accepted with their figures, rejected with their reasons."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__(classes="box")
+        self.border_title = "Runs"
+        self._glyphs = glyphs
+
+    def show(self, status: Status) -> None:
+        """Show the runs."""
+        lines = []
+        for run in reversed(status.runs[-_KEPT:]):
+            name = f"{run.mass_state} {run.excitation.value} {run.repeat}"
+            if run.status is BookStatus.OPEN:
+                lines.append(Content.assemble((f"{self._glyphs.now} running   {name}", "bold")))
+            elif run.status is BookStatus.ACCEPTED:
+                mark = (f"{self._glyphs.good} accepted  ", "bold $success")
+                lines.append(Content.assemble(mark, f"{name}  {run_figures(run)}"))
+            else:
+                mark = (f"{self._glyphs.bad} rejected  ", "bold $error")
+                why = printable("; ".join(run.reasons), 160)
+                lines.append(Content.assemble(mark, f"{name}  {why}, kept"))
+        self.say(Content("\n").join(lines or [Content("no runs yet")]))
+
+
+class Journal(Words):
+    """Notes, overridden warnings and verdicts, the newest on top."""
+
+    def __init__(self) -> None:
+        super().__init__(classes="box")
+        self.border_title = "Journal"
+
+    def show(self, status: Status) -> None:
+        """Show what happened."""
+        told = [(note.t_ns, _note(note.text, note.label, note.by)) for note in status.notes]
+        told += [
+            (o.t_ns, f"WARN {o.subject} overridden by {o.by}: {o.reason}") for o in status.overrides
+        ]
+        told += [
+            (run.t_ns, f"{run.excitation.value} {run.repeat} {run.status.value}")
+            for run in status.runs
+        ]
+        told.sort(key=lambda entry: entry[0], reverse=True)
+        lines = [f"{clock_time(t_ns)}  {printable(text, 120)}" for t_ns, text in told[:_KEPT]]
+        self.say(Content("\n".join(lines) if lines else "nothing yet"))
+
+
+class AlarmList(Words):
+    """What is wrong now, with what to do; hidden when nothing is."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__()
+        self._glyphs = glyphs
+
+    def show(self, status: Status) -> None:
+        """Show the alarms."""
+        lines = [
+            Content.assemble(
+                (f"{self._glyphs.warn} {printable(_upper(alarm.code), 40)} ", "bold $error"),
+                f"{printable(f'{alarm.subject}: ' if alarm.subject else '', 40)}"
+                f"{printable(alarm.text, 120)}: {printable(alarm.advice, 120)}",
+            )
+            for alarm in status.alarms
+        ]
+        lines += [
+            Content.assemble(
+                (f"{self._glyphs.overload} OVERLOAD ", "bold $error"),
+                f"{printable(channel, 40)} touched the end of its range: A puts the lamp out",
+            )
+            for channel in status.overloaded
+        ]
+        if len(lines) > _ALARMS:
+            more = len(lines) - _ALARMS + 1
+            lines = [*lines[: _ALARMS - 1], Content(f"{self._glyphs.warn} and {more} more")]
+        self.display = bool(lines)
+        self.say(Content("\n").join(lines))
+
+
+def run_figures(run: BookRun) -> str:
+    """Return what was measured of a run, as far as the verdict says."""
+    figures = next((f.text for f in run.findings if f.code == "motion"), "")
+    taken = f"taken by {run.by}: {run.reason}" if run.by and run.reason else ""
+    return printable("  ".join(part for part in (figures, taken) if part), 160)
+
+
+def _frequency(status: Status, tally: Tally, wide: bool) -> str:
+    """Return the mean frequency of the accepted runs of a kind, with its scatter if there is room.
+
+    Parameters
+    ----------
+    status, tally
+        The recording, and the kind of bump.
+    wide : bool
+        Whether there is room for the scatter.
+    """
+    kind = (tally.mass_state, tally.excitation)
+    found = [
+        finding.value
+        for run in status.runs
+        if run.status is BookStatus.ACCEPTED and (run.mass_state, run.excitation) == kind
+        for finding in run.findings
+        if finding.code == "motion" and finding.value > 0
+    ]
+    if not found:
+        return ""
+    scatter = f" ± {stdev(found):.2f}" if wide and len(found) > 1 else ""
+    return f"  {fmean(found):.2f}{scatter} Hz"
+
+
+def _note(text: str, label: str, by: str) -> str:
+    about = f" on {label}" if label else ""
+    return f"note{about}: {text}" + (f" ({by})" if by else "") if not _is_step(text) else text
+
+
+def _is_step(text: str) -> bool:
+    return text.startswith("step ") and text.endswith(" done")
+
+
+def _upper(code: str) -> str:
+    return code.replace("_", " ").upper()
+
+
+def _reasons(status: Status) -> dict[tuple[str, str], str]:
+    """Return why runs of each kind were rejected, in short words."""
+    why: dict[tuple[str, str], dict[str, None]] = {}
+    for run in status.runs:
+        if run.status is BookStatus.REJECTED:
+            failed = next((f.code for f in run.findings if not f.passed), "by hand")
+            kind = (run.mass_state, run.excitation.value)
+            why.setdefault(kind, {})[failed.replace("_", " ")] = None
+    return {kind: printable(", ".join(codes), 60) for kind, codes in why.items()}

@@ -1,0 +1,45 @@
+"""What the operator is to do now."""
+
+from __future__ import annotations
+
+from textual.content import Content
+
+from daq.control.messages import Status
+from daq.errors import printable
+
+from ..glyphs import Glyphs
+from ..next_action import next_action
+from ..steps import progress
+from .words import Words
+
+
+class NextPanel(Words):
+    """The next bump in words, and what SPACE does."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__(classes="box")
+        self.border_title = "Next"
+        self._glyphs = glyphs
+
+    def show(self, status: Status | None) -> None:
+        """Show what is next."""
+        action = next_action(status)
+        lines: list[Content] = []
+        if status is None:
+            lines = [Content("waiting for the recorder")]
+        elif action.step is not None:
+            lines = [Content.assemble((f"{self._glyphs.now} Step {action.step.title}", "bold"))]
+        elif status.due is not None:
+            due = status.due
+            title = f"{due.step.mass_state.capitalize()} · {due.step.excitation.upper()}"
+            count = f"run {min(due.accepted + 1, due.planned)} of {due.planned}"
+            if due.accepted >= due.planned:
+                count = f"run {due.accepted + 1}, {due.planned} were planned"
+            lines = [
+                Content.assemble((f"{self._glyphs.now} {title}, {count}", "bold")),
+                Content(f"  {printable(due.instruction, 300)}"),
+            ]
+        else:
+            lines = [Content(f"step {progress(status).due.title}")]
+        lines += [Content(""), Content.assemble((f"  {action.words}", "bold $accent"))]
+        self.say(Content("\n").join(lines))

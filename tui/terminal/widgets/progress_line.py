@@ -1,0 +1,39 @@
+"""Progress in one line, for terminals without room for lists."""
+
+from __future__ import annotations
+
+from textual.content import Content
+
+from daq.control.messages import Status
+from daq.errors import printable
+
+from ..glyphs import Glyphs
+from .words import Words
+
+
+class ProgressLine(Words):
+    """`bounce ■■▶··  pitch ·····   1 rejected │ no overload`."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__()
+        self._glyphs = glyphs
+
+    def show(self, status: Status) -> None:
+        """Show the tallies of the mass state that is due."""
+        glyphs = self._glyphs
+        due = status.due.step if status.due else None
+        states = [tally.mass_state for tally in status.tallies]
+        state = due.mass_state if due else (states[-1] if states else "")
+        parts = []
+        rejected = 0
+        for tally in status.tallies:
+            if tally.mass_state != state:
+                continue
+            rejected += tally.rejected
+            here = due is not None and due.excitation is tally.excitation
+            bar = glyphs.bar(tally.accepted, tally.planned, glyphs.now if here else "")
+            parts.append(f"{tally.excitation.value} {bar}")
+        lamps = printable(", ".join(status.overloaded), 30)
+        lamp = f"{glyphs.overload} OVERLOAD {lamps}" if lamps else "no overload"
+        words = f" {state}: {'  '.join(parts)}   {rejected} rejected {glyphs.axis} {lamp}"
+        self.say(Content(words))

@@ -1,0 +1,28 @@
+"""Where the boards lie, the blocks stand or the hands push, seen from above."""
+
+from __future__ import annotations
+
+from textual.content import Content
+
+from daq.bench.config import Bench
+from daq.bench.procedure import sketch
+from daq.control.messages import Status
+
+from .words import Words
+
+
+class SketchBox(Words):
+    """The sketch of the bump that is due."""
+
+    def __init__(self) -> None:
+        super().__init__(classes="box")
+        self.border_title = "How to bump"
+
+    def show(self, status: Status, bench: Bench | None) -> None:
+        """Show the sketch of what is due."""
+        if bench is None or status.due is None:
+            self.say(Content(""))
+            return
+        lines = sketch(bench.procedure, status.due.step.excitation)
+        self.border_title = f"How to bump: {status.due.step.excitation.value}"
+        self.say(Content("\n".join(lines)))

@@ -1,0 +1,178 @@
+"""Long work of the terminal, in a process of its own: `python -m tui.workers.work TASK`.
+
+TASK is JSON (`work_lines.task_text`); every line on stdout is one of `work_lines`.  The process
+ends when its standard input does: a terminal that is killed leaves no work behind.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from .lines import (
+    CompareTask,
+    Done,
+    ExportTask,
+    IdentifyTask,
+    Item,
+    Line,
+    ListTask,
+    Progress,
+    ReportTask,
+    Task,
+    line_bytes,
+    parse_task,
+    trouble_of,
+)
+
+Tell = Callable[[Line], None]
+_NICE = 10
+"""The recorder comes first."""
+_READ = 0.05
+
+
+def main(argument: str) -> None:
+    """Do one task and tell of it on stdout."""
+    # Whatever a library prints must not stand between the lines.
+    out = os.dup(1)
+    os.dup2(2, 1)
+    with suppress(OSError, AttributeError):
+        os.nice(_NICE)
+    threading.Thread(target=_end_with_stdin, daemon=True).start()
+
+    def tell(line: Line) -> None:
+        _write(out, line_bytes(line))
+
+    task = parse_task(argument)
+    try:
+        tell(Done(_answer(task, tell)))
+    except Exception as error:
+        tell(trouble_of(error, _subject(task)))
+
+
+def _end_with_stdin() -> None:
+    while os.read(0, 4096):
+        pass
+    os._exit(1)
+
+
+def _write(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+def _subject(task: Task) -> str:
+    match task:
+        case CompareTask():
+            return ", ".join(Path(path).name for path in task.sessions)
+        case ListTask():
+            return task.folder
+        case _:
+            return task.session
+
+
+def _answer(task: Task, tell: Tell) -> dict[str, Any]:
+    match task:
+        case IdentifyTask():
+            return _identify(task, tell)
+        case ReportTask():
+            return _report(task, tell)
+        case CompareTask():
+            return _compare(task, tell)
+        case ExportTask():
+            return _export(task)
+        case ListTask():
+            return _list(task, tell)
+
+
+def _identify(task: IdentifyTask, tell: Tell) -> dict[str, Any]:
+    from daq import read_foreign_session
+    from identify import identify
+
+    from .outcome_of import outcome_of, without
+
+    tell(Progress(_READ, "reading"))
+    session = without(read_foreign_session(task.session), task.without)
+    result = identify(session, lambda share, text: tell(Progress(share, text)))
+    tell(Progress(0.95, "drawing"))
+    return asdict(outcome_of(task.session, session, result, task.without))
+
+
+def _report(task: ReportTask, tell: Tell) -> dict[str, Any]:
+    from daq import read_foreign_session
+    from identify import identify
+    from identify.report.content import report_of
+    from identify.report.html import html_of
+
+    from ..reporting import make_room, source_of, write_file
+    from ..result import identification_document
+
+    tell(Progress(_READ, "reading"))
+    path = Path(task.session)
+    session = read_foreign_session(path)
+    places = [Path(place) for place in (task.html, task.pdf) if place]
+    for place in places:
+        make_room(place)
+    result = identify(session, lambda share, text: tell(Progress(0.6 * share, text)))
+    tell(Progress(0.6, "gathering"))
+    page = report_of(session, result, source_of(path))
+    tell(Progress(0.7, "drawing"))
+    write_file(places[0], html_of(page, identification_document(result)).encode())
+    if task.pdf:
+        from identify.report.pdf import pdf_of
+
+        tell(Progress(0.85, "PDF"))
+        write_file(places[1], pdf_of(page))
+    sizes = {str(place): place.stat().st_size for place in places}
+    return {"files": sizes, "verdict": str(result.quality.verdict)}
+
+
+def _compare(task: CompareTask, tell: Tell) -> dict[str, Any]:
+    from daq import read_foreign_session
+    from identify import identify
+    from identify.compare import compare
+
+    from ..terminal.comparison_rows import comparison_lines
+
+    results, n = [], len(task.sessions)
+    for i, path in enumerate(task.sessions):
+        name = Path(path).name
+
+        def step(share: float, text: str, i: int = i, name: str = name) -> None:
+            tell(Progress((i + share) / n, f"{name}: {text}"))
+
+        step(_READ, "reading")
+        results.append(identify(read_foreign_session(path), step))
+    labels = [f"{i + 1} {Path(path).stem}" for i, path in enumerate(task.sessions)]
+    return {"lines": list(comparison_lines(compare(labels, results)))}
+
+
+def _export(task: ExportTask) -> dict[str, Any]:
+    from daq import read_foreign_session
+    from daq.formats.export import ExportFormat, export_session
+
+    form = ExportFormat(task.form)
+    path = Path(task.session)
+    place = path.with_suffix(form.suffix)
+    done = export_session(read_foreign_session(path), place, form, force=True)
+    return {"paths": [str(path) for path in done.paths], "notes": list(done.notes)}
+
+
+def _list(task: ListTask, tell: Tell) -> dict[str, Any]:
+    from ..terminal.sessions import sessions_in
+
+    count = 0
+    for entry in sessions_in(Path(task.folder)):
+        tell(Item(asdict(entry)))
+        count += 1
+    return {"count": count}
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
