@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from math import isfinite
 from typing import Any, Protocol
 
 from rich.console import Console, JustifyMethod
@@ -14,24 +13,14 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from daq.strict_json import strict
+
 _FILE_WIDTH = 400
 
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Write one JSON document; numbers that are not finite become null."""
-    sys.stdout.write(json.dumps(_strict(document), indent=1, allow_nan=False) + "\n")
-
-
-def _strict(value: Any) -> Any:
-    match value:
-        case Mapping():
-            return {str(key): _strict(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_strict(item) for item in value]
-        case float():
-            return value if isfinite(value) else None
-        case _:
-            return value
+    sys.stdout.write(json.dumps(strict(document), indent=1, allow_nan=False) + "\n")
 
 
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:

@@ -7,10 +7,11 @@ import re
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from importlib.resources import files
-from math import isfinite
 
 import jinja2
 from markupsafe import Markup
+
+from daq.strict_json import strict
 
 from ..compare import Comparison
 from ..figures.panels import panel_svg
@@ -84,19 +85,6 @@ def _page(name: str, documents: Mapping[str, Mapping[str, object]], **content: o
         small=lambda table: len(table.columns) > _WIDE,
         **content,
     )
-
-
-def strict(value: object) -> object:
-    """Replace numbers that JSON does not know by null."""
-    match value:
-        case Mapping():
-            return {str(key): strict(item) for key, item in value.items()}
-        case list() | tuple():
-            return [strict(item) for item in value]
-        case float():
-            return value if isfinite(value) else None
-        case _:
-            return value
 
 
 def _json(document: Mapping[str, object]) -> Markup:

@@ -1,0 +1,25 @@
+"""Numbers that JSON does not know, as null: readers of other languages refuse NaN."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isfinite
+
+
+def strict(value: object) -> object:
+    """Return a document in which every number that is not finite is None.
+
+    Parameters
+    ----------
+    value : object
+        A document of mappings, lists, tuples, texts and numbers.
+    """
+    match value:
+        case Mapping():
+            return {str(key): strict(item) for key, item in value.items()}
+        case list() | tuple():
+            return [strict(item) for item in value]
+        case float():
+            return value if isfinite(value) else None
+        case _:
+            return value
