@@ -230,7 +230,7 @@ def bus_symptoms(
         return [Symptom("bus_off", name, watch.said)]
     found = []
     if link.interface_down:
-        advice = f"sudo ip link set {name.split()[-1]} up"
+        advice = f"`sudo ip link set {name.split()[-1]} up` brings it up again"
         found.append(Symptom("interface_down", name, "the interface is down", advice=advice))
     elif status.state is BusState.SILENT:
         errors = sum(turn[2] for turn in watch.recent)

@@ -50,7 +50,7 @@ EXPLAINED = MappingProxyType(
             "interface down",
             "Somebody, or a driver, took the network interface down; frames come again once it is "
             "up",
-            "sudo ip link set can0 up",
+            "`sudo ip link set can0 up` brings it up again",
         ),
         "queue_dropped": Explanation(
             "frames lost in the queue",
