@@ -105,7 +105,7 @@ class SocketCanSource:
         self._index = index
         self._axis = axis
         self._clock = StampClock.UNKNOWN
-        self._down = False
+        self._down = self._older = False
         self._buffer_bytes = _prepare(sock)
         self._gather_s = GATHER_S if self.reception.clipped else LONG_GATHER_S
         self._buffers = abi.FrameBuffers(BLOCK_FRAMES)
@@ -134,8 +134,9 @@ class SocketCanSource:
                 self._wait(timeout_s)
             count = self._receive()
             self._more = count == BLOCK_FRAMES
+            older, self._older = self._older, self._older and self._more
             if count:
-                return self._batch(count)
+                return self._batch(count, older)
             self._count_drops(abi.drop_counter(self._socket))
             if self._fault:
                 raise BusError(
@@ -187,12 +188,12 @@ class SocketCanSource:
                 return 0
             except OSError as error:
                 if error.errno == errno.ENETDOWN:
-                    self._down = True
+                    self._down = self._older = True
                 else:
                     self._fault = error
         return 0
 
-    def _batch(self, count: int) -> FrameBatch:
+    def _batch(self, count: int, older: bool) -> FrameBatch:
         datagrams = self._buffers.datagrams(count)
         self._count_drops(datagrams.came_with.dropped)
         t_ns, stamped = self._stamps(datagrams.came_with)
@@ -205,7 +206,8 @@ class SocketCanSource:
                 garbled=self._losses.garbled + garbled,
                 restamped=self._losses.restamped + restamped,
             )
-        self._down = self._down and not len(batch)
+        if len(batch) and not older:  # what waited when it was taken down is no sign of life
+            self._down = False
         return batch
 
     def _stamps(self, came_with: abi.Ancillary) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

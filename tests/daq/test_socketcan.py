@@ -16,6 +16,7 @@ from can.interfaces.socketcan.socketcan import build_can_frame, dissect_can_fram
 from numpy.typing import NDArray
 
 from daq.bench.config import BusConfig
+from daq.bus import socketcan
 from daq.bus import socketcan_abi as abi
 from daq.bus.host_axis import HostAxis
 from daq.bus.interfaces import open_source
@@ -322,6 +323,22 @@ def test_an_interface_that_was_taken_down_is_told_and_read_on(faulty: Feed) -> N
     assert faulty.source.interface_down
     faulty.send(frame(5))
     assert list(faulty.read().can_id) == [5]
+    assert not faulty.source.interface_down
+
+
+@pytest.mark.parametrize("waiting", [1, 4, 5])
+def test_frames_that_waited_when_it_was_taken_down_are_no_sign_of_life(
+    faulty: Feed, monkeypatch: pytest.MonkeyPatch, waiting: int
+) -> None:
+    """The kernel tells the fault first, and only then hands out what came before it."""
+    monkeypatch.setattr(socketcan, "BLOCK_FRAMES", 2)
+    faulty.source._buffers = FaultyBuffers(2)
+    faulty.send(*map(frame, range(1, waiting + 1)))
+    FaultyBuffers.faults = [errno.ENETDOWN]
+    assert list(faulty.read_all().can_id) == list(range(1, waiting + 1))
+    assert faulty.source.interface_down
+    faulty.send(frame(9))
+    assert list(faulty.read().can_id) == [9]
     assert not faulty.source.interface_down
 
 

@@ -69,6 +69,7 @@ def main() -> int:
         for raw in guest.stdout:
             said.append(re.sub(rb"[^ -~]", b"", raw).decode())
             sys.stdout.write(said[-1] + "\n")
+            sys.stdout.flush()
         limit.cancel()
     checks = [line for line in said if line.startswith(("ok ", "not ok "))]
     if f"1..{len(checks)}" not in said:
