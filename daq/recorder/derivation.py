@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
@@ -15,6 +16,10 @@ from ..control.messages import SessionState, SessionStatus
 from ..errors import printable
 from ..journal.derive import DONE, DONE_WITH_LOSS
 
+PATIENCE_S = 600.0
+"""A session file is given so long to be built, on a machine that has other things to do..."""
+SLOWEST_BYTES_PER_S = 1e6
+"""...and a second more for so much of the journal; a hundred times that is usual."""
 _ENDING_S = 1.0
 
 
@@ -31,6 +36,7 @@ class Derivation:
         self._jobs: deque[_Job] = deque()
         self._job: _Job | None = None
         self._process: subprocess.Popen[bytes] | None = None
+        self._deadline_s, self._hung = 0.0, ""
         self.status = SessionStatus()
 
     def begin(self, target: Path, segments: Sequence[Path]) -> None:
@@ -44,6 +50,7 @@ class Derivation:
         """See how far it is; to be called now and then."""
         if self._process is not None:
             if self._process.poll() is None:
+                self._end_if_it_hangs(self._process)
                 return
             self._finish(self._process)
         if self._process is None and self._jobs:
@@ -61,8 +68,17 @@ class Derivation:
                 self._process.wait()
             self._finish(self._process)
 
+    def _end_if_it_hangs(self, process: subprocess.Popen[bytes]) -> None:
+        """Kill a process that takes too long; a disk that hangs may hold it for longer still."""
+        if time.monotonic() < self._deadline_s or self._hung:
+            return
+        process.kill()
+        self._hung = "it took too long and was ended: is the disk well?"
+        self._tell(SessionState.FAILED, self._hung)
+
     def _start(self, job: _Job) -> None:
-        self._job = job
+        patience_s = PATIENCE_S + _size(job.segments) / SLOWEST_BYTES_PER_S
+        self._job, self._hung, self._deadline_s = job, "", time.monotonic() + patience_s
         command = [
             sys.executable,
             "-m",
@@ -89,13 +105,24 @@ class Derivation:
             self._finish_with(SessionState.READY, text)
         else:
             failure = printable(f"ended with code {code}: {last}")
-            self._finish_with(SessionState.FAILED, text or failure)
+            self._finish_with(SessionState.FAILED, self._hung or text or failure)
 
     def _finish_with(self, state: SessionState, text: str) -> None:
+        self._tell(state, text)
+        self._process = self._job = None
+
+    def _tell(self, state: SessionState, text: str) -> None:
         assert self._job is not None  # it was begun
         if not self._jobs:
             self.status = SessionStatus(state, str(self._job.target), text)
-        self._process = self._job = None
+
+
+def _size(paths: Sequence[Path]) -> int:
+    size = 0
+    for path in paths:
+        with suppress(OSError):  # retention was faster
+            size += path.stat().st_size
+    return size
 
 
 def _told(line: str) -> str:
