@@ -17,6 +17,11 @@ from .format import JournalHead
 _NOTES = 20
 
 
+def session_name(first_segment: int) -> str:
+    """Return the name of a recording's session file, from the number of its first segment."""
+    return f"session_{first_segment:04d}.h5"
+
+
 @dataclass(frozen=True, slots=True)
 class JournalLoss:
     """What a journal should hold and does not.
@@ -118,6 +123,8 @@ class RecordingInfo:
         Its identity.
     segments : tuple of Path
         In order.
+    first_segment : int
+        Number of its first segment, which may have been deleted since to make room.
     bytes, frames : int
         In all segments.
     first_ns, last_ns : int
@@ -130,12 +137,18 @@ class RecordingInfo:
 
     recording: str
     segments: tuple[Path, ...]
+    first_segment: int
     bytes: int
     frames: int
     first_ns: int
     last_ns: int
     bumps: int
     ended: bool
+
+    @property
+    def session_name(self) -> str:
+        """Name of its session file."""
+        return session_name(self.first_segment)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +171,8 @@ class JournalTail:
         Whether it was ended, so that nothing is to be added.
     segments : tuple of Path
         In order.
+    first_segment : int
+        Number of its first segment, which may have been deleted since to make room.
     """
 
     head: JournalHead
@@ -167,6 +182,12 @@ class JournalTail:
     events: tuple[Event, ...]
     ended: bool
     segments: tuple[Path, ...]
+    first_segment: int
+
+    @property
+    def session_name(self) -> str:
+        """Name of its session file."""
+        return session_name(self.first_segment)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,11 @@ def segment_number(path: Path) -> int:
     return int(digits) if digits.isdecimal() else 0
 
 
+def next_segment(folder: Path) -> int:
+    """Return the number of the segment that is to come."""
+    return 1 + max((segment_number(path) for path in segments_in(folder)), default=0)
+
+
 def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
     """Return the recordings in a folder, the oldest first.
 
@@ -108,6 +113,7 @@ def _tail(infos: Sequence[SegmentInfo]) -> JournalTail:
         events,
         any(event.code == ENDED for event in events),
         tuple(info.path for info in infos),
+        infos[0].first_segment,
     )
 
 
@@ -116,6 +122,7 @@ def _recording(infos: list[SegmentInfo]) -> RecordingInfo:
     return RecordingInfo(
         infos[0].recording,
         tuple(info.path for info in infos),
+        infos[0].first_segment,
         sum(info.bytes for info in infos),
         sum(info.frames for info in infos),
         next((info.first_ns for info in infos if info.frames), 0),

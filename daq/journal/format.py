@@ -48,6 +48,9 @@ class JournalHead:
     recording : str
         Identity of the recording (a uuid4 as 32 hex digits), kept when it is taken up again; empty
         in journals of older versions, where the clocks are the identity.
+    first_segment : int
+        Number of the recording's first segment, which names the session file also when that
+        segment has been deleted to make room; 0 in journals of older versions.
     """
 
     bench_text: str
@@ -56,6 +59,7 @@ class JournalHead:
     wall_ns: int
     monotonic_ns: int
     recording: str = ""
+    first_segment: int = 0
 
     @property
     def identity(self) -> str:
@@ -71,6 +75,7 @@ def head_record(head: JournalHead, segment: int) -> dict[str, str]:
         "monotonic_ns": str(head.monotonic_ns),
         "segment": str(segment),
         "recording": head.recording,
+        "first_segment": str(head.first_segment),
         "bench_crc32": str(zlib.crc32(head.bench_text.encode())),
         "dbc_crc32": str(zlib.crc32(head.dbc_text.encode())),
     }
@@ -96,6 +101,7 @@ def parse_head(
         int(record["wall_ns"]),
         int(record["monotonic_ns"]),
         record.get("recording", ""),
+        int(record.get("first_segment", 0)),
     )
     return head, int(record["segment"])
 

@@ -22,7 +22,7 @@ from ..control.messages import DiskStatus
 from ..runs import Event
 from .backlog import Backlog
 from .contents import JournalTail
-from .folder import segment_number, segments_in
+from .folder import next_segment, segment_number
 from .format import EVENTS_TOPIC, FRAMES_TOPIC, JournalHead, head_record, pack_events, pack_frames
 from .gaps import DISK_GAP, ENDED, FILE_GONE, gap_event
 from .retention import Retention, parting_events
@@ -259,7 +259,7 @@ class Keeper:
     def _new_segment(self) -> Segment:
         self._folder.mkdir(parents=True, exist_ok=True)
         self._place = place_of(self._folder)
-        number = 1 + max((segment_number(path) for path in segments_in(self._folder)), default=0)
+        number = next_segment(self._folder)
         path = self._folder / f"journal_{number:04d}.mcap"
         segment = Segment(self._create(path), path, head_record(self._head, number), self._head)
         self._opened_s, self._looked_at = self._now_s or 0.0, 0

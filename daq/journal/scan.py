@@ -54,6 +54,8 @@ class SegmentInfo:
         Identity of the recording that it belongs to.
     number : int
         Of the segment in its folder.
+    first_segment : int
+        Number of the first segment of its recording.
     bytes : int
         Size of the file.
     first, stop : int
@@ -71,6 +73,7 @@ class SegmentInfo:
     path: Path
     recording: str
     number: int
+    first_segment: int
     bytes: int
     first: int
     stop: int
@@ -150,8 +153,8 @@ def scan(path: Path) -> SegmentInfo | None:
         if summary is None:
             summary, sealed = _walked(file.fileno(), size)
     return SegmentInfo(
-        path, head.identity, segment, size, summary.first, summary.stop, summary.frames,
-        summary.first_ns, summary.last_ns, summary.events, sealed,
+        path, head.identity, segment, head.first_segment or segment, size, summary.first,
+        summary.stop, summary.frames, summary.first_ns, summary.last_ns, summary.events, sealed,
     )  # fmt: skip
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..errors import BumpbenchError
-from ..journal.contents import JournalTail
+from ..journal.contents import JournalTail, session_name
 from ..journal.derived import is_outdated
-from ..journal.folder import last_recording, segment_number, segments_in
+from ..journal.folder import last_recording, next_segment
 from ..journal.format import JournalHead
 from ..journal.keeper import Keeper
 from ..journal.segment import JournalFile, SyncedFile
@@ -76,16 +76,6 @@ class Recording:
         self.keeper.close(ended=True)
 
 
-def session_path(journal: Path, tail: JournalTail | None) -> Path:
-    """Return the session file of a recording, beside its journal.
-
-    It has the number of the first segment; without a tail, of the one that is to come.
-    """
-    found = tail.segments[:1] if tail else segments_in(journal)[-1:]
-    number = segment_number(found[0]) if found else 0
-    return journal.parent / f"session_{number + (tail is None):04d}.h5"
-
-
 def begin(
     journal: Path,
     bench: Bench,
@@ -107,13 +97,16 @@ def begin(
     codec = bench_codec(bench)
     identity = tail.head.recording if tail else uuid.uuid4().hex
     monotonic_ns = round(now.monotonic_s * 1e9)
-    session = session_path(journal, tail)
-    head = JournalHead(bench.text, bench.dbc_text, software, now.wall_ns, monotonic_ns, identity)
+    first = tail.first_segment if tail else next_segment(journal)
+    head = JournalHead(
+        bench.text, bench.dbc_text, software, now.wall_ns, monotonic_ns, identity, first
+    )
     keeper = Keeper(journal, head, bench.recorder, create, tail)
     book = fold(tail.events) if tail else Book()
     recorder = Recorder(bench, codec, keeper, book, guard)
     if tail is not None:
         recorder.note(Code.RESUMED, float(tail.frames), software, now)
+    session = journal.parent / session_name(first)
     return Recording(identity, keeper, recorder, session, tail.segments if tail else ())
 
 
@@ -151,6 +144,6 @@ def unfinished(journal: Path) -> tuple[Path, JournalTail] | None:
         return None
     if tail is None:
         return None
-    session = session_path(journal, tail)
+    session = journal.parent / tail.session_name
     done = session.exists() and not is_outdated(journal, tail.head.identity, tail.next_number)
     return None if done else (session, tail)

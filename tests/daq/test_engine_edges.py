@@ -27,7 +27,7 @@ from daq.control.orders import (
     Undo,
     Until,
 )
-from daq.journal.folder import last_recording, segments_in
+from daq.journal.folder import last_recording, recordings, segments_in
 from daq.journal.reader import read_journal
 from daq.journal.segment import SyncedFile
 from daq.recorder import checking
@@ -155,6 +155,25 @@ def test_a_session_is_built_of_what_retention_has_left(
         running.order(Stop())
         told = running.until(lambda s: s.session.state in ENDED)
     assert told.session.state is SessionState.READY, told.session.text
+
+
+def test_a_recording_keeps_its_session_file_when_its_first_segment_has_gone(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    small = replace(quick, recorder=replace(quick.recorder, segment_bytes=5_000.0))
+    journal = tmp_path / "journal"
+    with Running(small, tmp_path, sources(Script(blocks(bumps(codec, 1), 50)))) as running:
+        first = running.until(lambda s: s.disk.recorded_frames == 1200)
+    (journal / "journal_0001.mcap").unlink()  # as retention does
+    for _ in range(2):  # the second time, the head is one that was written after a restart
+        with Running(small, tmp_path, sources(Script([]))) as running:
+            assert running.until(lambda s: s.recording != "").recording == first.recording
+    with Running(small, tmp_path, sources(Script([]))) as running:
+        told = running.order(Stop()).status
+    assert told is not None
+    assert Path(told.session.path).name == "session_0001.h5"
+    (info,) = recordings(journal)  # by which `recover` and the terminal go
+    assert (info.recording, info.session_name) == (first.recording, "session_0001.h5")
 
 
 def test_losses_before_a_recording_are_not_its_own(

@@ -27,7 +27,7 @@ def info(number: int, recording: str, hour: float, *codes: str) -> SegmentInfo:
     last_ns = first_ns + 60_000_000_000
     events = tuple((number, Event(first_ns + 30_000_000_000, code)) for code in codes)
     path = Path(f"journal_{number:04d}.mcap")
-    return SegmentInfo(path, recording, number, 100, 0, 1, 10, first_ns, last_ns, events, True)
+    return SegmentInfo(path, recording, number, 1, 100, 0, 1, 10, first_ns, last_ns, events, True)
 
 
 def names(infos: tuple[SegmentInfo, ...]) -> list[int]:

@@ -88,5 +88,5 @@ def _targets(recordings: Sequence[RecordingInfo], out: Path | None) -> list[Path
     for info in recordings:
         first = info.segments[0]
         folder = first.parent.parent if first.parent.name == "journal" else first.parent
-        targets.append((out or folder) / f"session_{first.stem.rpartition('_')[2]}.h5")
+        targets.append((out or folder) / info.session_name)
     return targets

@@ -123,21 +123,16 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
     except (InputError, OSError) as error:
         what = error.what if isinstance(error, InputError) else str(error)
         return SessionEntry("", str(folder), "", "", SessionState.DAMAGED, note=what)
-    if tail.ended and session_name(tail.segments[0]) in names:
+    if tail.ended and tail.session_name in names:
         return None
     accepted = sum(run.status is BookStatus.ACCEPTED for run in book.runs)
     state = SessionState.CUT_OFF
-    note = book.notes[-1].text if book.notes else ""
+    note = next((note.text for note in reversed(book.notes) if note.by), "")  # else a mark
     day = _day(tail.head.wall_ns * 1e-9)
     rejected = len(book.runs) - accepted
     return SessionEntry(
         "", str(folder), day, vehicle, state, accepted, rejected, note, tail.head.recording
     )
-
-
-def session_name(segment: Path) -> str:
-    """Return the name of the session file that is made of a recording, by its first segment."""
-    return f"session_{segment.stem.rpartition('_')[2]}.h5"
 
 
 def _day(unix_s: float) -> str:
