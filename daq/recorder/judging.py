@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import fields
 
 from dbc import Codec
 
@@ -14,7 +12,7 @@ from ..bench.message_rules import timed_messages
 from ..runs import Losses
 from ..verdict import RunMeasure, RunWindow, judge, peak_left
 from .book import Book, BookStatus, Finding
-from .recent import MOST_BLOCKS, Block, RecentSamples
+from .recent import Block, RecentLosses, RecentSamples
 
 UNJUDGED: Sequence[Finding] = (
     Finding("unjudged", True, "", 0.0, 0.0, "", "the recorder could not judge it", ""),
@@ -22,7 +20,6 @@ UNJUDGED: Sequence[Finding] = (
 """When the verdict fails: a bump is not thrown away for that."""
 LOOK_NS = 300_000_000
 """The motion that is left is looked at so often."""
-_SLACK_NS = 1_000_000_000
 
 
 class Judge:
@@ -45,16 +42,12 @@ class Judge:
         self._samples = RecentSamples(bench.trigger.pre_s + bench.trigger.post_s)
         self._saturated: dict[str, int] = {}
         self._left: tuple[int, int, float | None] = (0, 0, None)
-        self._losses: deque[tuple[int, Losses]] = deque([(0, Losses())], MOST_BLOCKS)
+        self._losses = RecentLosses(bench.trigger.pre_s + bench.trigger.post_s)
 
-    def add(self, t_ns: int, block: Block, losses: Losses) -> None:
-        """Take in a block whose latest stamp is `t_ns`, and the losses counted up to it."""
-        self._samples.add(t_ns, block)
-        self._losses.append((t_ns, losses))
-        trigger = self._bench.trigger
-        kept_ns = round((trigger.pre_s + trigger.post_s) * 1e9) + _SLACK_NS
-        while len(self._losses) > 1 and not -_SLACK_NS <= t_ns - self._losses[1][0] <= kept_ns:
-            self._losses.popleft()
+    def add(self, first_ns: int, last_ns: int, block: Block, losses: Losses) -> None:
+        """Take in a block, its earliest and latest stamp, and the losses counted up to it."""
+        self._samples.add(last_ns, block)
+        self._losses.add(first_ns, last_ns, losses)
 
     def saw_saturated(self, t_ns: int, channels: Sequence[str]) -> None:
         """Take in which channels are at the end of their range."""
@@ -64,8 +57,7 @@ class Judge:
         """Judge the run of a step."""
         start_ns = bump_ns - round(self._bench.trigger.pre_s * 1e9)
         stop_ns = bump_ns + round(self._bench.trigger.post_s * 1e9)
-        before = next((lost for t_ns, lost in reversed(self._losses) if t_ns < start_ns), None)
-        lost = _difference(self._losses[-1][1], before or self._losses[0][1])
+        lost = self._losses.between(start_ns, stop_ns)
         samples = self._samples.between(start_ns, stop_ns)
         saturated = tuple(name for name, t_ns in self._saturated.items() if t_ns >= bump_ns)
         window = RunWindow(bump_ns, samples, lost, (), saturated, self._timed)
@@ -87,7 +79,3 @@ class Judge:
         left = peak_left(self._bench.channels, bump_ns, columns, t_ns)
         self._left = (bump_ns, t_ns, left)
         return left
-
-
-def _difference(after: Losses, before: Losses) -> Losses:
-    return Losses(*(getattr(after, f.name) - getattr(before, f.name) for f in fields(Losses)))

@@ -1,14 +1,18 @@
-"""The last seconds, raw and decoded: for the bench check, and for the verdict on a run."""
+"""The last seconds, raw, decoded and lost: for the bench check, and for the verdict on a run."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import astuple, dataclass, fields
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
+
+from ..runs import Losses
 
 Block = Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]]
 CHECK_S = 10.0
@@ -86,6 +90,55 @@ class RecentSamples:
             own = (t_ns >= start_ns) & (t_ns < stop_ns)
             found[name] = (t_ns[own], value[own])
         return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Counted:
+    first_ns: int
+    last_ns: int
+    losses: Losses
+
+
+class RecentLosses:
+    """Losses counted up to each block, for as long as a run, and some more.
+
+    Parameters
+    ----------
+    kept_s : float
+        How long they are kept.
+    """
+
+    def __init__(self, kept_s: float) -> None:
+        self._kept_ns = round(kept_s * 1e9) + _SLACK_NS
+        self._blocks = deque([_Counted(0, 0, Losses())], MOST_BLOCKS)
+
+    def add(self, first_ns: int, last_ns: int, losses: Losses) -> None:
+        """Take in the losses counted up to a block, and its earliest and latest stamp."""
+        before_ns = self._blocks[-1].last_ns  # as in `RecentSamples`, for a pause of the bus
+        self._blocks.append(_Counted(first_ns, last_ns, losses))
+        while len(self._blocks) > 1 and (
+            before_ns - self._blocks[1].last_ns > self._kept_ns
+            or self._blocks[1].last_ns - last_ns > _SLACK_NS
+        ):
+            self._blocks.popleft()
+
+    def between(self, start_ns: int, stop_ns: int) -> Losses:
+        """Return what was lost in a span, widened to whole blocks.
+
+        The first block after a pause of the bus tells of all that was missed in the pause: of
+        that, the span has the share that it has of the pause.
+        """
+        blocks = list(self._blocks)
+        earlier = [k for k, block in enumerate(blocks) if block.last_ns < start_ns]
+        own = blocks[earlier[-1] if earlier else 0 :]
+        total = np.zeros(len(fields(Losses)))
+        for before, block in pairwise(own):
+            share = 1.0
+            if block.first_ns >= stop_ns:
+                pause_ns = max(block.first_ns - before.last_ns, 1)
+                share = max(stop_ns - before.last_ns, 0) / pause_ns
+            total += share * np.subtract(astuple(block.losses), astuple(before.losses))
+        return Losses(*np.rint(total).astype(int).tolist())
 
 
 def _size(batch: FrameBatch) -> int:

@@ -339,7 +339,7 @@ class Recorder:
             for m in self._mapped
             if (samples := turn.decoded.samples.get(m.channel.signal)) is not None
         }
-        self._judge.add(self._t_ns, block, self.losses)
+        self._judge.add(int(turn.batch.t_ns.min()), self._t_ns, block, self.losses)
         self._live.add(block)
         own = {name: piece for name, piece in block.items() if name in self._triggers}
         self._trigger, found = trigger.advance(self._bench.trigger, self._trigger, own)

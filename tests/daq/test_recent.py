@@ -1,8 +1,11 @@
 """What is kept of the last seconds."""
 
+from itertools import pairwise
+
 import numpy as np
 
-from daq.recorder.recent import RecentSamples
+from daq.recorder.recent import RecentLosses, RecentSamples
+from daq.runs import Losses
 
 S = 1_000_000_000
 
@@ -26,3 +29,30 @@ def test_samples_of_a_clock_that_was_set_back_go() -> None:
     for second in (100, 101, 50):
         samples.add(second * S, {"acc": (np.array([second * S]), np.ones(1))})
     assert _times(samples, 0, 200) == [50]
+
+
+def _counted(*blocks: tuple[float, float, int]) -> RecentLosses:
+    """Return losses of blocks: earliest and latest stamp, s, and frames missing so far."""
+    losses = RecentLosses(kept_s=4.0)
+    for first_s, last_s, missing in blocks:
+        losses.add(round(first_s * S), round(last_s * S), Losses(counter_gaps=missing))
+    return losses
+
+
+def _missing(losses: RecentLosses, start_s: float, stop_s: float) -> int:
+    return losses.between(round(start_s * S), round(stop_s * S)).counter_gaps
+
+
+def test_a_span_has_the_losses_of_its_blocks() -> None:
+    losses = _counted((0, 1, 5), (1, 2, 7), (2, 3, 10), (3, 4, 14), (4, 5, 19))
+    assert [_missing(losses, a + 0.5, b + 0.5) for a, b in pairwise(range(5))] == [7, 5, 7, 9]
+    assert _missing(losses, 1.5, 4.0) == 2 + 3 + 4
+
+
+def test_what_a_pause_of_the_bus_cost_is_not_lost_from_the_run_before_it() -> None:
+    losses = _counted((0, 1, 1), (1, 2, 3), (2, 3, 6), (63, 64, 60_006))
+    assert _missing(losses, 1.5, 3.0) == 5
+    assert _missing(losses, 1.5, 3.03) == 5 + 30  # half a thousandth of the pause is the run's
+    assert _missing(losses, 1.5, 63.5) == 5 + 60_000
+    again = _counted((0, 1, 1), (1, 2, 3), (2, 3.5, 6), (3.4, 3.6, 7), (63, 64, 60_007))
+    assert _missing(again, 1.5, 3.0) == 5  # another bus goes on for a while

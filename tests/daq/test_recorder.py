@@ -390,3 +390,18 @@ def test_the_last_seconds_are_at_hand_for_the_check(
     # After the clock was set back only the new frames are recent.
     feed(recorder, [replace(b, t_ns=b.t_ns - 10**12) for b in blocks(bumps(codec, 1))])
     assert len(recorder.recent(10.0)) == 1200
+
+
+def test_frames_that_a_pause_cost_after_a_run_are_not_lost_from_it(
+    bench: Bench, codec: Codec, journal: Keeper
+) -> None:
+    frames = bumps(codec, 3)
+    seconds = (frames.t_ns - frames.t_ns[0]) * 1e-9
+    before, after = frames.select(seconds < 0.998), frames.select(seconds > 2.3)
+    recorder = Recorder(bench, codec, journal)
+    recorder.carry_out(Arm(Until.COMPLETE), "Ann", now())
+    for block in [*blocks(before), *blocks(after)]:  # the run ends at 1.0 s
+        recorder.step(block, HopLosses(), now(block), [LINK])
+    assert recorder.losses.counter_gaps > 1_000
+    (lost,) = (f for f in recorder.book.runs[0].findings if f.code == "lost_frames")
+    assert lost.passed, lost.text
