@@ -88,6 +88,7 @@ def decode_message(reader: MessageReader, frames: MessageFrames) -> tuple[dict[s
     quality = bad.view(np.uint8) * np.uint8(Quality.CRC_BAD)
     shortest = int(frames.length.min())
     selected = _selected_rows(reader, frames)
+    t_ns = read_only(frames.t_ns)  # one for all signals: what depends on it alone is done once
     samples = {}
     for field, valid in zip(reader.readers, reader.ranges, strict=True):
         signal = field.layout
@@ -109,7 +110,8 @@ def decode_message(reader: MessageReader, frames: MessageFrames) -> tuple[dict[s
             said = Quality.OUT_OF_RANGE | Quality.SENTINEL  # by bits that were not there
             marks = _mark(marks & ~(cut * np.uint8(said)), cut, Quality.MISSING)
         name = f"{layout.name}.{signal.name}"
-        samples[name] = Samples(name, read_only(part.t_ns), read_only(value), read_only(marks))
+        own_ns = t_ns if rows is None else read_only(part.t_ns)
+        samples[name] = Samples(name, own_ns, read_only(value), read_only(marks))
     return samples, int(np.count_nonzero(bad))
 
 

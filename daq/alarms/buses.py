@@ -99,30 +99,31 @@ def advance_buses(
             else BusWatch(link.name, now_s, now_s, now_s, losses=link.losses)
         )
         own = batch.bus == number
-        if not own.all():
-            rows = np.flatnonzero(own)
-            done.append(_advance(watch, link, batch.select(rows), bits[rows], now_s, counts))
-        else:
-            done.append(_advance(watch, link, batch, bits, now_s, counts))
+        rows = slice(None) if own.all() else np.flatnonzero(own)
+        done.append(_advance(watch, link, batch, rows, bits[rows], now_s, counts))
     return tuple(done), counts
 
 
 def _advance(
     watch: BusWatch,
     link: LinkFacts,
-    frames: FrameBatch,
+    batch: FrameBatch,
+    rows: NDArray[np.intp] | slice,
     bits: NDArray[np.float64],
     now_s: float,
     counts: dict[Key, Count],
 ) -> BusWatch:
-    n, name = len(frames), link.name
-    error_rows = np.flatnonzero(frames.flags & np.uint16(FrameFlag.ERROR))
+    t_ns = batch.t_ns[rows]
+    n, name = len(t_ns), link.name
+    error_rows = np.flatnonzero(batch.flags[rows] & np.uint16(FrameFlag.ERROR))
     good = n - len(error_rows)
-    tally = tally_error_frames(frames.select(error_rows)) if len(error_rows) else None
+    tally = None
+    if len(error_rows):
+        tally = tally_error_frames(batch.select(rows).select(error_rows))
     back = 0
     if n:
-        back = int(np.count_nonzero(frames.t_ns[1:] < frames.t_ns[:-1]))
-        back += int(frames.t_ns[0]) < watch.last_ns
+        back = int(np.count_nonzero(t_ns[1:] < t_ns[:-1]))
+        back += int(t_ns[0]) < watch.last_ns
     lost = {
         code: getattr(link.losses, field) - getattr(watch.losses, field)
         for code, field in (
@@ -142,7 +143,7 @@ def _advance(
     for code, number in numbers.items():
         if number > 0:
             counts[code, name] = Count(number, said if code in ("error_frames", "bus_off") else "")
-    last_ns = int(frames.t_ns[-1]) if n else watch.last_ns
+    last_ns = int(t_ns[-1]) if n else watch.last_ns
     connected_s = watch.connected_s if link.connected else now_s
     earlier = [turn for turn in watch.recent if turn[0] <= now_s - WINDOW_S][-1:]
     within = [turn for turn in watch.recent if turn[0] > now_s - WINDOW_S]

@@ -53,8 +53,11 @@ class LiveRing:
         if self._end == 0 or last < self._end - _BINS or last - self._end > _BINS:
             self._begin(first)  # the first data, or a clock that was set anew
         self._advance(last + 1)
+        bins: dict[int, NDArray[np.int64]] = {}  # the channels of a message have one time
         for row, t_ns, value in pieces:
-            self._put(row, t_ns // _BIN_NS, value)
+            if id(t_ns) not in bins:
+                bins[id(t_ns)] = t_ns // _BIN_NS
+            self._put(row, bins[id(t_ns)], value)
 
     def fresh(self) -> Live | None:
         """Return the bins that are complete and were not told yet."""

@@ -74,6 +74,11 @@ def counter_steps(
     index = np.arange(len(arrival)) * FASTEST
     latest = np.minimum.accumulate((arrival - index)[::-1])[::-1] + index
     elapsed = np.diff(latest)
+    if step.min() == step.max() == 1 and elapsed.max() <= modulus / 2:  # as nearly always
+        phase = latest - np.arange(len(latest))
+        earliest = min(float(phase.min()), float(phase[0]) - late_s / cycle_s)
+        whole = np.zeros(len(step), bool)
+        return CounterSteps(step, whole, _kept_late(float(phase[-1]) - earliest, arrival, cycle_s))
     step = step + modulus * np.maximum(np.rint((elapsed - step) / modulus), 0).astype(np.int64)
     late = _lateness(latest, step, late_s / cycle_s)
     restarted = step > elapsed + late[:-1] + _SLACK_FRAMES
@@ -81,8 +86,12 @@ def counter_steps(
         by_time = np.maximum(np.rint(elapsed), 1).astype(np.int64)
         step = np.where(restarted, by_time, step)
         late = _lateness(latest, step, late_s / cycle_s)
+    return CounterSteps(step, restarted, _kept_late(float(late[-1]), arrival, cycle_s))
+
+
+def _kept_late(late: float, arrival: NDArray[np.float64], cycle_s: float) -> float:
     forgotten = (1 - FASTEST) * float(arrival[-1])  # a sensor slower than nominal is not late
-    return CounterSteps(step, restarted, max(float(late[-1]) - forgotten, 0.0) * cycle_s)
+    return max(late - forgotten, 0.0) * cycle_s
 
 
 def _lateness(

@@ -42,9 +42,13 @@ class MappedChannel:
 
     def values(self, samples: Samples) -> NDArray[np.float64]:
         """Return ``sign * gain * SI(signal) - tare``, (n,); NaN where a sample is unusable."""
-        si = self.factor * samples.value + self.offset
-        value = self.channel.sign * self.channel.gain * si - self.channel.tare
-        return np.where((samples.quality & UNUSABLE) == 0, value, np.nan)
+        value = self.factor * samples.value
+        value += self.offset
+        value *= self.channel.sign * self.channel.gain
+        value -= self.channel.tare
+        if samples.quality.any():
+            value[(samples.quality & UNUSABLE) != 0] = np.nan
+        return value
 
 
 def map_channels(

@@ -163,7 +163,8 @@ def _quick(trace: Trace) -> NDArray[np.float64]:
     if n < 3:
         return trace.value
     padded = np.pad(trace.value, (n // 2, n - 1 - n // 2), mode="edge")
-    smooth = np.convolve(padded, np.full(n, 1.0 / n), mode="valid")
+    total = np.concatenate([[0.0], np.cumsum(padded)])
+    smooth = (total[n:] - total[:-n]) / n
     return np.asarray(trace.value - smooth)
 
 
