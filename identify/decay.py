@@ -74,9 +74,11 @@ class Recording:
         return Recording(self.clock, self.time_s[::step], self.values[::step])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Record:
     """What the identification takes from a run: usable samples of usable channels.
+
+    Equal to itself alone, so that what was found out of it once can be kept beside it.
 
     Parameters
     ----------

@@ -42,6 +42,22 @@ def waves(time_s: NDArray[np.float64], rates: NDArray[np.complex128]) -> NDArray
 
 
 @dataclass(frozen=True, slots=True)
+class Change:
+    """Changes of a state matrix, in modal coordinates: one preparation serves all recordings.
+
+    Parameters
+    ----------
+    apart : (P, n, n) complex128
+        Between eigenvalues that differ, divided by the difference.
+    together : (P, n, n) complex128
+        Between those that are equal, themselves among them.
+    """
+
+    apart: NDArray[np.complex128]
+    together: NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
 class Spectrum:
     """Eigenvalues and eigenvectors of a real state matrix, and how real functions span them.
 
@@ -67,16 +83,27 @@ class Spectrum:
         upper = np.flatnonzero(self.poles.imag > 0)
         real = np.flatnonzero(self.poles.imag == 0)
         wave = waves(time_s, self.poles[upper])
-        out[:, upper] = wave.real
-        out[:, upper + 1] = wave.imag
-        out[:, real] = np.exp(np.multiply.outer(time_s, self.poles[real].real))
-        out[:, n:] = time_s[:, None] * out[:, :n]
+        if len(real):
+            out[:, upper], out[:, upper + 1] = wave.real, wave.imag
+            out[:, real] = np.exp(np.multiply.outer(time_s, self.poles[real].real))
+        else:  # the pairs already lie as they shall
+            out[:, :n] = wave.view(np.float64)
+        np.multiply(time_s[:, None], out[:, :n], out=out[:, n:])
         return out
+
+    def change(self, dA: NDArray[np.float64]) -> Change:
+        """Bring changes of the state matrix, (P, n, n) in 1/s, into modal coordinates."""
+        modal = self.W @ dA @ self.V
+        gap = self.poles[:, None] - self.poles[None, :]
+        scale = np.abs(self.poles)[:, None] + np.abs(self.poles)[None, :]
+        same = np.abs(gap) < _EQUAL * scale
+        inverse = np.where(same, 0.0, 1.0 / np.where(same, 1.0, gap))
+        return Change(modal * inverse, modal * same)
 
     def propagator_slope(
         self,
         rows: NDArray[np.complex128],
-        dA: NDArray[np.float64],
+        change: Change,
         z: NDArray[np.complex128],
         low_pass: LowPass,
     ) -> NDArray[np.complex128]:
@@ -86,8 +113,8 @@ class Spectrum:
         ----------
         rows : (n_channels, n) complex128
             Output rows in modal coordinates (row V).
-        dA : (P, n, n) float64
-            Changes of the state matrix.
+        change : Change
+            Of the state matrix (`change`).
         z : (n,) complex128
             Initial state in modal coordinates (W x0).
         low_pass : LowPass
@@ -98,14 +125,8 @@ class Spectrum:
         (P, n_channels, 2 n) complex128
             By the divided differences of ``H(l) exp(l t)`` (Daleckii and Krein).
         """
-        modal = self.W @ dA @ self.V
-        Q = rows[None, :, :, None] * modal[:, None] * z  # (P, n_channels, n, n)
-        gap = self.poles[:, None] - self.poles[None, :]
-        scale = np.abs(self.poles)[:, None] + np.abs(self.poles)[None, :]
-        same = np.abs(gap) < _EQUAL * scale
-        inverse = np.where(same, 0.0, 1.0 / np.where(same, 1.0, gap))
-        apart = ((Q + Q.swapaxes(-1, -2)) * inverse).sum(axis=-1)
-        together = (Q * same).sum(axis=-1)
+        apart = rows * (change.apart @ z)[:, None] - (rows @ change.apart) * z
+        together = rows * (change.together @ z)[:, None]
         gain, slope = low_pass.gain(self.poles), low_pass.gain_slope(self.poles)
         return np.concatenate([apart * gain + together * slope, together * gain], axis=-1)
 

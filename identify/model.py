@@ -133,15 +133,16 @@ def matrices(
 
     Parameters
     ----------
-    theta : (15,) float64 or complex128
+    theta : (..., 15) float64 or complex128
         Parameters in the order of `daq.vehicle.PARAMETER_NAMES`.
 
     Returns
     -------
-    M, C, K : (7, 7) complex128
+    M, C, K : (..., 7, 7) complex128
         Complex so that derivatives can be taken by a complex step.
     """
-    return full_matrices(SYMMETRIC @ np.asarray(theta, dtype=complex))
+    full = np.asarray(theta, dtype=complex) @ SYMMETRIC.T
+    return full_matrices(full.astype(complex))
 
 
 def state_matrix(M: NDArray[Any], C: NDArray[Any], K: NDArray[Any]) -> NDArray[Any]:

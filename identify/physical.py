@@ -197,17 +197,18 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
     size = np.abs(start[:free])
 
     def elements(scaled: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        theta = np.concatenate([scaled * size, start[free:]])
+        rest = np.broadcast_to(start[free:], (*scaled.shape[:-1], len(start) - free))
+        theta = np.concatenate([scaled * size, rest], axis=-1)
         parts = zip(weights, matrices(theta), strict=True)
-        return np.concatenate([(weight * matrix).ravel() for weight, matrix in parts])
+        flat = [(weight * matrix).reshape(*scaled.shape[:-1], -1) for weight, matrix in parts]
+        return np.concatenate(flat, axis=-1)
 
     target = np.concatenate(
         [(weight * matrix).ravel() for weight, matrix in zip(weights, identified, strict=True)]
     )
 
     def jacobian(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-        step = 1e-30j * np.eye(free)
-        return np.array([elements(scaled + row).imag / 1e-30 for row in step]).T
+        return elements(scaled + 1e-30j * np.eye(free)).imag.T / 1e-30
 
     from scipy.optimize import least_squares  # a third of a second to import
 

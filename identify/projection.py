@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .decay import Clock, FreeDecay, Recording
-from .exponentials import Products, Spectrum, products, spectrum
+from .exponentials import Change, Products, Spectrum, products, spectrum
 from .greybox import GreyBox, System
 from .low_pass import low_pass_of
 
@@ -34,6 +34,8 @@ class Point:
         State matrix and output rows with their derivatives.
     modes : Spectrum
         Of the state matrix.
+    change : Change
+        Of the state matrix with each unknown.
     delays_s : (n_clocks,) float64
         Lateness of each clock beyond its nominal one.
     sigma : mapping of channel name to float
@@ -43,6 +45,7 @@ class Point:
     box: GreyBox
     system: System
     modes: Spectrum
+    change: Change
     delays_s: NDArray[np.float64]
     sigma: Mapping[str, float]
 
@@ -67,7 +70,8 @@ def point(
 ) -> Point:
     """Evaluate a mass state at the unknowns `eta`."""
     system = box.system(eta, mass_state)
-    return Point(box, system, spectrum(system.A), box.delays_s(eta), sigma)
+    modes = spectrum(system.A)
+    return Point(box, system, modes, modes.change(system.dA), box.delays_s(eta), sigma)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +105,7 @@ def linear_part(at: Point, decay: FreeDecay) -> LinearPart:
     for recording, product, stack in zip(decay.recordings, seen, coefficients, strict=True):
         weight = at.weights(recording.clock)
         weighted = stack * weight[:, None, None]
-        normal += np.einsum("cms,cmt->st", weighted, product.gram @ stack, optimize=True)
+        normal += _over_channels(weighted, product.gram @ stack)
         right += np.einsum("cms,mc->s", weighted, product.cross)
     inverse = pseudo_inverse(normal)
     return LinearPart(seen, coefficients, inverse, inverse @ right)
@@ -184,8 +188,8 @@ def share(at: Point, decay: FreeDecay) -> Share:
         left = product.cross.T - fitted @ product.gram
         cost += _squares(product, fitted, weight)
         weighted = J * weight[:, None, None]
-        H += np.einsum("cmp,cmq->pq", weighted, GJ[:, : 2 * _N], optimize=True)
-        mixed += np.einsum("cms,cmp->sp", stack * weight[:, None, None], GJ, optimize=True)
+        H += _over_channels(weighted, GJ[:, : 2 * _N])
+        mixed += _over_channels(stack * weight[:, None, None], GJ)
         g += np.einsum("cmp,cm->p", weighted, left[:, : 2 * _N])
     return Share(cost, H - mixed.T @ linear.normal_inverse @ mixed, g)
 
@@ -206,7 +210,7 @@ def slopes(at: Point, clock: Clock, z: NDArray[np.complex128]) -> NDArray[np.flo
     rows = _modal_rows(at, clock)
     d_rows = np.array([at.system.d_rows[c.name] for c in clock.channels]) @ modes.V
     gain = low_pass.gain(modes.poles)
-    on = modes.propagator_slope(rows, at.system.dA, z, low_pass)  # (P, n_channels, 28)
+    on = modes.propagator_slope(rows, at.change, z, low_pass)  # (P, n_channels, 28)
     on[..., :_N] += (d_rows * gain * z).swapaxes(0, 1)
     late = at.box.delay_index(at.box.clocks.index(clock))
     if late is not None:
@@ -234,6 +238,11 @@ def motion(
     gain = low_pass_of(clock.channels[0]).gain(modes.poles)
     on_exp = _modal_rows(at, clock) * (gain * z * modes.poles**derivative)
     return np.asarray((on_exp @ modes.to_real[:, :_N].T).real)
+
+
+def _over_channels(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Multiply (n_channels, m, p) with (n_channels, m, q), summed over channels and functions."""
+    return np.asarray(left.reshape(-1, left.shape[-1]).T @ right.reshape(-1, right.shape[-1]))
 
 
 def _squares(product: Products, fitted: NDArray[np.float64], weight: NDArray[np.float64]) -> float:

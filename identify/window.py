@@ -10,6 +10,7 @@ the decay reaches.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ _ONSET_SIGMA = 6.0
 _ONSET_SHARE = 0.02  # of the channel's peak, where there is no noise to compare with
 _QUIET_SAMPLES = 100  # fewer do not tell a noise level to 10 %
 _QUIET_MARGIN_S = 0.005
+_ONSETS: WeakKeyDictionary[Record, float | None] = WeakKeyDictionary()
+"""Asked for again and again; as long as the record lives it stays the same."""
 
 
 def onset_s(record: Record) -> float | None:
@@ -33,6 +36,12 @@ def onset_s(record: Record) -> float | None:
     record : Record
         A run with its time stamps as measured.
     """
+    if record not in _ONSETS:
+        _ONSETS[record] = _seen_onset_s(record)
+    return _ONSETS[record]
+
+
+def _seen_onset_s(record: Record) -> float | None:
     onsets = []
     for recording in record.recordings:
         rest = recording.time_s < record.start_s + _REST_S
