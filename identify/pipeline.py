@@ -109,15 +109,6 @@ class Identification:
         return identification_html(self)
 
 
-@dataclass(frozen=True, slots=True)
-class _Svm:
-    """What the State Variable Method and the paper's chain say, as in `Identification`."""
-
-    sensed: Mapping[str, SensedModes]
-    parameters: dict[str, float]
-    corner_damping: dict[str, dict[str, float]]
-
-
 _SENSED_RATE_HZ = 250.0  # of what is reported beside the estimate
 
 
@@ -125,8 +116,15 @@ def _silent(done: float, text: str) -> None:
     """Tell nobody."""
 
 
+def _unheeded(estimation: Estimation) -> None:
+    """Wait for the whole result."""
+
+
 def identify(
-    session: Session, progress: Progress = _silent, executor: Executor | None = None
+    session: Session,
+    progress: Progress = _silent,
+    executor: Executor | None = None,
+    fitted: Callable[[Estimation], None] = _unheeded,
 ) -> Identification:
     """Identify the physical parameters of a session's vehicle.
 
@@ -142,6 +140,8 @@ def identify(
         Told how far the work is.
     executor : concurrent.futures.Executor, optional
         Finds the sensed modes while the result is judged; the numbers are the same.
+    fitted : callable, optional
+        Given the fit as soon as there is one, for those who can begin with it alone.
 
     Returns
     -------
@@ -164,12 +164,19 @@ def identify(
     first, *others = modal
     geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
     thinned = [decay.thinned(_SENSED_RATE_HZ) for decay in estimation.decays]
-    beside = (records, thinned, states, geometry, session.vehicle.geometry)
-    svm = executor.submit(_by_svm, *beside).result if executor else partial(_by_svm, *beside)
+    finding = {}
+    for name in modal:
+        pairs = zip(records, thinned, strict=True)
+        mine = [(record, decay) for record, decay in pairs if record.mass_state == name]
+        work = partial(_sensed, *zip(*mine, strict=True))
+        finding[name] = executor.submit(work).result if executor else work
+    fitted(estimation)
     progress(0.7, "judging")
     quality = judge(session, estimation)
     progress(0.8, "modes")
-    by_svm = svm()
+    found = {name: modes() for name, modes in finding.items()}
+    sensed = {name: modes for name, modes in found.items() if modes is not None}
+    by_chain, damping = _closed_form(sensed, states, geometry, session.vehicle.geometry)
     return Identification(
         quality=quality,
         provenance=session.provenance,
@@ -181,9 +188,9 @@ def identify(
         modes={name: mode_estimates(box, fit, name) for name in modal},
         mode_names={name: mode_names(model, geometry) for name, model in modal.items()},
         pairings={name: pair_modes(modal[first], modal[name]) for name in others},
-        sensed={name: modes.model for name, modes in by_svm.sensed.items()},
-        closed_form=by_svm.parameters,
-        closed_form_damping=by_svm.corner_damping,
+        sensed={name: modes.model for name, modes in sensed.items()},
+        closed_form=by_chain,
+        closed_form_damping=damping,
         physical=physical,
         noise=estimation.sigma,
         residuals=estimation.residuals,
@@ -207,23 +214,11 @@ def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
     )
 
 
-def _by_svm(
-    records: Sequence[Record],
-    decays: Sequence[FreeDecay],
-    states: Sequence[MassState],
-    geometry: VehicleGeometry,
-    known: VehicleGeometry | None,
-) -> _Svm:
-    """Return what the State Variable Method and the paper's chain say, where they have an answer.
-
-    `geometry` is the estimated one, `known` that of the tape measure.
-    """
-    sensed = {}
-    for state in states:
-        mine = [i for i, record in enumerate(records) if record.mass_state == state.name]
-        with suppress(InputError):  # too short, no common channel: the likelihood needs neither
-            sensed[state.name] = sensed_modes([records[i] for i in mine], [decays[i] for i in mine])
-    return _Svm(sensed, *_closed_form(sensed, states, geometry, known))
+def _sensed(records: Sequence[Record], decays: Sequence[FreeDecay]) -> SensedModes | None:
+    """Return the modes of a mass state by the State Variable Method, None if there are none."""
+    with suppress(InputError):  # too short, no common channel: the likelihood needs neither
+        return sensed_modes(records, decays)
+    return None
 
 
 def _closed_form(
@@ -232,7 +227,10 @@ def _closed_form(
     geometry: VehicleGeometry,
     known: VehicleGeometry | None,
 ) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
-    """Return the parameters by the paper's chain, and its damping by three ways, or nothing."""
+    """Return the parameters by the paper's chain, and its damping by three ways, or nothing.
+
+    `geometry` is the estimated one, `known` that of the tape measure.
+    """
     if len(states) != 2 or len(sensed) != 2:
         return {}, {}
     first, second = states

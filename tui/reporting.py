@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import signal
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -12,16 +11,22 @@ from importlib import import_module
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dbc.errors import InputError
-from identify.report.blocks import MovingCars, Picture, Report, Source
-from identify.report.panels import ShapePanel
 
+if TYPE_CHECKING:  # slow to load, and helpers shall start before that
+    from identify.report.blocks import Picture, Report, Source
+
+_HELPERS = 2
+"""One works while the parent does, both while it waits."""
 _LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
 
 
 def source_of(path: Path) -> Source:
     """Return where the numbers of a session file come from."""
+    from identify.report.blocks import Source
+
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     libraries = {name: version(name) for name in _LIBRARIES}
@@ -62,6 +67,9 @@ def write_file(path: Path, data: bytes) -> None:
 
 def pictures_of(report: Report) -> tuple[Picture, ...]:
     """Return every picture of a report, mode shapes as stills."""
+    from identify.report.blocks import MovingCars, Picture
+    from identify.report.panels import ShapePanel
+
     cars = [b for section in report.sections for b in section.blocks if isinstance(b, MovingCars)]
     stills = (Picture(b.key, b.title, "", ShapePanel(b.shapes)) for b in cars)
     return (*report.pictures, *stills)
@@ -69,18 +77,25 @@ def pictures_of(report: Report) -> tuple[Picture, ...]:
 
 @contextmanager
 def helpers() -> Iterator[Executor]:
-    """Give processes that share the work of one report, ready to draw when there is something."""
-    with ProcessPoolExecutor(
-        min(2, os.cpu_count() or 1), get_context("spawn"), initializer=_made_ready
-    ) as pool:
-        pool.submit(_made_ready)  # starts one now; another as there is work
+    """Give processes that share the work of one report.
+
+    Theirs takes a second to load: start them before loading what the parent needs.
+    """
+    with ProcessPoolExecutor(_HELPERS, get_context("spawn"), initializer=_made_ready) as pool:
+        for _ in range(_HELPERS):
+            pool.submit(_made_ready)
         yield pool
 
 
 def _made_ready() -> None:
     """Ignore Ctrl-C, which the parent answers; load what is slow to load."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    import_module("identify.report.html")
+    for name in (
+        "identify.report.html",
+        "identify.figures.panels",
+        "matplotlib.backends.backend_svg",
+    ):
+        import_module(name)
 
 
 def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:

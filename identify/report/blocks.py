@@ -99,6 +99,17 @@ class Section:
     lead: str
     blocks: tuple[Block, ...]
 
+    @property
+    def pictures(self) -> tuple[Picture, ...]:
+        """Every picture that stands still, in order."""
+        found: list[Picture] = []
+        for block in self.blocks:
+            if isinstance(block, Picture):
+                found.append(block)
+            elif isinstance(block, Gallery):
+                found += block.pictures
+        return tuple(found)
+
 
 @dataclass(frozen=True, slots=True)
 class Source:
@@ -156,11 +167,4 @@ class Report:
     @property
     def pictures(self) -> tuple[Picture, ...]:
         """Every picture that stands still, in order."""
-        blocks = [block for section in self.sections for block in section.blocks]
-        found: list[Picture] = []
-        for block in blocks:
-            if isinstance(block, Picture):
-                found.append(block)
-            elif isinstance(block, Gallery):
-                found += block.pictures
-        return tuple(found)
+        return tuple(picture for section in self.sections for picture in section.pictures)

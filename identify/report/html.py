@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
-from concurrent.futures import Executor
+from collections.abc import Iterable, Mapping
+from concurrent.futures import Executor, Future
 from importlib.resources import files
+from types import MappingProxyType
 
 import jinja2
 from markupsafe import Markup
@@ -14,7 +15,6 @@ from markupsafe import Markup
 from daq.strict_json import strict
 
 from ..compare import Comparison
-from ..figures.panels import panel_svg
 from .animation import moving_car
 from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
 from .comparison import comparison_sections
@@ -24,8 +24,15 @@ _WIDE = 9
 """Columns beyond which a table is set small."""
 
 
+def drawings(pictures: Iterable[Picture], executor: Executor) -> dict[str, Future[Markup]]:
+    """Have pictures drawn, for `html_of`; the key of each with its drawing to come."""
+    return {picture.key: executor.submit(drawing, picture) for picture in pictures}
+
+
 def html_of(
-    report: Report, document: Mapping[str, object], executor: Executor | None = None
+    report: Report,
+    document: Mapping[str, object],
+    begun: Mapping[str, Future[Markup]] = MappingProxyType({}),
 ) -> str:
     """Set a report as HTML.
 
@@ -36,14 +43,13 @@ def html_of(
     document : mapping
         The identification as `identify --json` prints it; it goes into the page as data, and
         numbers in the tables name their place in it.
-    executor : concurrent.futures.Executor, optional
-        Draws the pictures, all at once.
+    begun : mapping of key to Future
+        Pictures that others draw (`drawings`).
     """
-    ahead = {p.key: executor.submit(drawing, p) for p in report.pictures} if executor else {}
     return _page(
         "report.jinja",
         {"identification": document, "report-data": report.data},
-        drawing=lambda p: ahead[p.key].result() if p.key in ahead else drawing(p),
+        drawing=lambda p: begun[p.key].result() if p.key in begun else drawing(p),
         sections=report.sections,
         report=report,
         symbol=SYMBOL,
@@ -107,6 +113,8 @@ def _kind(block: Block) -> str:
 
 def drawing(picture: Picture) -> Markup:
     """Draw a picture for a page that holds others: no prologue, no rule for all, own names."""
+    from ..figures.panels import panel_svg  # matplotlib, which others may have loaded instead
+
     svg = panel_svg(picture.panel, picture.title)
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)

@@ -30,26 +30,37 @@ def report(
     ] = FigureFormat.SVG,
 ) -> int:
     """Write what a session says of its vehicle as one HTML page: open it, print it, send it."""
-    import daq
-    import identify as method
-    from identify.report.content import report_of
-    from identify.report.html import html_of
-
-    from ..output import print_line, progress
-    from ..reporting import helpers, make_room, source_of, write_figures, write_file
-    from ..result import identification_document
+    from ..output import progress
+    from ..reporting import helpers, make_room
 
     out = session.with_suffix(".html") if out is None else out
     with progress("report") as stage, helpers() as pool:
         stage(0.02, "reading")
+        import daq
+        import identify as method
+        from identify.estimation import Estimation
+        from identify.report.content import report_of
+        from identify.report.decays import decay_section
+        from identify.report.html import drawings, html_of
+
+        from ..output import print_line
+        from ..reporting import source_of, write_figures, write_file
+        from ..result import identification_document
+
         recorded = daq.read_foreign_session(session)
         for path in (out, *([] if pdf is None else [pdf])):
             make_room(path)
-        result = method.identify(recorded, lambda done, text: stage(0.6 * done, text), pool)
+        begun = {}
+
+        def fitted(estimation: Estimation) -> None:
+            begun.update(drawings(decay_section(estimation).pictures, pool))
+
+        result = method.identify(recorded, lambda done, text: stage(0.6 * done, text), pool, fitted)
         stage(0.6, "gathering")
         page = report_of(recorded, result, source_of(session))
         stage(0.7, "drawing")
-        write_file(out, html_of(page, identification_document(result), pool).encode())
+        begun |= drawings((p for p in page.pictures if p.key not in begun), pool)
+        write_file(out, html_of(page, identification_document(result), begun).encode())
         print_line(str(out))
         if pdf is not None:
             from identify.report.pdf import pdf_of
