@@ -24,6 +24,7 @@ EXTRAS = {
     "mf4": "import asammdf",
     "modal": "import pyuff",
     "cluster": "import dask, distributed",
+    "web": "import textual_serve.server",
 }
 """Extra to what it is for."""
 LIBRARY = "import dbc, daq, identify; print(daq.__file__)"
