@@ -34,8 +34,8 @@ class Engine:
         return future
 
 
-def daemon(engine: Engine, arm: bool = True, keep_on: bool = True) -> _Daemon:
-    habits = Habits(arm, keep_on, None, lambda: cast(Bench, None))
+def daemon(engine: Engine, arm: bool = True, keep_on: bool = True, stay: bool = False) -> _Daemon:
+    habits = Habits(arm, keep_on, None, lambda: cast(Bench, None), stay=stay)
     return _Daemon(cast(Any, engine), cast(Any, None), cast(Any, None), habits, Log(None))
 
 
@@ -64,6 +64,14 @@ def test_each_recording_of_a_daemon_is_armed_once_and_ended_when_complete() -> N
     arm = Arm(Until.COMPLETE)
     assert engine.orders == [arm, Stop(), arm]
     assert not one._stop.is_set()
+
+
+def test_a_complete_recording_is_left_to_the_terminal_that_looks_at_it() -> None:
+    engine = Engine()
+    one = daemon(engine, stay=True)
+    for phase in (Phase.IDLE, Phase.ARMED, Phase.COMPLETE, Phase.COMPLETE):
+        one._lead(at("a", phase), end=False)
+    assert engine.orders == [Arm(Until.COMPLETE)]
 
 
 def test_without_arming_nothing_is_ordered() -> None:

@@ -47,13 +47,16 @@ class Habits:
     arm : bool
         Arm the whole campaign of each recording; else a terminal does.
     keep_on : bool
-        Live on when a campaign is complete, until a signal comes.
+        Live on when a campaign is complete, until a signal comes; the next vehicle's recording
+        begins.
     figures : Path or None
         Prometheus text file, written every 5 s.
     reread : callable
         Reads and checks bench.toml again, for SIGHUP.
     follow : callable
         Hears every status, in the writer's thread.
+    stay : bool
+        Stay with a recording that is complete: a terminal goes on with it, to the results.
     end : threading.Event
         Ends the recorder as a signal does.
     """
@@ -63,6 +66,7 @@ class Habits:
     figures: Path | None
     reread: Callable[[], Bench]
     follow: Callable[[Status], None] = lambda _: None
+    stay: bool = False
     end: threading.Event = field(default_factory=threading.Event)
 
 
@@ -185,7 +189,8 @@ class _Daemon:
         if self._habits.arm and waits:
             self._armed = status.recording
             self._engine.submit(Arm(Until.COMPLETE), BY)
-        complete = self._habits.arm and status.phase is Phase.COMPLETE
+        ends = self._habits.arm and not self._habits.stay
+        complete = ends and status.phase is Phase.COMPLETE
         over = complete or (end and not self._habits.keep_on)
         if over and status.recording not in ("", self._ended):
             self._ended = status.recording

@@ -53,7 +53,7 @@ def replay_recorder(
     def open_source(bus: BusConfig, number: int) -> FrameSource:
         return RecordedSource(frames, number, speed, time.time_ns())
 
-    habits = Habits(True, True, None, lambda: bench)
+    habits = Habits(True, True, None, lambda: bench, stay=True)
     with lone_recorder(folder), Log(log) as lines, progress("replay") as stage:
         record_campaign(bench, open_source, folder, habits, lines, stage)
 
