@@ -119,7 +119,6 @@ class BenchApp(App[None]):
         self.lanes = Lanes()
         self.bench: Bench | None = None
         self.bench_text = ""
-        self.step = BenchStep.VEHICLE
         self.bell_on = False
         self._ascii = PlainAscii()
         self.typed: dict[str, str] = {}
@@ -158,6 +157,10 @@ class BenchApp(App[None]):
                 self.post_message(NewsArrived())
 
     async def on_news_arrived(self, _: NewsArrived) -> None:
+        """Take what was posted."""
+        await self._hear()
+
+    async def _hear(self) -> None:
         """Take all that was posted; of many statuses the newest counts."""
         if not self.screen_stack:  # the app is closing
             return
@@ -193,23 +196,17 @@ class BenchApp(App[None]):
             self.run_worker(self._fetch_bench(), group="bench", exclusive=True)
         if not self._landed:
             self._landed = True
-            await self.go_to(self._bumped(status) or progress(status).due)
-            if not self.operator and not self.auto and self.step is not BenchStep.VEHICLE:
+            step = BenchStep.BASELINE if _bumped(status) else progress(status).due
+            await self.go_to(step)
+            if not self.operator and not self.auto and step is not BenchStep.VEHICLE:
                 self._ask_name()
-        elif before is not None and not _under_way(before):
-            step, own = self._bumped(status), self.get_screen(SCREEN_OF[self.step])
-            if step is not None and self.screen is own:  # and no question is open
-                await self.go_to(step)
+        elif before is not None and not _under_way(before) and _bumped(status) and self._early:
+            await self.go_to(BenchStep.BASELINE)
         self._tell_title(before, status)
         self.screen.post_message(StatusArrived(status))
         if status.halted and status.halted != self._halted:
             self.show_help(status.halted)
         self._halted = status.halted
-
-    def _bumped(self, status: Status) -> BenchStep | None:
-        """Return the step with bumps if a recorder waits for one that this terminal did not arm."""
-        early = self.step <= BenchStep.CHECK and progress(status).due <= BenchStep.BASELINE
-        return BenchStep.BASELINE if early and _under_way(status) else None
 
     def _ask_name(self) -> None:
         """Ask who this is where the form of the vehicle, which asks too, is behind us."""
@@ -238,6 +235,16 @@ class BenchApp(App[None]):
             if self.status is not None:
                 self.screen.post_message(StatusArrived(self.status))
 
+    @property
+    def step(self) -> BenchStep | None:
+        """The step that the screen in front is of; none for a dialog, or for what is past."""
+        return getattr(self.screen, "here", None)
+
+    @property
+    def _early(self) -> bool:
+        """Whether the operator is before the bumps, with no question open."""
+        return self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
+
     # Orders -------------------------------------------------------------------------------------
 
     async def ask(self, order: Order) -> Reply | None:
@@ -250,8 +257,9 @@ class BenchApp(App[None]):
         except Refused as refused:
             self.warn(str(refused))
             return None
-        if reply.status is not None:
+        if reply.status is not None:  # what is done next builds on it
             self.post(reply.status)
+            await self._hear()
         return reply
 
     def warn(self, text: str) -> None:
@@ -266,7 +274,6 @@ class BenchApp(App[None]):
 
     async def go_to(self, step: BenchStep) -> None:
         """Go to a step's screen; to the run screen while a run is under way."""
-        self.step = step
         name = SCREEN_OF[step]
         if name == "home" and self.status is not None and _under_way(self.status):
             name = "run"
@@ -358,6 +365,11 @@ class BenchApp(App[None]):
         return self.status is not None and any(
             bus.state is not BusState.OK for bus in self.status.buses
         )
+
+
+def _bumped(status: Status) -> bool:
+    """Whether a recorder waits for a first bump that no terminal has armed."""
+    return _under_way(status) and progress(status).due <= BenchStep.BASELINE
 
 
 def _under_way(status: Status) -> bool:

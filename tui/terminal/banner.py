@@ -30,6 +30,9 @@ class Banner:
         What happens and what to do.
     digits : str
         Seconds, in figures three lines high; may be empty.
+    folds : bool
+        Whether what is too long in `first` goes on before `second`; else it is cut, for `second`
+        must not be lost.
     """
 
     kind: str
@@ -39,13 +42,14 @@ class Banner:
     first: str
     second: str = ""
     digits: str = ""
+    folds: bool = True
 
 
 def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs: Glyphs) -> Banner:
     """Return the banner of a status, or of a recorder that does not answer."""
     if lost is not None:
         otherwise = printable(lost.advice, 200)
-        advice = f"X = start it again   (or {otherwise}; it is looked for all the time)"
+        advice = f"X = start it again   ({otherwise})"
         return Banner("bad", glyphs.bad, "RECORDER LOST", "", printable(lost.text, 300), advice)
     if status is None:
         return Banner("quiet", glyphs.paused, "CONNECTING", "", "waiting for the recorder")
@@ -153,13 +157,21 @@ def _rejected(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     if run is None:
         return Banner("bad", glyphs.bad, "REJECTED", "", "", action.words)
     failed = next((finding for finding in run.findings if not finding.passed), None)
-    title = f"{run_words(run)}   run kept, not counted"
+    title = f"{run_words(run)}   kept, not counted   {action.words}".rstrip()
+    if status.countdown_s is not None and action.words:
+        title = f"{title}, or in {_countdown(status)} s"
     if run.by or failed is None:
         why, advice = "; ".join(run.reasons), "U = undo"
     else:
         why, advice = f"{_reason(failed.code).upper()}: {failed.text}", failed.advice
     advice = f"{advice[:1].upper()}{advice[1:]}".rstrip(".") + "." if advice else ""
-    second = "  ".join(part for part in (printable(advice, 90), action.words) if part)
     return Banner(
-        "bad", glyphs.bad, "REJECTED", title, printable(why, 110), second, _countdown(status)
+        "bad",
+        glyphs.bad,
+        "REJECTED",
+        title,
+        printable(why, 110),
+        printable(advice, 90),
+        _countdown(status),
+        folds=False,
     )

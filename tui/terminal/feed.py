@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Protocol
 
 from daq.control.address import control_address
-from daq.control.client import Client, OrderRefused, RecorderGone
+from daq.control.client import Client, OrderRefused, RecorderGone, is_running
 from daq.control.messages import Live, Reply, Status
 from daq.control.orders import AskCheck, Hello, Order
 from daq.errors import BumpbenchError
@@ -168,7 +168,7 @@ class RecorderFeed:
             except BumpbenchError as error:
                 lost = Lost(error.what, error.advice)
                 # One that was started just now is not lost: it is not there yet.
-                if lost != told and time.monotonic() > patient_s:
+                if told is None and time.monotonic() > patient_s:
                     post(lost)
                     told = lost
                 self._stop.wait(RETRY_S)
@@ -179,7 +179,8 @@ class RecorderFeed:
             self._client = None
             client.close()
             if lost_text:
-                post(Lost(lost_text, "all up to then is on the disk; start it again"))
+                told = Lost(lost_text, "all up to then is on the disk")
+                post(told)
 
     def _connect(self, post: Callable[[News], None]) -> Client:
         """Return a connection: in control if that is free or asked for, else looking on."""
@@ -204,6 +205,8 @@ class RecorderFeed:
             silent_s = silent_s + SLICE_S if news is None else 0.0
             if news is not None:
                 post(news)
+            elif not is_running(control_address(self._folder)):
+                return "the recorder has ended"
             elif silent_s >= SILENT_S:
                 return f"the recorder has been silent for {SILENT_S:g} s"
             if in_control and not client.in_control:

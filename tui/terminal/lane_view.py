@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from daq.bench.config import Bench
 from daq.channels import AT_CORNER, Channel, Quantity
 from daq.control.messages import Phase, Status
 
 from .lanes import Lanes
+
+if TYPE_CHECKING:
+    from daq.bench.config import Bench
 
 SPAN_S = 6.0
 _HELD = (Phase.TRIGGERED, Phase.DECAY, Phase.ACCEPTED, Phase.REJECTED)

@@ -62,6 +62,15 @@ class Progress:
         return step <= self.due or step in self.done
 
 
+def bump_step(status: Status) -> BenchStep:
+    """Return the step of the bumps that come next: with weights as soon as these are on the car."""
+    due = status.due
+    more_of_the_baseline = due is not None and due.step.mass_state == BASELINE
+    if more_of_the_baseline or not progress(status).reached(BenchStep.ADDED):
+        return BenchStep.BASELINE
+    return BenchStep.ADDED
+
+
 def progress(status: Status | None) -> Progress:
     """Return how far the recording is, by its book alone: a new terminal is where the old one was.
 

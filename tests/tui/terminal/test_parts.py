@@ -226,7 +226,7 @@ def test_a_reject_says_why_and_what_to_do() -> None:
     said = banner(recorder.status, None, next_action(recorder.status), BRAILLE)
     assert "second bump at +0.84 s" in said.first
     assert "Bump once, keep hands off." in said.second
-    assert "SPACE = again" in said.second
+    assert "SPACE = again, or in 3 s" in said.title
     assert said.digits == "3"
 
 

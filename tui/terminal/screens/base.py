@@ -8,6 +8,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
+from ..steps import BenchStep
 from ..widgets.key_bar import KeyBar
 from ..widgets.step_bar import StepBar
 from ..widgets.top_line import TopLine
@@ -29,6 +30,7 @@ class BenchScreen(Screen[None]):
     """
 
     HELP_PAGE: ClassVar[str] = ""
+    STEP: ClassVar[BenchStep | None] = None
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space,pagedown", "press('next')", "Next", key_display="SPACE"),
@@ -42,6 +44,7 @@ class BenchScreen(Screen[None]):
     def __init__(self) -> None:
         super().__init__()
         self._pressed: tuple[str, float] = ("", float("-inf"))
+        self._acted = True
 
     @property
     def bench_app(self) -> BenchApp:
@@ -53,6 +56,20 @@ class BenchScreen(Screen[None]):
     def ready(self) -> bool:
         """Whether the next action would do something now; `--auto` presses it then."""
         return True
+
+    @property
+    def here(self) -> BenchStep | None:
+        """The step that is shown; none where what is shown is not of this recording."""
+        return self.STEP
+
+    @property
+    def acts(self) -> bool:
+        """Whether SPACE does something now; the line of keys promises nothing else."""
+        return True
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Show only the keys that do something now."""
+        return self.acts if (action, parameters) == ("press", ("next",)) else True
 
     def compose(self) -> ComposeResult:
         """Lay the screen out: what all have around what is its own."""
@@ -80,9 +97,14 @@ class BenchScreen(Screen[None]):
         await self.run_action(name)
 
     def on_screen_resume(self) -> None:
-        """Show what was told meanwhile."""
-        if self.bench_app.status is not None:
-            self._show(self.bench_app.status)
+        """Show what was told meanwhile; or that nobody has told anything yet."""
+        app = self.bench_app
+        if app.status is not None:
+            self._show(app.status)
+        else:
+            self.query_one(TopLine).show(None, app)
+            self.query_one(StepBar).show(None, None)
+            self.refresh_bindings()
 
     def on_status_arrived(self, message: StatusArrived) -> None:
         """Show where the recorder stands."""
@@ -102,5 +124,8 @@ class BenchScreen(Screen[None]):
         if not self.is_mounted:
             return
         self.query_one(TopLine).show(status, self.bench_app)
-        self.query_one(StepBar).show(status, self.bench_app.step)
+        self.query_one(StepBar).show(status, self.here)
         self.show_status(status)
+        if self.acts is not self._acted:
+            self._acted = self.acts
+            self.refresh_bindings()

@@ -12,11 +12,12 @@ from daq.recorder.book import BookRun, BookStatus
 
 from ..banner import run_words
 from ..next_action import next_action
+from ..steps import BenchStep, bump_step
 from ..widgets.lists import TallyList
 from .base import BenchScreen
 from .question import Question
 
-_AT_EASE = (Phase.IDLE, Phase.COMPLETE)
+AT_EASE = (Phase.IDLE, Phase.COMPLETE)
 
 
 class BumpingScreen(BenchScreen):
@@ -37,12 +38,24 @@ class BumpingScreen(BenchScreen):
     ]
 
     @property
+    def here(self) -> BenchStep | None:
+        """The step whose bumps come next."""
+        status = self.bench_app.status
+        return bump_step(status) if status is not None else None
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is a next action; a lost recorder takes none."""
+        app = self.bench_app
+        return app.lost is None and bool(next_action(app.status).words)
+
+    @property
     def ready(self) -> bool:
         """Whether SPACE would begin something; a countdown is left to run out."""
         status = self.bench_app.status
         return (
             status is not None
-            and status.phase in _AT_EASE
+            and status.phase in AT_EASE
             and not status.halted
             and bool(next_action(status).words)
         )
@@ -53,9 +66,7 @@ class BumpingScreen(BenchScreen):
         if action == "restart":
             return self.bench_app.lost is not None
         if status is None:
-            return action not in ("take_back", "more", "acknowledge", "press") or parameters == (
-                "next",
-            )
+            return action not in ("take_back", "more", "acknowledge", "press")
         match (action, parameters):
             case ("press", ("undo",)):
                 return bool(status.undo)
@@ -68,8 +79,8 @@ class BumpingScreen(BenchScreen):
             case ("acknowledge", _):
                 return bool(status.overloaded)
             case ("more", _):
-                return status.phase in (*_AT_EASE, Phase.PAUSED)
-        return True
+                return status.phase in (*AT_EASE, Phase.PAUSED)
+        return super().check_action(action, parameters)
 
     async def action_next(self) -> None:
         """Arm, or go to the step that is due."""
@@ -95,7 +106,7 @@ class BumpingScreen(BenchScreen):
     async def action_pause(self) -> None:
         """Pause; go home if nothing is armed."""
         status = self.bench_app.status
-        if status is None or status.phase in (*_AT_EASE, Phase.PAUSED):
+        if status is None or status.phase in (*AT_EASE, Phase.PAUSED):
             await self.bench_app.open("home")
         else:
             await self.bench_app.ask(Pause())

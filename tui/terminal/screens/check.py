@@ -58,6 +58,7 @@ class CheckScreen(BenchScreen):
     """Lines OK, WARN, FAIL; then the corners are pushed, then the zeros are set."""
 
     HELP_PAGE: ClassVar[str] = "check"
+    STEP: ClassVar[BenchStep] = BenchStep.CHECK
     DEFAULT_CSS = """
     CheckScreen #explained { height: 6; }
     """
@@ -98,6 +99,11 @@ class CheckScreen(BenchScreen):
         """Whether SPACE would go on without a person's word."""
         return self._due in (_PUSH, _HANDS_OFF, _TARE, _ON)
 
+    @property
+    def acts(self) -> bool:
+        """Whether SPACE does something: not while hands are on the car or have to be off it."""
+        return self._due.startswith("SPACE")
+
     def show_status(self, status: Status) -> None:
         """Show the lines."""
         if not self._items and not self._asking:
@@ -111,33 +117,37 @@ class CheckScreen(BenchScreen):
         if not self.is_current:
             return
         if self._hands_off_s:
-            self._hands_off_s = max(0.0, self._hands_off_s - AGAIN_S)
-            if not self._hands_off_s:
-                await self._ask(HANDS_OFF_S)
-                self._zeroed = True
+            left_s = max(0.0, self._hands_off_s - AGAIN_S)
+            if not left_s:  # the last second lasts until the answer is there
+                self._zeroed = await self._ask(HANDS_OFF_S)
+            if left_s or self._zeroed:
+                self._hands_off_s = left_s
             self._show_rows()
         elif self._still_s:
             self._still_s = max(0.0, self._still_s - AGAIN_S)
         elif self._corner is None:
             await self._ask(WINDOW_S)
 
-    async def _ask(self, seconds: float) -> None:
+    async def _ask(self, seconds: float) -> bool:
+        """Ask what the sensors have read; return whether there was an answer."""
         if self._asking or self.bench_app.status is None:
-            return
+            return False
         self._asking = True
         try:
             reply = await self.bench_app.ask(AskCheck(seconds))
         finally:
             self._asking = False
-        if reply is not None:
-            self._items = reply.check
-            self._show_rows()
+        if reply is None:
+            return False
+        self._items = reply.check
+        self._show_rows()
+        return True
 
     # Showing ------------------------------------------------------------------------------------
 
     def _show_rows(self) -> None:
         app, status = self.bench_app, self.bench_app.status
-        if status is None or app.bench is None:
+        if status is None or app.bench is None or not self.query("#explained"):
             return
         told = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
         rows = [*recorder_rows(status), *item_rows(self._items)]

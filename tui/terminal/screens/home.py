@@ -12,9 +12,9 @@ from daq.control.messages import Status
 from ..widgets.lists import AlarmList, Journal, RunList, TallyList
 from ..widgets.next_panel import NextPanel
 from ..widgets.sketch import SketchBox
-from .bumping import BumpingScreen
+from .bumping import AT_EASE, BumpingScreen
 from .live import draw_lanes, live_chart
-from .news import LiveArrived
+from .news import LiveArrived, RecorderLost
 
 
 class HomeScreen(BumpingScreen):
@@ -36,9 +36,20 @@ class HomeScreen(BumpingScreen):
                 yield Journal()
         yield AlarmList(glyphs)
 
+    def on_mount(self) -> None:
+        """Say what is waited for: a recorder that is being started takes a moment."""
+        self.query_one(NextPanel).show(None, self.bench_app.lost)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Leave Esc out while nothing is armed: it would go home."""
+        status = self.bench_app.status
+        if (action, parameters) == ("press", ("pause",)) and status and status.phase in AT_EASE:
+            return False
+        return super().check_action(action, parameters)
+
     def show_status(self, status: Status) -> None:
         """Show what is next and what is done."""
-        self.query_one(NextPanel).show(status)
+        self.query_one(NextPanel).show(status, self.bench_app.lost)
         self.query_one(SketchBox).show(status, self.bench_app.bench)
         self.query_one(TallyList).show(status)
         self.query_one(RunList).show(status)
@@ -49,6 +60,12 @@ class HomeScreen(BumpingScreen):
     def on_live_arrived(self, _: LiveArrived) -> None:
         """Draw the newest samples."""
         draw_lanes(self, self.bench_app)
+
+    def on_recorder_lost(self, message: RecorderLost) -> None:
+        """Say what to do."""
+        super().on_recorder_lost(message)
+        self.query_one(NextPanel).show(self.bench_app.status, self.bench_app.lost)
+        self.refresh_bindings()
 
     def action_view(self) -> None:
         """Change between sketch and runs, where there is no room for both."""

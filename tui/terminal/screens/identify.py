@@ -20,6 +20,7 @@ from ...workers.lines import Done, IdentifyTask, Trouble
 from ...workers.outcome import Outcome, parse_outcome
 from ...workers.worker import lines_of
 from ..long_work import LongWork, Stage, after, work_text
+from ..steps import BenchStep
 from .base import BenchScreen
 
 _BUILD_ADVICE = "SPACE = try again; the journal is untouched"
@@ -35,7 +36,7 @@ class IdentifyScreen(BenchScreen):
     IdentifyScreen #work { height: 1fr; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "cancel", "Cancel", key_display="Esc"),
+        Binding("escape", "cancel", "Back", key_display="Esc"),
     ]
 
     def __init__(self) -> None:
@@ -58,6 +59,17 @@ class IdentifyScreen(BenchScreen):
     def on_resize(self) -> None:
         """Fit the bar."""
         self._draw()
+
+    @property
+    def here(self) -> BenchStep | None:
+        """Step 6 of this recording; no step of it where a session of the past is identified."""
+        path = self.work.session
+        return BenchStep.IDENTIFY if not path or self._is_current(path) else None
+
+    @property
+    def acts(self) -> bool:
+        """Whether SPACE does something: not while the work goes on."""
+        return self.work.stage in (Stage.IDLE, Stage.FAILED, Stage.DONE)
 
     @property
     def ready(self) -> bool:

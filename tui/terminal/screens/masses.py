@@ -60,6 +60,7 @@ class MassesScreen(BenchScreen):
     """The inventory of weights, the car from above, and the outlook."""
 
     HELP_PAGE: ClassVar[str] = "masses"
+    STEP: ClassVar[BenchStep] = BenchStep.MASSES
     DEFAULT_CSS = """
     MassesScreen #top { height: 1fr; }
     MassesScreen #car { width: 24; height: 10; }
@@ -103,6 +104,11 @@ class MassesScreen(BenchScreen):
     def ready(self) -> bool:
         """Whether SPACE would go on."""
         return self._filled and not self._errors()
+
+    @property
+    def acts(self) -> bool:
+        """Whether SPACE does something: as soon as the weights are known."""
+        return self._filled
 
     def show_status(self, status: Status) -> None:
         """Fill the table as soon as the bench in force is known."""

@@ -32,7 +32,7 @@ class ReportScreen(BenchScreen):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("r", "again", "Write again", key_display="R"),
         Binding("w", "new_vehicle", "Next vehicle", key_display="W"),
-        Binding("escape", "cancel", "Cancel", key_display="Esc"),
+        Binding("escape", "cancel", "Back", key_display="Esc"),
     ]
 
     def __init__(self) -> None:
@@ -53,6 +53,18 @@ class ReportScreen(BenchScreen):
     def on_resize(self) -> None:
         """Fit the bar."""
         self._draw()
+
+    @property
+    def here(self) -> BenchStep | None:
+        """Step 7 of this recording; no step of it for the report of a session of the past."""
+        status = self.bench_app.status
+        own = not self._session or (status is not None and status.session.path == self._session)
+        return BenchStep.REPORT if own else None
+
+    @property
+    def acts(self) -> bool:
+        """Whether SPACE does something: not while the report is written, nor after."""
+        return not self._session or self.work.stage in (Stage.IDLE, Stage.FAILED)
 
     @property
     def ready(self) -> bool:
@@ -159,5 +171,6 @@ class ReportScreen(BenchScreen):
                 f"  {t.mass_state} {t.excitation}: {t.accepted} accepted, {t.rejected} rejected"
                 for t in status.tallies
             ]
-            lines.append(f"  raw frames: {printable(status.folder)}, {status.disk.recorded_frames}")
+            frames, journal = status.disk.recorded_frames, printable(status.folder)
+            lines.append(f"  {frames} raw frames in the journal in {journal}")
         return [*lines, "", f"{glyphs.now} W = next vehicle   S = sessions   R = write again"]

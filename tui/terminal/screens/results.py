@@ -35,7 +35,6 @@ _DECAYS = _PAGES.index("Decays")
 _WIDE = 160
 """From here on a decay has its place beside every page."""
 _VERDICT_LINES, _VERDICT_LINES_TALL = 4, 8
-_NEXT = f"SPACE = step {BenchStep.REPORT.title}"
 _REASON = "excluded at the results"
 
 
@@ -97,6 +96,11 @@ class ResultsScreen(BenchScreen):
         self.call_after_refresh(self._draw)
 
     @property
+    def here(self) -> BenchStep | None:
+        """Step 6 of this recording; no step of it for the results of a session of the past."""
+        return BenchStep.IDENTIFY if self._is_current(self.bench_app.status) else None
+
+    @property
     def ready(self) -> bool:
         """Whether SPACE would do something."""
         return self.outcome is not None
@@ -126,10 +130,9 @@ class ResultsScreen(BenchScreen):
             report.show_session(self.outcome.session)
         mark = BenchStep.IDENTIFY.mark
         status = self.bench_app.status
-        if self._is_current(status) and status is not None:
-            if mark not in {note.text for note in status.notes}:
-                await self.bench_app.ask(Mark(mark))
-            self.bench_app.step = BenchStep.REPORT
+        marks = {note.text for note in status.notes} if status else set()
+        if self._is_current(status) and mark not in marks:
+            await self.bench_app.ask(Mark(mark))
         await self.bench_app.open("report")
 
     def action_page(self, step: int) -> None:
@@ -245,7 +248,8 @@ class ResultsScreen(BenchScreen):
         names = [f"[{n}]" if i == self._page else f" {n} " for i, n in enumerate(_PAGES)]
         name = printable(Path(outcome.session).name, 60)
         tail = f"  {name}" if size.width >= _WIDE else ""
-        pages = Content.assemble("".join(names) + tail, "  ", (_NEXT, "bold $accent"))
+        step = f"step {BenchStep.REPORT.title}" if self.here else f"report of {name}"
+        pages = Content.assemble("".join(names) + tail, "  ", (f"SPACE = {step}", "bold $accent"))
         self.query_one("#pages", Static).update(pages)
         self.set_class(self._page == _DECAYS, "decays")
         self.set_class(size.width >= _WIDE, "beside")

@@ -38,7 +38,7 @@ class SessionsScreen(BenchScreen):
     SessionsScreen #find { height: 1; border: none; padding: 0 1; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("o", "open", "Open", key_display="O"),
+        Binding("space,o", "press('next')", "Open", key_display="SPACE"),
         Binding("r", "report", "Report", key_display="R"),
         Binding("v", "replay", "Replay", key_display="V"),
         Binding("c", "compare", "Compare 2", key_display="C"),
@@ -77,6 +77,11 @@ class SessionsScreen(BenchScreen):
     def on_resize(self) -> None:
         """Fit the lines."""
         self.call_after_refresh(self._draw)
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is a session to open."""
+        return self._chosen() is not None
 
     @property
     def ready(self) -> bool:

@@ -49,6 +49,7 @@ class VehicleScreen(BenchScreen):
     """The form of the vehicle; SPACE applies it while no field is being edited."""
 
     HELP_PAGE: ClassVar[str] = "vehicle"
+    STEP: ClassVar[BenchStep] = BenchStep.VEHICLE
     DEFAULT_CSS = """
     VehicleScreen #help { height: 5; }
     """

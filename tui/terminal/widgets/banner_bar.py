@@ -50,7 +50,9 @@ class BannerBar(Horizontal):
             self.query_one(Digits).update(banner.digits)
 
     def _folded(self, banner: Banner, indent: int) -> list[str]:
-        """Return two lines: what is too long for the first goes on before the second."""
+        """Return two lines; what is too long for the first may go on before the second."""
+        if not banner.folds:
+            return [banner.first, banner.second]
         room = max(20, self.size.width - _DIGITS - indent)
         first, *rest = wrap(banner.first, room) or [""]
         second = "  ".join(part for part in (" ".join(rest), banner.second) if part)

@@ -38,8 +38,9 @@ class KeyBar(Words):
         order = sorted(
             shown, key=lambda action: (action != _FIRST, action == _LAST, action in common)
         )
-        for action in (*_DROPPED, *reversed(order[1:-1])):
-            if sum(len(" ".join(shown[a])) + 2 for a in order) <= self.size.width + 2:
+        width = self.size.width or self.app.size.width  # on a screen that has just come
+        for action in (*_DROPPED, *reversed([a for a in order if a not in (_FIRST, _LAST)])):
+            if sum(len(" ".join(shown[a])) + 2 for a in order) <= width + 2:
                 break
             order = [a for a in order if a != action]
         parts: list[tuple[str, str]] = []

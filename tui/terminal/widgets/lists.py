@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from statistics import fmean, stdev
+from textwrap import wrap
 
 from textual.content import Content
 
@@ -15,7 +16,8 @@ from ..glyphs import Glyphs
 from .words import Words
 
 _KEPT = 200
-_ALARMS = 3
+_ALARM_ROWS = 3
+_ROWS_EACH = 2
 _WITH_REASONS = 48
 
 
@@ -106,8 +108,7 @@ class Journal(Words):
             (o.t_ns, f"WARN {o.subject} overridden by {o.by}: {o.reason}") for o in status.overrides
         ]
         told += [
-            (run.t_ns, f"{run.excitation.value} {run.repeat} {run.status.value}")
-            for run in status.runs
+            (run.t_ns, f"{run.excitation.value} {run.repeat} {_state(run)}") for run in status.runs
         ]
         told.sort(key=lambda entry: entry[0], reverse=True)
         lines = [f"{clock_time(t_ns)}  {printable(text, 120)}" for t_ns, text in told[:_KEPT]]
@@ -123,26 +124,36 @@ class AlarmList(Words):
 
     def show(self, status: Status) -> None:
         """Show the alarms."""
-        lines = [
-            Content.assemble(
-                (f"{self._glyphs.warn} {printable(_upper(alarm.code), 40)} ", "bold $error"),
+        told = [
+            (
+                f"{self._glyphs.warn} {printable(_upper(alarm.code), 40)}",
                 f"{printable(f'{alarm.subject}: ' if alarm.subject else '', 40)}"
                 f"{printable(alarm.text, 120)}: {printable(alarm.advice, 120)}",
             )
             for alarm in status.alarms
         ]
-        lines += [
-            Content.assemble(
-                (f"{self._glyphs.overload} OVERLOAD ", "bold $error"),
+        told += [
+            (
+                f"{self._glyphs.overload} OVERLOAD",
                 f"{printable(channel, 40)} touched the end of its range: A puts the lamp out",
             )
             for channel in status.overloaded
         ]
-        if len(lines) > _ALARMS:
-            more = len(lines) - _ALARMS + 1
-            lines = [*lines[: _ALARMS - 1], Content(f"{self._glyphs.warn} and {more} more")]
-        self.display = bool(lines)
-        self.say(Content("\n").join(lines))
+        self.display = bool(told)
+        self.say(Content("\n").join(self._rows(told, self.size.width or self.app.size.width)))
+
+    def _rows(self, told: list[tuple[str, str]], width: int) -> list[Content]:
+        """Fold what is too long: what to do comes last, and must not be cut off."""
+        rows: list[Content] = []
+        for i, (head, text) in enumerate(told):
+            first, *rest = wrap(f"{head} {text}", width, subsequent_indent="  ")
+            lines = [Content.assemble((head, "bold $error"), first.removeprefix(head))]
+            lines += [Content(line) for line in rest[: _ROWS_EACH - 1]]
+            last = i == len(told) - 1
+            if len(rows) + len(lines) > _ALARM_ROWS - (not last):
+                return [*rows, Content(f"{self._glyphs.warn} and {len(told) - i} more")]
+            rows += lines
+        return rows
 
 
 def run_figures(run: BookRun) -> str:
@@ -177,12 +188,13 @@ def _frequency(status: Status, tally: Tally, wide: bool) -> str:
 
 
 def _note(text: str, label: str, by: str) -> str:
+    """Return a note as such; a mark, which is nobody's, as it is."""
     about = f" on {label}" if label else ""
-    return f"note{about}: {text}" + (f" ({by})" if by else "") if not _is_step(text) else text
+    return f"note{about}: {text} ({by})" if by else text
 
 
-def _is_step(text: str) -> bool:
-    return text.startswith("step ") and text.endswith(" done")
+def _state(run: BookRun) -> str:
+    return "is recorded" if run.status is BookStatus.OPEN else run.status.value
 
 
 def _upper(code: str) -> str:

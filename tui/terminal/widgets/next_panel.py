@@ -7,8 +7,10 @@ from textual.content import Content
 from daq.control.messages import Status
 from daq.errors import printable
 
+from ..banner import banner
+from ..feed import Lost
 from ..glyphs import Glyphs
-from ..next_action import next_action
+from ..next_action import NextAction, next_action
 from ..steps import progress
 from .words import Words
 
@@ -21,12 +23,18 @@ class NextPanel(Words):
         self.border_title = "Next"
         self._glyphs = glyphs
 
-    def show(self, status: Status | None) -> None:
-        """Show what is next."""
+    def show(self, status: Status | None, lost: Lost | None = None) -> None:
+        """Show what is next; without a recorder that is to start one."""
+        if lost is not None:
+            said = banner(status, lost, NextAction(), self._glyphs)
+            head = Content.assemble((f"{said.symbol} {said.word}", "bold $error"))
+            words = Content.assemble((f"  {said.second}", "bold $accent"))
+            self.say(Content("\n").join([head, Content(f"  {said.first}"), Content(""), words]))
+            return
         action = next_action(status)
         lines: list[Content] = []
         if status is None:
-            lines = [Content("waiting for the recorder")]
+            lines = [Content("waiting for the recorder; to start it takes some seconds")]
         elif action.step is not None:
             lines = [Content.assemble((f"{self._glyphs.now} Step {action.step.title}", "bold"))]
         elif status.due is not None:

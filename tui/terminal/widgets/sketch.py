@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from textual.content import Content
 
-from daq.bench.config import Bench
 from daq.bench.procedure import sketch
 from daq.control.messages import Status
 
 from .words import Words
+
+if TYPE_CHECKING:
+    from daq.bench.config import Bench
 
 
 class SketchBox(Words):

@@ -21,7 +21,7 @@ class StepBar(Words):
         super().__init__()
         self._glyphs = glyphs
 
-    def show(self, status: Status | None, here: BenchStep) -> None:
+    def show(self, status: Status | None, here: BenchStep | None) -> None:
         """Show how far the campaign is."""
         if self.app.size.width < ENOUGH[0] or self.app.size.height < ENOUGH[1]:
             width, height = self.app.size

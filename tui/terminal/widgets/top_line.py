@@ -28,7 +28,8 @@ class TopLine(Words):
 
     def show(self, status: Status | None, app: BenchApp) -> None:
         """Show a status, or that there is none."""
-        wide = self.size.width >= _WIDE
+        width = self.size.width or app.size.width  # on a screen that has just come
+        wide = width >= _WIDE
         if app.lost is not None:
             self.say(
                 Content.assemble((f" RECORDER LOST  {printable(app.lost.text)}", "bold reverse"))
@@ -62,7 +63,7 @@ class TopLine(Words):
             right = [(f"{self._glyphs.overload} OVERLOAD {names}  ", "bold reverse $error"), *right]
         gap = " │ "
         tail = Content.assemble(*right)
-        room = max(8, self.size.width - tail.cell_length - len(gap))
+        room = max(8, width - tail.cell_length - len(gap))
         left = next(
             (c for words in lefts if (c := Content(words)).cell_length <= room), Content(lefts[-1])
         )

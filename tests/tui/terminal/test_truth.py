@@ -1,0 +1,204 @@
+"""What the screen promises holds: its step, what SPACE does, what to do if all is not well."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+
+from textual.pilot import Pilot
+
+from daq.control.messages import Alarm, CheckItem, Phase
+from daq.control.orders import AskCheck, Order
+from tui.terminal.app import BenchApp
+from tui.terminal.feed import Lost
+from tui.terminal.screens.check import CheckScreen
+from tui.terminal.screens.identify import IdentifyScreen
+from tui.terminal.screens.results import ResultsScreen
+from tui.terminal.steps import BenchStep
+
+from .conftest import screen_text
+from .fake_recorder import DOUBLE_BUMP, FakeRecorder
+from .outcomes import outcome
+
+MakeApp = Callable[..., BenchApp]
+SMALL = (80, 24)
+LONG = replace(
+    DOUBLE_BUMP,
+    text="second bump at +0.85 s: hub_acc_fr with 100% of the first (limit 25%)",
+    advice="bump once, then keep off the car until the run has ended",
+)
+
+
+def _bench(*steps: str) -> FakeRecorder:
+    recorder = FakeRecorder()
+    recorder.mark(*(steps or ("vehicle", "check")))
+    return recorder
+
+
+def _line(app: BenchApp, number: int) -> str:
+    return screen_text(app).splitlines()[number]
+
+
+async def _settle(pilot: Pilot[None]) -> None:
+    for _ in range(3):
+        await pilot.pause()
+
+
+async def test_the_step_bar_is_of_what_the_screen_shows(make_app: MakeApp) -> None:
+    recorder = _bench()
+    recorder.finish("baseline")
+    recorder.mark("masses")
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        await pilot.press("3")  # its bumps are done: home shows those with weights
+        assert "Added" in _line(app, 3)
+        assert "[5 Added]" in _line(app, 1)
+        await pilot.press("4")
+        assert "[4 Masses]" in _line(app, 1)
+        await pilot.press("s")
+        assert "[" not in _line(app, 1)
+
+
+async def test_results_of_the_past_are_of_no_step(make_app: MakeApp) -> None:
+    app = make_app(_bench())
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        await app.open("results")
+        assert isinstance(app.screen, ResultsScreen)
+        app.screen.show_outcome(outcome())
+        await _settle(pilot)
+        assert "[" not in _line(app, 1)
+        assert "SPACE = step" not in screen_text(app)
+        assert "SPACE = report of" in screen_text(app)
+        assert app.step is None
+
+
+async def test_the_results_of_this_recording_are_step_6(make_app: MakeApp) -> None:
+    recorder = _bench()
+    recorder.finish("baseline")
+    recorder.mark("masses")
+    recorder.finish("added")
+    recorder.changes["session"] = replace(recorder.status.session, path=outcome().session)
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        assert isinstance(app.screen, IdentifyScreen)
+        app.screen.outcome = outcome()
+        await app.screen.show_results()
+        await _settle(pilot)
+        assert app.step is BenchStep.IDENTIFY
+        assert "[6 Identify]" in _line(app, 1)
+        assert "SPACE = step 7 Report" in screen_text(app)
+
+
+async def test_no_key_is_promised_that_does_nothing(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        assert "SPACE" in _line(app, -1)
+        assert "Esc" not in _line(app, -1)  # this is home
+        await pilot.press("space")
+        recorder.bump()
+        recorder.turn(Phase.DECAY)
+        await _settle(pilot)
+        assert "SPACE" not in _line(app, -1)
+        assert "Esc Pause" in _line(app, -1)
+        recorder.judge()
+        await _settle(pilot)
+        assert "SPACE" in _line(app, -1)
+
+
+async def test_the_first_screen_says_what_it_waits_for(make_app: MakeApp) -> None:
+    recorder = _bench()
+    recorder.start = lambda post: None  # type: ignore[method-assign]
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        assert "waiting for the recorder" in _line(app, 0)
+        assert "1 Vehicle" in _line(app, 1)
+        assert "takes some seconds" in screen_text(app)
+        assert "SPACE" not in screen_text(app)
+
+
+async def test_home_says_how_to_start_a_lost_recorder(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        assert "SPACE starts" in screen_text(app)
+        recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
+        await _settle(pilot)
+        said = screen_text(app)
+        assert "SPACE" not in said
+        assert "X = start it again   (all up to then is on the disk)" in said
+        recorder.post(recorder.status)
+        await _settle(pilot)
+        assert "SPACE starts" in screen_text(app)
+
+
+async def test_a_small_terminal_shows_what_to_do_after_a_reject(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        await pilot.press("space")
+        recorder.bump()
+        recorder.judge(LONG)
+        await _settle(pilot)
+        said = screen_text(app)
+        assert "DOUBLE BUMP: second bump at +0.85 s" in said
+        assert "Bump once, then keep off the car until the run has ended." in said
+        assert "SPACE = again" in said
+
+
+async def test_a_small_terminal_shows_what_to_do_about_an_alarm(make_app: MakeApp) -> None:
+    recorder = _bench()
+    app = make_app(recorder)
+    alarm = Alarm(
+        "disconnected",
+        "virtual bumpbench",
+        "the adapter is gone",
+        "plug it in: it is waited for",
+        1,
+    )
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        recorder.tell(alarms=(alarm,))
+        await _settle(pilot)
+        assert "plug it in: it is waited for" in " ".join(screen_text(app).split())
+        recorder.tell(alarms=(alarm, alarm, alarm))
+        await _settle(pilot)
+        said = " ".join(screen_text(app).split())
+        assert "plug it in: it is waited for" in said
+        assert "and 2 more" in said
+
+
+async def test_space_does_not_begin_the_zero_again_while_it_is_measured(make_app: MakeApp) -> None:
+    recorder = _bench("vehicle")
+    recorder.check = (CheckItem("OK", "bus", "load 38 %", "", {}),)
+    app = make_app(recorder)
+    answered = asyncio.Event()
+    ask = recorder.ask
+
+    async def late(order: Order):  # type: ignore[no-untyped-def]
+        if isinstance(order, AskCheck):
+            await answered.wait()
+        return await ask(order)
+
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        screen = app.screen
+        assert isinstance(screen, CheckScreen)
+        recorder.ask = late  # type: ignore[method-assign]
+        screen._begin_zero()
+        screen._hands_off_s = 1.0
+        measuring = asyncio.create_task(screen._tick())
+        await _settle(pilot)
+        assert not screen.acts
+        assert "Hands off the car." in screen_text(app)
+        answered.set()
+        await measuring
+        assert screen._zeroed
