@@ -3,7 +3,8 @@
 ``python -m tests.benchmarks.recorder 600`` runs the load for ten minutes.
 
 A kernel without CAN will do: datagrams of `struct can_frame` over UDP on the loopback stand for the
-buses, as in `receive`.  Costs are CPU time, kernel included.  Each frame is one of the bench's own,
+buses, as in `receive`.  Costs are CPU time, kernel included, the least of some rounds: other work
+on the machine can only add to them.  Each frame is one of the bench's own,
 so all are decoded; each bus carries 9,000 a second, which is all that 1 Mbit/s holds.
 """
 
@@ -51,6 +52,7 @@ BUSES = 4
 FULL_BUS_HZ = 9_000
 BLOCK_S = 0.1
 HOP_SECONDS = 10.0
+ROUNDS = 3
 LOAD_SECONDS = 20.0
 STALL_S = 2.0
 START_NS = 1_800_000_000_000_000_000
@@ -104,8 +106,10 @@ def main() -> None:
     seconds = float(sys.argv[1]) if __name__ == "__main__" and len(sys.argv) > 1 else LOAD_SECONDS
     bench, frames = load_bench(None), _frames()
     codec = bench_codec(bench)
-    ours = {"receive": _receive_us(frames, _our_reader)} | _our_hops(bench, codec, frames)
-    theirs = {"receive": _receive_us(frames, _their_reader)} | _their_hops(bench, frames)
+    ours = _least(lambda: _receive_us(frames, _our_reader))
+    ours |= _hops(_least(lambda: _our_hops(bench, codec, frames)))
+    theirs = _least(lambda: _receive_us(frames, _their_reader))
+    theirs |= _least(lambda: _their_hops(bench, frames))
     for name, us in ours.items():
         print(f"recorder, {name}: {us:.2f} us/frame")
     for name, us in theirs.items():
@@ -118,6 +122,12 @@ def main() -> None:
         f"{done.share:.1%} of a core, {done.sent - done.recorded} of {done.sent:,} frames lost, "
         f"at most {done.high} blocks waited"
     )
+
+
+def _least(measure: Callable[[], dict[str, float]]) -> dict[str, float]:
+    """Return the least of each cost that some rounds give."""
+    rounds = [measure() for _ in range(ROUNDS)]
+    return {name: min(each[name] for each in rounds) for name in rounds[0]}
 
 
 def load(seconds: float) -> Load:
@@ -222,7 +232,7 @@ def _listen(message: can.Message) -> None:
     """Do nothing: what is done with a frame is measured by itself."""
 
 
-def _receive_us(frames: FrameBatch, reader: Callable[[socket.socket], Reader]) -> float:
+def _receive_us(frames: FrameBatch, reader: Callable[[socket.socket], Reader]) -> dict[str, float]:
     receiving = _socket()
     receive, close = reader(receiving)
     with _wire_file(frames) as wire:
@@ -234,7 +244,7 @@ def _receive_us(frames: FrameBatch, reader: Callable[[socket.socket], Reader]) -
                 count += new
             spent_s = time.thread_time() - began_s
     close()
-    return spent_s / count * 1e6
+    return {"receive": spent_s / count * 1e6}
 
 
 def _blocks(frames: FrameBatch) -> list[FrameBatch]:
@@ -268,7 +278,7 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
     decode_us = _us(blocks, lambda _, block: codec.decode(block))
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     states: list[object] = [AlarmState(), HealthState()]
-    watch_us = _us(blocks, partial(_watch, bench, codec, mapped, states)) - decode_us
+    watch_us = _us(blocks, partial(_watch, bench, codec, mapped, states))
     recorder = Recorder(bench, codec, Nowhere())
     recorder.carry_out(Arm(Until.COMPLETE), "benchmark", _now(0))
     links = _links()
@@ -281,8 +291,19 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
     return {
         "journal": journal_us / count,
         "decode": decode_us / count,
-        "health and alarms": watch_us / count,
-        "trigger, verdicts, live ring": (whole_us - decode_us - watch_us) / count,
+        "decode and watch": watch_us / count,
+        "all but the journal": whole_us / count,
+    }
+
+
+def _hops(measured: dict[str, float]) -> dict[str, float]:
+    """Return the cost of each hop by itself."""
+    decode_us, watch_us = measured["decode"], measured["decode and watch"]
+    return {
+        "journal": measured["journal"],
+        "decode": decode_us,
+        "health and alarms": watch_us - decode_us,
+        "trigger, verdicts, live ring": measured["all but the journal"] - watch_us,
     }
 
 
