@@ -23,6 +23,7 @@ from daq.loading import expected_car, loading
 from daq.vehicle import VehicleParameters
 
 from ...workers.gain import GAIN, Gain
+from ..axle_limits import AxleLimits, axles_line, check_axles, read_limits
 from ..bench_check import rest_levels
 from ..drafts import read_draft, remove_draft, write_draft
 from ..forms import FieldError
@@ -46,6 +47,7 @@ from ..weight_form import BODY, check_inventory, check_weight, weight_of, weight
 from ..widgets.row_list import RowList
 from .base import BenchScreen
 from .check import REST
+from .limits import ask_limits
 from .weight import WeightScreen
 
 DRAFT = "draft_masses.json"
@@ -74,6 +76,7 @@ class MassesScreen(BenchScreen):
         Binding("u", "undo", "Undo", key_display="U"),
         Binding("b", "bolt", "Bolted", key_display="B"),
         Binding("r", "measure", "Sag", key_display="R"),
+        Binding("l", "limits", "Limits", key_display="L"),
         Binding("down", "mark(1)", "Down", show=False),
         Binding("up", "mark(-1)", "Up", show=False),
     ]
@@ -86,6 +89,7 @@ class MassesScreen(BenchScreen):
         self._open: dict[str, dict[str, str]] = {}
         """What was typed into a weight and not applied, by its number."""
         self._gain: Gain | None = None
+        self._limits: AxleLimits | None = None
         self._asked_text = ""
         self._levels: dict[str, float] = {}
         self._rest: dict[str, float] = {}
@@ -107,8 +111,8 @@ class MassesScreen(BenchScreen):
 
     @property
     def acts(self) -> bool:
-        """Whether SPACE does something: as soon as the weights are known."""
-        return self._filled
+        """Whether SPACE does something: nothing goes on while something is wrong."""
+        return self.ready
 
     def show_status(self, status: Status) -> None:
         """Fill the table as soon as the bench in force is known."""
@@ -126,6 +130,7 @@ class MassesScreen(BenchScreen):
                     for at, typed in told.items()
                     if isinstance(typed, dict)
                 }
+            self._limits = read_limits(app.folder)
             rest = read_draft(app.folder / REST)
             self._rest = {k: v for k, v in rest.items() if isinstance(v, float)}
             self._think()
@@ -147,8 +152,8 @@ class MassesScreen(BenchScreen):
         if self.bench_app.bench is None:
             return ()
         car = self._car
-        total_kg, _ = axle_loads_with(loading(self._weights, car), car)
-        return check_inventory(self._weights, total_kg)
+        total_kg, axles_kg = axle_loads_with(loading(self._weights, car), car)
+        return (*check_inventory(self._weights, total_kg), *check_axles(axles_kg, self._limits))
 
     # Showing ------------------------------------------------------------------------------------
 
@@ -175,12 +180,7 @@ class MassesScreen(BenchScreen):
         lines.append(
             Content(f"Sag       {sag_line(app.bench, self._weights, self._rest, self._levels)}")
         )
-        lines.append(
-            Content(
-                f"Axles     front {axles[0]:.0f} kg, rear {axles[1]:.0f} kg with the weights"
-                f" (the car alone {total:.0f} kg)"
-            )
-        )
+        lines.append(Content(f"Axles     {axles_line(axles, total, self._limits)}"))
         box = self.query_one("#outlook", Static)
         box.border_title = "Outlook"
         box.update(Content("\n").join(lines))
@@ -338,6 +338,15 @@ class MassesScreen(BenchScreen):
         finally:
             process.kill()  # the weights were changed meanwhile, or the terminal ends
         self._show_outlook()
+
+    def action_limits(self) -> None:
+        """Say what the axles may carry."""
+
+        def take(limits: AxleLimits) -> None:
+            self._limits = limits
+            self._show_all()
+
+        ask_limits(self.bench_app, take)
 
     async def action_measure(self) -> None:
         """Read where the body stands now: with the weights on it has sunk."""
