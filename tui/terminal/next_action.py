@@ -32,8 +32,16 @@ class NextAction:
     step: BenchStep | None = None
 
 
-def next_action(status: Status | None) -> NextAction:
-    """Return what is to be done next."""
+_LOOKS_ON = NextAction("C = take control")
+
+
+def next_action(status: Status | None, in_control: bool = True) -> NextAction:
+    """Return what is to be done next; who looks on has to take control for most of it."""
+    action = _next_action(status)
+    return action if in_control or action.order is None else _LOOKS_ON
+
+
+def _next_action(status: Status | None) -> NextAction:
     if status is None or status.phase in BUSY:
         return NextAction()
     due = progress(status).due

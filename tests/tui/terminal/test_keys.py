@@ -182,7 +182,7 @@ async def test_a_lost_recorder_is_told_everywhere_and_restarted(make_app: MakeAp
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause()
         await _press(pilot, "space")
-        recorder.post(Lost("the recorder has been silent for 2 s", "start it again"))
+        recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
         await pilot.pause()
         text = screen_text(app)
         assert "RECORDER LOST" in text.splitlines()[0]

@@ -78,7 +78,7 @@ def _complete(recorder: FakeRecorder) -> None:
 
 def _lost(recorder: FakeRecorder) -> None:
     recorder.turn(Phase.ARMED)
-    recorder.post(Lost("the recorder has been silent for 2 s", "start it again"))
+    recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
 
 
 STATES = {

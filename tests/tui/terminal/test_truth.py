@@ -10,6 +10,7 @@ from textual.pilot import Pilot
 
 from daq.control.messages import Alarm, CheckItem, Phase
 from daq.control.orders import AskCheck, Order
+from daq.recorder.book import Finding
 from tui.terminal.app import BenchApp
 from tui.terminal.feed import Lost
 from tui.terminal.screens.check import CheckScreen
@@ -23,6 +24,7 @@ from .outcomes import outcome
 
 MakeApp = Callable[..., BenchApp]
 SMALL = (80, 24)
+MOTION = Finding("motion", True, "", 1.15, 0.0, "Hz", "f 1.15 Hz", "")
 LONG = replace(
     DOUBLE_BUMP,
     text="second bump at +0.85 s: hub_acc_fr with 100% of the first (limit 25%)",
@@ -202,3 +204,34 @@ async def test_space_does_not_begin_the_zero_again_while_it_is_measured(make_app
         answered.set()
         await measuring
         assert screen._zeroed
+
+
+async def test_who_looks_on_is_told_to_take_control_first(make_app: MakeApp) -> None:
+    recorder = _bench()
+    recorder.in_control = False
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        assert "VIEWER" in _line(app, 0)
+        assert "SPACE" not in screen_text(app)
+        assert "C = take control" in screen_text(app)
+        await pilot.press("c")
+        recorder.tell()
+        await _settle(pilot)
+        assert "SPACE starts" in screen_text(app)
+
+
+async def test_rejects_are_counted_in_a_small_terminal(make_app: MakeApp) -> None:
+    recorder = _bench()
+    recorder.bump()
+    recorder.judge(MOTION)
+    recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    recorder.turn(Phase.IDLE)
+    app = make_app(recorder)
+    async with app.run_test(size=SMALL) as pilot:
+        await _settle(pilot)
+        counted = next(line for line in screen_text(app).splitlines() if "baseline bounce" in line)
+        assert "1/2" in counted
+        assert "1 rej" in counted
+        assert "…" not in counted

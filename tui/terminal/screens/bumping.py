@@ -11,7 +11,7 @@ from daq.control.orders import Accept, Acknowledge, Choose, Pause, Redo, Reject,
 from daq.recorder.book import BookRun, BookStatus
 
 from ..banner import run_words
-from ..next_action import next_action
+from ..next_action import NextAction, next_action
 from ..steps import BenchStep, bump_step
 from ..widgets.lists import TallyList
 from .base import BenchScreen
@@ -47,18 +47,13 @@ class BumpingScreen(BenchScreen):
     def acts(self) -> bool:
         """Whether there is a next action; a lost recorder takes none."""
         app = self.bench_app
-        return app.lost is None and bool(next_action(app.status).words)
+        return app.lost is None and self._next.words.startswith("SPACE")
 
     @property
     def ready(self) -> bool:
         """Whether SPACE would begin something; a countdown is left to run out."""
         status = self.bench_app.status
-        return (
-            status is not None
-            and status.phase in AT_EASE
-            and not status.halted
-            and bool(next_action(status).words)
-        )
+        return status is not None and status.phase in AT_EASE and not status.halted and self.acts
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""
@@ -85,7 +80,7 @@ class BumpingScreen(BenchScreen):
     async def action_next(self) -> None:
         """Arm, or go to the step that is due."""
         app = self.bench_app
-        action = next_action(app.status)
+        action = self._next
         if action.step is not None:
             await app.go_to(action.step)
         elif action.order is not None and await app.ask(action.order) is not None:
@@ -145,6 +140,10 @@ class BumpingScreen(BenchScreen):
 
         words = f"Take {run.mass_state} {run_words(run)} back although: {'; '.join(run.reasons)}"
         self.app.push_screen(Question(words, "reason"), accept)
+
+    @property
+    def _next(self) -> NextAction:
+        return next_action(self.bench_app.status, self.bench_app.in_control)
 
     @property
     def _rejected(self) -> BookRun | None:

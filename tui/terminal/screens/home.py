@@ -38,7 +38,7 @@ class HomeScreen(BumpingScreen):
 
     def on_mount(self) -> None:
         """Say what is waited for: a recorder that is being started takes a moment."""
-        self.query_one(NextPanel).show(None, self.bench_app.lost)
+        self._show_next()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Leave Esc out while nothing is armed: it would go home."""
@@ -49,7 +49,7 @@ class HomeScreen(BumpingScreen):
 
     def show_status(self, status: Status) -> None:
         """Show what is next and what is done."""
-        self.query_one(NextPanel).show(status, self.bench_app.lost)
+        self._show_next()
         self.query_one(SketchBox).show(status, self.bench_app.bench)
         self.query_one(TallyList).show(status)
         self.query_one(RunList).show(status)
@@ -64,8 +64,12 @@ class HomeScreen(BumpingScreen):
     def on_recorder_lost(self, message: RecorderLost) -> None:
         """Say what to do."""
         super().on_recorder_lost(message)
-        self.query_one(NextPanel).show(self.bench_app.status, self.bench_app.lost)
+        self._show_next()
         self.refresh_bindings()
+
+    def _show_next(self) -> None:
+        app = self.bench_app
+        self.query_one(NextPanel).show(app.status, self._next, app.lost)
 
     def action_view(self) -> None:
         """Change between sketch and runs, where there is no room for both."""

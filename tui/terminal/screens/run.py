@@ -10,7 +10,6 @@ from textual.containers import Horizontal, Vertical
 from daq.control.messages import Status
 
 from ..banner import banner
-from ..next_action import next_action
 from ..widgets.banner_bar import BannerBar
 from ..widgets.lists import AlarmList, Journal, RunList, TallyList
 from ..widgets.progress_line import ProgressLine
@@ -68,5 +67,5 @@ class RunScreen(BumpingScreen):
 
     def _show_banner(self) -> None:
         app = self.bench_app
-        said = banner(app.status, app.lost, next_action(app.status), app.glyphs)
+        said = banner(app.status, app.lost, self._next, app.glyphs)
         self.query_one(BannerBar).show(said)

@@ -60,7 +60,9 @@ class TallyList(Words):
             why = reasons.get((tally.mass_state, tally.excitation.value), "") if wide else ""
             measured = _frequency(status, tally, wide)
             word = "rejected" if wide or not measured else "rej."
-            rejected = f"   {tally.rejected} {word}  {why}".rstrip() if tally.rejected else ""
+            rejected = f"  {tally.rejected} {word}  {why}".rstrip() if tally.rejected else ""
+            if len(words) + len(count) + len(measured) + len(rejected) > self.size.width:
+                measured = ""  # a reject tells more
             lines.append(
                 Content.assemble(
                     (f"{words}{count}", "bold" if here else ""), f"{measured}{rejected}"

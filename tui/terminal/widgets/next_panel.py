@@ -10,7 +10,7 @@ from daq.errors import printable
 from ..banner import banner
 from ..feed import Lost
 from ..glyphs import Glyphs
-from ..next_action import NextAction, next_action
+from ..next_action import NextAction
 from ..steps import progress
 from .words import Words
 
@@ -23,15 +23,14 @@ class NextPanel(Words):
         self.border_title = "Next"
         self._glyphs = glyphs
 
-    def show(self, status: Status | None, lost: Lost | None = None) -> None:
+    def show(self, status: Status | None, action: NextAction, lost: Lost | None) -> None:
         """Show what is next; without a recorder that is to start one."""
         if lost is not None:
-            said = banner(status, lost, NextAction(), self._glyphs)
+            said = banner(status, lost, action, self._glyphs)
             head = Content.assemble((f"{said.symbol} {said.word}", "bold $error"))
             words = Content.assemble((f"  {said.second}", "bold $accent"))
             self.say(Content("\n").join([head, Content(f"  {said.first}"), Content(""), words]))
             return
-        action = next_action(status)
         lines: list[Content] = []
         if status is None:
             lines = [Content("waiting for the recorder; to start it takes some seconds")]
