@@ -56,5 +56,6 @@ def report_usage(message: str) -> ExitCode:
     """Write a mistake in the command line itself as one line."""
     from dbc.errors import printable
 
-    say(f"error: {printable(' '.join(message.split()))} (bumpbench --help lists what there is)")
+    plain = " ".join(message.split()).replace("Value error, ", "")  # a library's word for a mistake
+    say(f"error: {printable(plain)} (bumpbench --help lists what there is)")
     return ExitCode.BAD_INPUT

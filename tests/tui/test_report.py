@@ -28,7 +28,9 @@ def test_report_writes_page_pdf_and_figures(
     page, pdf, folder = tmp_path / "new" / "r.html", tmp_path / "r.pdf", tmp_path / "figures"
     arguments = ["report", str(session), "--out", str(page), "--pdf", str(pdf)]
     assert run([*arguments, "--figures", str(folder), "--format", "svg"]) == 0
-    written = [Path(line) for line in capsys.readouterr().out.splitlines()]
+    said = capsys.readouterr()
+    assert said.err.startswith("bumpbench: verdict: doubtful: wide intervals")
+    written = [Path(line) for line in said.out.splitlines()]
     assert written[:2] == [page, pdf]
     assert set(written[2:]) == set(folder.iterdir())
     assert {"intervals.svg", "correlation.svg", "shapes_baseline.svg"} <= {
@@ -51,6 +53,19 @@ def test_report_that_cannot_be_written(
     (tmp_path / "file").write_text("")
     assert run(["report", str(session), "--out", str(tmp_path / "file" / "r.html")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_report_of_a_refused_session_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = stress_session("linear", 2, 100.0)
+    bare = tuple(run for run in whole.runs if run.mass_state == "baseline")
+    daq.write_session(tmp_path / "bare.h5", replace(whole, runs=bare))
+    assert run(["report", str(tmp_path / "bare.h5")]) == 1
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert "verdict: refused: " in said
+    assert "added mass" in said
 
 
 def test_report_of_no_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ..diagnostics import ExitCode
+from ..diagnostics import ExitCode, say
 
 
 class FigureFormat(StrEnum):
@@ -72,5 +72,7 @@ def report(
             stage(0.95, "figures")
             for path in write_figures(page, figures, figure_format.value):
                 print_line(str(path))
-    refused = result.quality.verdict == "refused"
+    quality = result.quality
+    say(f"verdict: {': '.join([str(quality.verdict), *quality.reasons[:1]])}")
+    refused = quality.verdict == "refused"
     return ExitCode.ANSWER_IS_NO if refused else ExitCode.OK
