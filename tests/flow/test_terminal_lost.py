@@ -30,12 +30,16 @@ async def kill_the_terminal_in_mid_decay(bench: DemoBench) -> None:
         await operator.until(lambda: app.in_control and app.status is not None)
         assert time.monotonic() - killed_s < 2 * ATTACHED_S  # 2 s on a machine of its own
         await operator.until(lambda: app.screen is app.get_screen("run"))
-        label = during.runs[-1].label
+        label = during.runs[-1].label  # of the first bump, or on a busy machine a later one
         await operator.until(
-            lambda: bool(app.status and app.status.runs[0].status is BookStatus.ACCEPTED)
+            lambda: bool(
+                app.status
+                and any(
+                    run.label == label and run.status is BookStatus.ACCEPTED
+                    for run in app.status.runs
+                )
+            )
         )
-        assert app.status is not None
-        assert app.status.runs[0].label == label
 
 
 async def kill_the_recorder_in_mid_run(bench: DemoBench) -> None:
