@@ -56,6 +56,9 @@ def replay(folder: Path, session: Path, speed: float) -> None:
             assert app.status is not None
             assert len(app.status.runs) == KINDS
             await operator.until(operator.sees("SPACE = step 6 Identify"))
+            # The recording stays with the terminal: its runs are there to be identified.
+            await operator.until(lambda: app.step is BenchStep.IDENTIFY, operator.space_if_told)
+            await operator.until(operator.sees(f"{KINDS} runs accepted"))
 
     player = start_replay_recorder(folder, session, speed)
     try:
