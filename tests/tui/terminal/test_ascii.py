@@ -46,6 +46,12 @@ def test_no_screen_holds_anything_but_ascii(make_app: Callable[..., BenchApp]) -
                     wrong = {c for c in seen if not c.isascii()}
                     assert not wrong, (name, keys, wrong)
                     assert seen.strip()
+            await pilot.press("ctrl+p")
+            await pilot.pause()
+            palette = screen_text(app)
+            search = next(line for line in palette.splitlines() if "Search for commands" in line)
+            assert "?" not in search  # a picture that the terminal has not
+            await pilot.press("escape")
             app.action_note()
             await pilot.pause()
             assert screen_text(app).isascii()
