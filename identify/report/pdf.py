@@ -24,6 +24,8 @@ _ROW_PT = 7.0
 _SMALLEST_PT = 4.6
 _WRAP_COLUMN = 72
 """Characters after which the text of a cell goes on in the next line."""
+_WHOLE = 25
+"""Lines up to which a table is not broken across sheets."""
 _GAP_EM = 1.5
 
 
@@ -86,13 +88,15 @@ def _section(sheets: Sheets, section: Section) -> None:
 
 
 def _least_in(section: Section) -> float:
-    """Return what must fit below a heading: the first picture, or some rows."""
+    """Return what must fit below a heading: the first picture or table, or some rows."""
     for block in section.blocks:
         match block:
             case Picture():
                 return size_in(block.panel)[1] + 0.7
             case Gallery() if block.pictures:
                 return size_in(block.pictures[0].panel)[1] + 0.9
+            case Table():
+                return _unbroken_in(block)
         break
     return 1.0
 
@@ -133,7 +137,7 @@ def _pictures(sheets: Sheets, title: str, caption: str, pictures: tuple[Picture,
 
 
 def _table(sheets: Sheets, table: Table) -> None:
-    sheets.keep(0.9)
+    sheets.keep(_unbroken_in(table))
     sheets.text(table.title, _SUBHEADING)
     if len(table.columns) == 1:  # a file, shown as it is
         style = Style(6.0, "#1d2329", family="DejaVu Sans Mono")
@@ -165,6 +169,13 @@ def _table(sheets: Sheets, table: Table) -> None:
         sheets.row(places, cells, style)
     if table.note:
         sheets.text(table.note, _NOTE)
+
+
+def _unbroken_in(table: Table) -> float:
+    """Return how much of a table must stand on one sheet: all of a short one."""
+    lines = sum(max(len(_wrapped(cell)) for cell in row) for row in table.rows)
+    short = len(table.columns) > 1 and lines <= _WHOLE
+    return 0.9 + LEADING_IN * lines if short else 0.9
 
 
 def _wrapped(cell: Cell) -> list[str]:
