@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import os
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from collections.abc import Callable
 from contextlib import aclosing
 from dataclasses import replace
 from pathlib import Path
+from threading import enumerate as enumerate_threads
 
 import pytest
 
@@ -153,6 +155,29 @@ def test_a_killed_child_is_told(session: Path) -> None:
     assert killed
     assert isinstance(last, Trouble)
     assert "signal 9" in last.what
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 5])
+def test_a_screen_closed_twice_in_a_row_leaves_nothing_open(tmp_path: Path, turns: int) -> None:
+    async def closed() -> None:
+        async def listen() -> None:
+            async with aclosing(lines_of(ListTask(str(tmp_path)), "list")) as source:
+                async for _ in source:
+                    pass
+
+        work = asyncio.create_task(listen())
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        for _ in range(2):
+            work.cancel()
+            await asyncio.sleep(0)
+
+    asyncio.run(closed())
+    for thread in enumerate_threads():
+        if thread.name == "worker":
+            thread.join(10.0)
+            assert not thread.is_alive()
+    gc.collect()  # what is still open says so here, and that is an error
 
 
 def test_the_child_ends_when_its_terminal_does(session: Path) -> None:

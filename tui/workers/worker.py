@@ -5,14 +5,13 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import AsyncGenerator
 from contextlib import suppress
+from threading import Thread
 
 from .lines import Done, Line, Task, Trouble, ended, parse_line, task_text
-
-_LONGEST_LINE = 64 << 20
-"""A whole answer is one line."""
 
 
 async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
@@ -29,35 +28,44 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
         What a process that ended without an answer was about, for the operator.
     """
     try:
-        child = await asyncio.create_subprocess_exec(
-            sys.executable,
-            *("-m", "tui.workers.work", task_text(task)),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.DEVNULL,
-            limit=_LONGEST_LINE,
+        child = subprocess.Popen(
+            [sys.executable, "-m", "tui.workers.work", task_text(task)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
     except OSError as error:
         what = f"no process to work in ({error.strerror or error})"
         yield Trouble(where, what, "end other programs, and try again")
         return
-    assert child.stdout is not None
+    heard: asyncio.Queue[bytes | int] = asyncio.Queue()
+    # A thread, not the loop's own subprocess: that one must be awaited to its end, and is left with
+    # open pipes by a screen that is closed twice in a row.
+    arguments = (child, heard, asyncio.get_running_loop())
+    Thread(target=_listen, args=arguments, name="worker", daemon=True).start()
     try:
-        async for text in child.stdout:
+        while isinstance(text := await heard.get(), bytes):
             line = parse_line(text)
             if line is None:
                 continue
             yield line
             if isinstance(line, Done | Trouble):
                 return
-        yield ended(await child.wait(), where)
+        yield ended(text, where)
     finally:
-        await _end(child)
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(child.pid, signal.SIGKILL)
 
 
-async def _end(child: asyncio.subprocess.Process) -> None:
-    """End a process and its children, and close its pipes."""
-    with suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, signal.SIGKILL)
-    await child.communicate()
+def _listen(
+    child: subprocess.Popen[bytes],
+    heard: asyncio.Queue[bytes | int],
+    loop: asyncio.AbstractEventLoop,
+) -> None:
+    """Pass on each line of a process, last its exit code; close its pipes."""
+    with suppress(RuntimeError), child:  # the loop is closed: nobody listens any more
+        assert child.stdout is not None
+        for text in child.stdout:
+            loop.call_soon_threadsafe(heard.put_nowait, text)
+        loop.call_soon_threadsafe(heard.put_nowait, child.wait())
