@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
-import signal
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from importlib import import_module
 from importlib.metadata import version
-from multiprocessing import get_context
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 from dbc.errors import InputError
+
+from .workers.start import deaf_to_interrupts, end_with_parent, loaded_once
 
 if TYPE_CHECKING:  # slow to load, and helpers shall start before that
     from identify.report.blocks import Picture, Report, Source
 
 _HELPERS = 2
 """One works while the parent does, both while it waits."""
+_HEAVY = (
+    "identify.report.html",
+    "identify.figures.panels",
+    "matplotlib.backends.backend_svg",
+)
 _LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
 
 
@@ -79,23 +85,28 @@ def pictures_of(report: Report) -> tuple[Picture, ...]:
 def helpers() -> Iterator[Executor]:
     """Give processes that share the work of one report.
 
-    Theirs takes a second to load: start them before loading what the parent needs.
+    Their libraries take a second to load: start them before loading what the parent needs.
     """
-    with ProcessPoolExecutor(_HELPERS, get_context("spawn"), initializer=_made_ready) as pool:
-        for _ in range(_HELPERS):
-            pool.submit(_made_ready)
-        yield pool
+    with ProcessPoolExecutor(_HELPERS, loaded_once(_HEAVY), _made_ready) as pool:
+
+        def start() -> None:
+            with deaf_to_interrupts():
+                for _ in range(_HELPERS):
+                    pool.submit(int)
+
+        starting = Thread(target=start)  # it waits for the libraries
+        starting.start()
+        try:
+            yield pool
+        finally:
+            starting.join()
+            pool.shutdown(cancel_futures=True)  # after Ctrl-C, not first all that was planned
 
 
 def _made_ready() -> None:
-    """Ignore Ctrl-C, which the parent answers; load what is slow to load."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for name in (
-        "identify.report.html",
-        "identify.figures.panels",
-        "matplotlib.backends.backend_svg",
-    ):
-        import_module(name)
+    """Make a helper ready: what is loaded stays, and is searched for garbage no more."""
+    end_with_parent()
+    gc.freeze()
 
 
 def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:

@@ -8,7 +8,7 @@ block of the normal equations by elementwise multiplication.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ class Block:
         To which run and channel each series belongs; each pair occurs in one block only.
     free_level : bool
         Whether each series stands on a constant of its own, which is not known.
+    deviations : (n, k) float64
+        The values, from their mean if their level is unknown.
     """
 
     time_s: NDArray[np.float64]
@@ -39,15 +41,13 @@ class Block:
     run: NDArray[np.intp]
     channel: NDArray[np.intp]
     free_level: bool = False
+    deviations: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
-        for name in ("time_s", "values", "run", "channel"):
+        level = self.values.mean(axis=0) if self.free_level else 0.0
+        object.__setattr__(self, "deviations", self.values - level)
+        for name in ("time_s", "values", "run", "channel", "deviations"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-
-    @property
-    def deviations(self) -> NDArray[np.float64]:
-        """The values, from their mean if their level is unknown, (n, k)."""
-        return self.values - self.values.mean(axis=0) if self.free_level else self.values
 
 
 def even_blocks(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[Block, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,8 @@ _HUBS = (Quantity.HUB_ACCELERATION, Quantity.HUB_DISPLACEMENT)
 def decay_section(estimation: Estimation) -> Section:
     """Return every run with its fit."""
     runs = zip(estimation.records, estimation.decays, estimation.residuals, strict=True)
-    pictures = tuple(_picture(estimation, *run) for run in runs)
+    noise = estimation.noise
+    pictures = tuple(_picture(noise, *run) for run in runs)
     gallery = Gallery(
         "Each run: a channel of the body and one of a wheel, with what the fit leaves",
         "Grey: measured. Colour: fitted. The blue ground is the free decay that is fitted; it "
@@ -37,20 +40,21 @@ def decay_section(estimation: Estimation) -> Section:
     return Section("decays", "Measured and fitted decays", lead, blocks)
 
 
-def _picture(estimation: Estimation, record: Record, decay: FreeDecay, left: Residuals) -> Picture:
+def _picture(
+    noise: Mapping[str, float], record: Record, decay: FreeDecay, left: Residuals
+) -> Picture:
     onset = onset_s(record)
     begin = record.start_s if onset is None else max(onset - _BEFORE_S, record.start_s)
     traces = tuple(
-        _trace(estimation, record, decay, left, channel, begin)
-        for channel in _telling(estimation, decay, left)
+        _trace(noise, record, decay, left, channel, begin)
+        for channel in _telling(noise, decay, left)
     )
     panel = DecayPanel(traces, np.nan if onset is None else onset, decay.start_s, record.end_s)
     return Picture(f"decay_{decay.label}", decay.label, "", panel)
 
 
-def _telling(estimation: Estimation, decay: FreeDecay, left: Residuals) -> tuple[Channel, ...]:
+def _telling(noise: Mapping[str, float], decay: FreeDecay, left: Residuals) -> tuple[Channel, ...]:
     """Choose the channel of the body and that of the wheels whose fit stands out most."""
-    noise = estimation.noise
     strength: dict[str, tuple[float, Channel]] = {}
     for recording in decay.recordings:
         for c, channel in enumerate(recording.clock.channels):
@@ -66,7 +70,7 @@ def _telling(estimation: Estimation, decay: FreeDecay, left: Residuals) -> tuple
 
 
 def _trace(
-    estimation: Estimation,
+    noise: Mapping[str, float],
     record: Record,
     decay: FreeDecay,
     left: Residuals,
@@ -83,7 +87,7 @@ def _trace(
         channel.unit.replace("2", "²"),
         envelope(before[shown], whole[shown], _BINS),
         envelope(after, measured - residual, _BINS),
-        envelope(after, residual / estimation.noise[channel.name], _BINS),
+        envelope(after, residual / noise[channel.name], _BINS),
     )
 
 

@@ -27,9 +27,8 @@ def envelope(
     if n <= 2 * bins:
         return np.stack([time_s, values])
     edges = np.linspace(0, n, bins + 1).astype(int)
-    keep = set()
-    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        part = values[first:last]
-        keep |= {first + int(np.argmin(part)), first + int(np.argmax(part))}
-    chosen = np.array(sorted(keep))
+    stretch = np.repeat(np.arange(bins), np.diff(edges))
+    lowest, highest = (f.reduceat(values, edges[:-1])[stretch] for f in (np.minimum, np.maximum))
+    kept = (np.flatnonzero(values == extreme) for extreme in (lowest, highest))
+    chosen = np.union1d(*(at[np.unique(stretch[at], return_index=True)[1]] for at in kept))
     return np.stack([time_s[chosen], values[chosen]])

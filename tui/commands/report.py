@@ -30,13 +30,18 @@ def report(
     ] = FigureFormat.SVG,
 ) -> int:
     """Write what a session says of its vehicle as one HTML page: open it, print it, send it."""
+    import gc
+    from concurrent.futures import ThreadPoolExecutor
+
     from ..output import progress
     from ..reporting import helpers, make_room
 
     out = session.with_suffix(".html") if out is None else out
-    with progress("report") as stage, helpers() as pool:
+    with progress("report") as stage, helpers() as pool, ThreadPoolExecutor(1) as reader:
         stage(0.02, "reading")
         import daq
+
+        reading = reader.submit(daq.read_foreign_session, session)  # while the libraries load
         import identify as method
         from identify.estimation import Estimation
         from identify.report.content import report_of
@@ -47,7 +52,8 @@ def report(
         from ..reporting import source_of, write_figures, write_file
         from ..result import identification_document
 
-        recorded = daq.read_foreign_session(session)
+        gc.freeze()  # what is loaded stays, and is searched for garbage no more
+        recorded = reading.result()
         for path in (out, *([] if pdf is None else [pdf])):
             make_room(path)
         begun = {}

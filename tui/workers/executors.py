@@ -6,8 +6,6 @@ does not grow with the number of items.
 
 from __future__ import annotations
 
-import os
-import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -15,12 +13,12 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from importlib.metadata import version
 from math import inf
-from multiprocessing import active_children, get_context, parent_process
-from multiprocessing.connection import wait as wait_for
-from threading import Thread
+from multiprocessing import active_children
 from time import monotonic
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar
+
+from .start import deaf_to_interrupts, end_with_parent, loaded_once
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -169,7 +167,7 @@ class Processes:
         self._pool.shutdown(cancel_futures=True)
 
     def _open(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self._workers, get_context("spawn"), _end_with_parent)
+        return ProcessPoolExecutor(self._workers, loaded_once(("identify",)), end_with_parent)
 
     def _renew(self) -> None:
         self._pool.shutdown(wait=False)  # what it has begun it finishes
@@ -178,12 +176,8 @@ class Processes:
 
     def _submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
         self._given += 1
-        # A worker may start here, and inherits which signals are blocked.
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with deaf_to_interrupts():  # a worker may start here
             return self._pool.submit(function, item)
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 class Cluster:
@@ -310,15 +304,3 @@ async def _greet(address: str) -> None:
     greet: Any = connect
     comm = await greet(address, timeout=_CONNECT_S)
     await comm.close()
-
-
-def _end_with_parent() -> None:
-    """Let a worker end when its parent was killed; it would wait for work for ever."""
-    parent = parent_process()
-    assert parent is not None  # a worker has one
-
-    def watch() -> None:
-        wait_for([parent.sentinel])
-        os._exit(1)
-
-    Thread(target=watch, daemon=True).start()
