@@ -1,11 +1,11 @@
-"""A report on disk: the hash of what it is of, and its files, complete or absent."""
+"""A report on disk: made by several processes, its files complete or absent."""
 
 from __future__ import annotations
 
 import gc
 import hashlib
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +18,7 @@ from .workers.start import deaf_to_interrupts, end_with_parent, loaded_once
 
 if TYPE_CHECKING:  # slow to load, and helpers shall start before that
     from identify.report.blocks import Picture, Report, Source
+    from identify.trust.finding import Quality
 
 _HELPERS = 2
 """One works while the parent does, both while it waits."""
@@ -37,6 +38,75 @@ def source_of(path: Path) -> Source:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     libraries = {name: version(name) for name in _LIBRARIES}
     return Source(path.name, digest, version("bumpbench"), libraries)
+
+
+def write_report(
+    session: Path,
+    html: Path,
+    pdf: Path | None,
+    stage: Callable[[float, str], None],
+    written: Callable[[Path], None],
+) -> tuple[Report, Quality]:
+    """Identify a session and write its report.
+
+    Parameters
+    ----------
+    session : Path
+        Session file.
+    html, pdf : Path
+        What to write; no PDF if None.
+    stage : callable
+        Told what share is done, 0..1, and what is happening.
+    written : callable
+        Told of each file.
+
+    Raises
+    ------
+    InputError
+        If the session cannot be read or a file cannot be written.
+    """
+    with helpers() as pool, ThreadPoolExecutor(1) as reader:
+        stage(0.02, "reading")
+        import daq
+
+        reading = reader.submit(daq.read_foreign_session, session)  # while the libraries load
+        import identify as method
+        from identify.estimation import Estimation
+        from identify.report.content import report_of
+        from identify.report.decays import decay_section
+        from identify.report.html import drawings, html_of
+
+        from .result import identification_document
+
+        gc.freeze()  # what is loaded stays, and is searched for garbage no more
+        recorded = reading.result()
+        for path in (html, *([] if pdf is None else [pdf])):
+            make_room(path)
+        begun = {}
+
+        def fitted(estimation: Estimation) -> None:
+            begun.update(drawings(decay_section(estimation).pictures, pool))
+
+        result = method.identify(recorded, lambda done, text: stage(0.6 * done, text), pool, fitted)
+        stage(0.6, "gathering")
+        page = report_of(recorded, result, source_of(session))
+        stage(0.7, "drawing")
+        # The PDF takes longest: it is begun first.
+        sheets = None if pdf is None else pool.submit(_pdf_of, page)
+        begun |= drawings((p for p in page.pictures if p.key not in begun), pool)
+        write_file(html, html_of(page, identification_document(result), begun).encode())
+        written(html)
+        if pdf is not None and sheets is not None:
+            stage(0.85, "PDF")
+            write_file(pdf, sheets.result())
+            written(pdf)
+    return page, result.quality
+
+
+def _pdf_of(page: Report) -> bytes:
+    from identify.report.pdf import pdf_of  # matplotlib, which the helpers have loaded
+
+    return pdf_of(page)
 
 
 def make_room(path: Path) -> None:

@@ -1,7 +1,7 @@
 """What more workers gain a batch, what the executor costs, and what a cluster does.
 
-Walls of a shared machine say little: beside them stands the share of the CPU that was to be had,
-and the processor time that the work took.  `python -m tests.benchmarks.batch 24`.
+Walls of a shared machine say little: beside them stands what all processors of the machine did
+meanwhile, for whomever.  `python -m tests.benchmarks.batch 24`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import sys
 import time
 from pathlib import Path
@@ -53,18 +52,15 @@ def _batch(folder: Path, name: str, *options: str) -> float:
     out = folder / f"{name}.csv"
     said = io.StringIO()
     busy_s, idle_s = _machine()
-    before = os.times()
     with contextlib.redirect_stdout(said):
         assert run(["batch", str(folder / "s"), "--out", str(out), "--json", *options]) == 0
-    after = os.times()
     busy, idle = (b - a for a, b in zip((busy_s, idle_s), _machine(), strict=True))
-    ours = sum(after[:4]) - sum(before[:4])
     rows = [json.loads(line) for line in Path(f"{out}.jsonl").read_text().splitlines()]
     work = sum(row["seconds"] for row in rows)
     wall = float(json.loads(said.getvalue())["seconds"])
     print(
-        f"  {name}: {wall:.1f} s wall, {ours:.1f} s CPU of this process and its children, "
-        f"{work:.1f} s inside sessions; machine {busy / (busy + idle) * 100:.0f} % busy"
+        f"  {name}: {wall:.1f} s wall, {work:.1f} s inside sessions; the whole machine: "
+        f"{busy:.1f} s of processor time, {busy / (busy + idle) * 100:.0f} % busy"
     )
     return wall
 

@@ -105,32 +105,19 @@ def _identify(task: IdentifyTask, tell: Tell) -> dict[str, Any]:
 
 
 def _report(task: ReportTask, tell: Tell) -> dict[str, Any]:
-    from daq import read_foreign_session
-    from identify import identify
-    from identify.report.content import report_of
-    from identify.report.html import html_of
+    from ..reporting import write_report
 
-    from ..reporting import make_room, source_of, write_file
-    from ..result import identification_document
+    sizes: dict[str, int] = {}
 
-    tell(Progress(_READ, "reading"))
-    path = Path(task.session)
-    session = read_foreign_session(path)
-    places = [Path(place) for place in (task.html, task.pdf) if place]
-    for place in places:
-        make_room(place)
-    result = identify(session, lambda share, text: tell(Progress(0.6 * share, text)))
-    tell(Progress(0.6, "gathering"))
-    page = report_of(session, result, source_of(path))
-    tell(Progress(0.7, "drawing"))
-    write_file(places[0], html_of(page, identification_document(result)).encode())
-    if task.pdf:
-        from identify.report.pdf import pdf_of
+    def written(place: Path) -> None:
+        sizes[str(place)] = place.stat().st_size
 
-        tell(Progress(0.85, "PDF"))
-        write_file(places[1], pdf_of(page))
-    sizes = {str(place): place.stat().st_size for place in places}
-    return {"files": sizes, "verdict": str(result.quality.verdict)}
+    def stage(share: float, text: str) -> None:
+        tell(Progress(share, text))
+
+    pdf = Path(task.pdf) if task.pdf else None
+    _, quality = write_report(Path(task.session), Path(task.html), pdf, stage, written)
+    return {"files": sizes, "verdict": str(quality.verdict)}
 
 
 def _compare(task: CompareTask, tell: Tell) -> dict[str, Any]:

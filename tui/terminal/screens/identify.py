@@ -7,9 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.widgets import Static
 
 from daq.control.messages import SessionState, Status
 from daq.control.orders import Build
@@ -21,44 +19,27 @@ from ...workers.outcome import Outcome, parse_outcome
 from ...workers.worker import lines_of
 from ..long_work import LongWork, Stage, after, work_text
 from ..steps import BenchStep
-from .base import BenchScreen
+from .work import WorkScreen
 
 _BUILD_ADVICE = "SPACE = try again; the journal is untouched"
 _KEPT = 8
 """Outcomes kept: the operator goes back and forth between sessions."""
 
 
-class IdentifyScreen(BenchScreen):
+class IdentifyScreen(WorkScreen):
     """Builds the session file, identifies it in a worker, and shows the results."""
 
     HELP_PAGE: ClassVar[str] = "identify"
-    DEFAULT_CSS = """
-    IdentifyScreen #work { height: 1fr; }
-    """
+    TITLE_OF_BOX: ClassVar[str] = "Identify"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "cancel", "Back", key_display="Esc"),
     ]
 
     def __init__(self) -> None:
         super().__init__()
-        self.work = LongWork()
         self.outcome: Outcome | None = None
         self._kept: dict[tuple[str, int, tuple[str, ...]], Outcome] = {}
         self._asked_ns = 0
-
-    def compose_body(self) -> ComposeResult:
-        """Lay out what is done and how far it is."""
-        box = Static(id="work", classes="box", markup=False)
-        box.border_title = "Identify"
-        yield box
-
-    def on_mount(self) -> None:
-        """Show where it stands."""
-        self._draw()
-
-    def on_resize(self) -> None:
-        """Fit the bar."""
-        self._draw()
 
     @property
     def here(self) -> BenchStep | None:
@@ -103,14 +84,14 @@ class IdentifyScreen(BenchScreen):
             elif session.state is SessionState.FAILED:
                 trouble = Trouble(status.folder, session.text or "no session file", _BUILD_ADVICE)
                 self.work = replace(self.work, stage=Stage.FAILED, trouble=trouble)
-        self._draw()
+        self.draw()
 
     def begin(self, path: str, without: tuple[str, ...] = ()) -> None:
         """Identify a session file in a worker; what is known already is shown at once."""
         self.workers.cancel_node(self)
         told = (Stage.BUILDING.value,) if self.work.stage is Stage.BUILDING else ()
         self.work = LongWork(Stage.WORKING, path, 0.0, told)
-        self._draw()
+        self.draw()
         self.run_worker(self._identify(path, without), exclusive=True)
 
     async def _identify(self, path: str, without: tuple[str, ...]) -> None:
@@ -121,14 +102,14 @@ class IdentifyScreen(BenchScreen):
                     self.work = after(self.work, line)
                     if isinstance(line, Done):
                         self._kept[key] = parse_outcome(line.body)
-                    self._draw()
+                    self.draw()
             if key not in self._kept:
                 return
             while len(self._kept) > _KEPT:
                 self._kept.pop(next(iter(self._kept)))
         self.outcome = self._kept[key]
         self.work = replace(self.work, stage=Stage.DONE, share=1.0)
-        self._draw()
+        self.draw()
         if self.app.screen is self:
             await self.show_results()
         else:
@@ -143,22 +124,8 @@ class IdentifyScreen(BenchScreen):
             results.show_outcome(self.outcome)
             await self.bench_app.open("results")
 
-    async def action_cancel(self) -> None:
-        """End the worker, or go back to what is next."""
-        if self.work.stage in (Stage.BUILDING, Stage.WORKING):
-            self.workers.cancel_node(self)
-            self.work = LongWork()
-            self._draw()
-        else:
-            await self.bench_app.action_home()
-
-    def _draw(self) -> None:
-        if not self.query("#work"):
-            return
-        box = self.query_one("#work", Static)
-        box.update("\n".join(self._lines(box.size.width)))
-
-    def _lines(self, width: int) -> list[str]:
+    def lines(self, width: int) -> list[str]:
+        """Return what the box holds."""
         glyphs, work = self.bench_app.glyphs, self.work
         lines = [*self._about(), ""]
         match work.stage:
@@ -166,10 +133,8 @@ class IdentifyScreen(BenchScreen):
                 lines.append(f"{glyphs.now} SPACE = build the session file and identify it")
             case Stage.DONE:
                 lines += [*work_text(work, glyphs, width), "", f"{glyphs.now} SPACE = results"]
-            case Stage.FAILED:
-                lines += [*work_text(work, glyphs, width), "", f"{glyphs.now} SPACE = try again"]
             case _:
-                lines += [*work_text(work, glyphs, width), "", "Esc cancels; nothing is lost"]
+                lines += self.under_way(width)
         return lines
 
     def _about(self) -> list[str]:

@@ -6,9 +6,7 @@ from contextlib import aclosing
 from pathlib import Path
 from typing import ClassVar
 
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.widgets import Static
 
 from daq.control.messages import SessionState, Status
 from daq.control.orders import Mark, Start
@@ -16,19 +14,17 @@ from daq.errors import printable
 
 from ...workers.lines import ReportTask
 from ...workers.worker import lines_of
-from ..long_work import LongWork, Stage, after, work_text
+from ..long_work import LongWork, Stage, after
 from ..sessions import report_of, size_text
 from ..steps import BenchStep
-from .base import BenchScreen
+from .work import WorkScreen
 
 
-class ReportScreen(BenchScreen):
+class ReportScreen(WorkScreen):
     """Writes the report of a session in a worker."""
 
     HELP_PAGE: ClassVar[str] = "report"
-    DEFAULT_CSS = """
-    ReportScreen #work { height: 1fr; }
-    """
+    TITLE_OF_BOX: ClassVar[str] = "Report"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("r", "again", "Write again", key_display="R"),
         Binding("w", "new_vehicle", "Next vehicle", key_display="W"),
@@ -37,22 +33,7 @@ class ReportScreen(BenchScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self.work = LongWork()
         self._session = ""
-
-    def compose_body(self) -> ComposeResult:
-        """Lay out what is written and how far it is."""
-        box = Static(id="work", classes="box", markup=False)
-        box.border_title = "Report"
-        yield box
-
-    def on_mount(self) -> None:
-        """Show where it stands."""
-        self._draw()
-
-    def on_resize(self) -> None:
-        """Fit the bar."""
-        self._draw()
 
     @property
     def here(self) -> BenchStep | None:
@@ -76,13 +57,13 @@ class ReportScreen(BenchScreen):
         if path != self._session:
             self.workers.cancel_node(self)
             self._session, self.work = path, LongWork()
-        self._draw()
+        self.draw()
 
     def show_status(self, status: Status) -> None:
         """Take the recording's own session where none was chosen: this terminal has just come."""
         if not self._session and status.session.state is SessionState.READY:
             self._session = status.session.path
-        self._draw()
+        self.draw()
 
     async def action_next(self) -> None:
         """Write the report; identify first where there is no session file."""
@@ -102,19 +83,10 @@ class ReportScreen(BenchScreen):
             self._session, self.work = "", LongWork()
             await self.bench_app.go_to(BenchStep.VEHICLE)
 
-    async def action_cancel(self) -> None:
-        """End the worker, or go back to what is next."""
-        if self.work.stage is Stage.WORKING:
-            self.workers.cancel_node(self)
-            self.work = LongWork()
-            self._draw()
-        else:
-            await self.bench_app.action_home()
-
     def begin(self) -> None:
         """Write the report in a worker."""
         self.work = LongWork(Stage.WORKING, self._session)
-        self._draw()
+        self.draw()
         self.run_worker(self._write(self._session), exclusive=True)
 
     async def _write(self, path: str) -> None:
@@ -123,36 +95,28 @@ class ReportScreen(BenchScreen):
         async with aclosing(lines_of(task, Path(path).name)) as lines:
             async for line in lines:
                 self.work = after(self.work, line)
-                self._draw()
+                self.draw()
         status = self.bench_app.status
         mark = BenchStep.REPORT.mark
         if self.work.stage is Stage.DONE and status is not None and status.session.path == path:
             if mark not in {note.text for note in status.notes}:
                 await self.bench_app.ask(Mark(mark))
-            self._draw()
+            self.draw()
 
-    def _draw(self) -> None:
-        if not self.query("#work"):
-            return
-        box = self.query_one("#work", Static)
-        box.update("\n".join(self._lines(box.size.width)))
-
-    def _lines(self, width: int) -> list[str]:
-        glyphs, work = self.bench_app.glyphs, self.work
+    def lines(self, width: int) -> list[str]:
+        """Return what the box holds."""
+        glyphs = self.bench_app.glyphs
         if not self._session:
             return [f"{glyphs.now} no session file yet: SPACE = step 6 Identify"]
         lines = [f"Session {printable(Path(self._session).name)}", ""]
-        match work.stage:
+        match self.work.stage:
             case Stage.IDLE:
                 page = printable(str(report_of(Path(self._session))))
                 return [*lines, f"{glyphs.now} SPACE = write the report", f"  {page}"]
             case Stage.DONE:
                 return [*lines, *self._done()]
-            case Stage.FAILED:
-                lines += [*work_text(work, glyphs, width), "", f"{glyphs.now} SPACE = try again"]
             case _:
-                lines += [*work_text(work, glyphs, width), "", "Esc cancels; nothing is lost"]
-        return lines
+                return [*lines, *self.under_way(width)]
 
     def _done(self) -> list[str]:
         """Say what was made and what is next."""

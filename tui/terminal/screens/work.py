@@ -1,0 +1,65 @@
+"""A screen that shows long work: one box, drawn anew with every line of the worker."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.widgets import Static
+
+from ..long_work import LongWork, Stage, work_text
+from .base import BenchScreen
+
+
+class WorkScreen(BenchScreen):
+    """Work that a worker does, how far it is, and what SPACE does before and after."""
+
+    DEFAULT_CSS = """
+    WorkScreen #work { height: 1fr; }
+    """
+    TITLE_OF_BOX: ClassVar[str]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.work = LongWork()
+
+    def compose_body(self) -> ComposeResult:
+        """Lay out the box."""
+        box = Static(id="work", classes="box", markup=False)
+        box.border_title = self.TITLE_OF_BOX
+        yield box
+
+    def on_mount(self) -> None:
+        """Show where it stands."""
+        self.draw()
+
+    def on_resize(self) -> None:
+        """Fit the bar."""
+        self.draw()
+
+    async def action_cancel(self) -> None:
+        """End the worker, or go back to what is next."""
+        if self.work.stage in (Stage.BUILDING, Stage.WORKING):
+            self.workers.cancel_node(self)
+            self.work = LongWork()
+            self.draw()
+        else:
+            await self.bench_app.action_home()
+
+    def draw(self) -> None:
+        """Draw the box."""
+        if self.query("#work"):
+            box = self.query_one("#work", Static)
+            box.update("\n".join(self.lines(box.size.width)))
+
+    @abstractmethod
+    def lines(self, width: int) -> list[str]:
+        """Return what the box holds."""
+
+    def under_way(self, width: int) -> list[str]:
+        """Return bar and stages, and how to end it; or what went wrong, and how to try again."""
+        glyphs = self.bench_app.glyphs
+        failed = self.work.stage is Stage.FAILED
+        end = f"{glyphs.now} SPACE = try again" if failed else "Esc cancels; nothing is lost"
+        return [*work_text(self.work, glyphs, width), "", end]
