@@ -72,10 +72,8 @@ def replay(folder: Path, session: Path, speed: float) -> None:
 def unattended(folder: Path, speed: float, repeats: int) -> None:
     """Let `tui --demo --auto` alone, as it is started from a shell, until the report is there."""
     with demo_bench(folder, speed, repeats) as bench:
-        terminal = PtyTerminal(
-            str(bench.bench), "--demo", "--auto", "--speed", f"{speed:g}", "--operator", "MK",
-            "--out", str(bench.folder),
-        )  # fmt: skip
+        alone = ("--demo", "--auto", "--speed", f"{speed:g}", "--out", str(bench.folder))
+        terminal = PtyTerminal(str(bench.bench), *alone)
         try:
             terminal.until(b"WRITTEN")
         finally:

@@ -67,7 +67,7 @@ def tui(
     _check_terminal()
     folder = out or Path("bumpbench-demo" if demo else "bumpbench-replay" if replay else ".")
     start = _starter(folder, bench, (interface, channel), demo, fault, speed, replay)
-    name = operator or known_operator(folder)
+    name = operator or known_operator(folder, demo)
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
     attach(folder, start)
     chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
@@ -76,12 +76,13 @@ def tui(
     return app.return_code or ExitCode.OK
 
 
-def known_operator(folder: Path) -> str:
-    """Return who filled the form of the vehicle in this folder; empty if nobody did."""
+def known_operator(folder: Path, demo: bool) -> str:
+    """Return who filled the form of the vehicle in this folder; "demo" of a demo, or empty."""
     from ..terminal.drafts import VEHICLE_FORM, read_draft
 
     told = read_draft(folder / VEHICLE_FORM).get("operator")
-    return told.strip() if isinstance(told, str) else ""
+    name = told.strip() if isinstance(told, str) else ""
+    return name or ("demo" if demo else "")  # a demo need not wait for a name
 
 
 def _check_terminal() -> None:

@@ -31,11 +31,13 @@ def test_without_a_terminal_nothing_is_started(
 
 
 def test_the_name_is_known_from_the_form_that_was_applied(tmp_path: Path) -> None:
-    assert known_operator(tmp_path) == ""
+    assert known_operator(tmp_path, demo=False) == ""
+    assert known_operator(tmp_path, demo=True) == "demo"
     (tmp_path / "vehicle.json").write_text(json.dumps({"operator": " Anna "}))
-    assert known_operator(tmp_path) == "Anna"
+    assert known_operator(tmp_path, demo=False) == "Anna"
+    assert known_operator(tmp_path, demo=True) == "Anna"
     (tmp_path / "vehicle.json").write_text(json.dumps({"operator": 3}))
-    assert known_operator(tmp_path) == ""
+    assert known_operator(tmp_path, demo=False) == ""
 
 
 def test_the_name_is_asked_for_once_if_nobody_has_said_it(
