@@ -27,7 +27,7 @@ RESERVED = {
     "textual": tuple(
         f"tui/terminal/{room}" for room in ("app", "palette", "themes", "screens/", "widgets/")
     ),
-    "textual_serve": ("tui/commands/tui.py",),
+    "textual_serve": ("tui/browser/",),
     "asammdf": ("daq/formats/",),
     "pandas": ("daq/formats/", "daq/runs.py", "tui/commands/batch/"),  # runs.py: the type only
     "matplotlib": ("identify/figures/", "identify/report/", "identify/plots.py"),

@@ -87,10 +87,13 @@ def known_operator(folder: Path, demo: bool) -> str:
 
 def _check_terminal() -> None:
     """Say at once that there is nothing to draw on, before a recorder is started."""
+    import os
     import sys
 
     from daq.errors import InputError
 
+    if "TEXTUAL_DRIVER" in os.environ:  # a server says how to draw: a browser is the terminal
+        return
     for name in ("stdin", "stdout", "stderr"):
         if not getattr(sys, name).isatty():
             advice = "start it in one; `bumpbench record` and `status` need none"
@@ -148,17 +151,12 @@ def _check_is_there(path: Path) -> None:
 
 
 def _serve(arguments: list[str]) -> int:
-    """Serve the same command to browsers of this machine: each tab is a terminal of its own."""
-    import shlex
-    import sys
-
+    """Serve the same command, without --web, to browsers."""
     from daq.errors import InputError
 
     try:
-        from textual_serve.server import Server
+        from ..browser.server import serve
     except ImportError as error:
         raise InputError("--web", "textual-serve is not there", "install bumpbench[web]") from error
-    rest = [argument for argument in arguments if argument != "--web"]
-    command = shlex.join([sys.executable, "-m", "tui", *rest])
-    Server(command, host="127.0.0.1", title="Bumpbench").serve()
+    serve([argument for argument in arguments if argument != "--web"])
     return ExitCode.OK
