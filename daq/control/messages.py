@@ -188,11 +188,25 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class SessionStatus:
-    """The session file of the recording (or, after `Stop`, of the one before)."""
+    """The session file of the recording (or, after `Stop`, of the one before).
+
+    Parameters
+    ----------
+    state : SessionState
+        Whether it is there.
+    path, text : str
+        Where; what went wrong, or what the journal has lost.
+    recording : str
+        Identity of its recording.
+    revision : int
+        Of the book (`daq.recorder.book.Book`) that it was built from.
+    """
 
     state: SessionState = SessionState.NONE
     path: str = ""
     text: str = ""
+    recording: str = ""
+    revision: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +237,7 @@ class Status:
         None when the campaign is complete.
     tallies : tuple of Tally
         In the order of the campaign.
-    runs, notes, overrides
+    runs, notes, overrides, revision
         The book of the recording (`daq.recorder.book`).
     undo, redo : str
         What would be undone or redone, in words; empty if nothing.
@@ -268,6 +282,13 @@ class Status:
     viewers: int = 0
     software: str = ""
     protocol: int = PROTOCOL
+    revision: int = 0
+
+    @property
+    def outdated(self) -> bool:
+        """Whether runs, weights or vehicle have changed since the session file was built."""
+        own = self.session.path and self.session.recording == self.recording
+        return bool(own) and self.session.revision != self.revision
 
 
 # Live data and answers --------------------------------------------------------------------------

@@ -69,12 +69,14 @@ def derive(segments: Sequence[Path], target: Path) -> Derived:
     """
     recording = recording_of(segments)
     head, events = recording.head, recording.events
-    text = fold(events).bench_text or head.bench_text
+    book = fold(events)
+    text = book.bench_text or head.bench_text
     bench = parse_bench(text, "bench.toml in the journal", Path(), head.dbc_text)
     contents = read_journal(segments, spans(events, bench.trigger))
     session = session_from_journal(contents)
     write_session(target, session)
-    remember(segments[0].parent, head.identity, recording.next_number, target)
+    journal, stop = segments[0].parent, recording.next_number
+    remember(journal, head.identity, stop, target, book.revision)
     return Derived(contents.lost.text if contents.lost.any else "", len(session.runs))
 
 

@@ -11,14 +11,15 @@ from pathlib import Path
 from .scan import SegmentInfo
 
 
-def remember(folder: Path, recording: str, stop: int, session: Path) -> None:
+def remember(folder: Path, recording: str, stop: int, session: Path, revision: int = 0) -> None:
     """Note that a session file has all blocks of a recording up to `stop`.
 
-    A folder that cannot be written is left alone: its segments are not deleted then, that is all.
+    `revision` is that of its book.  A folder that cannot be written is left alone: its segments are
+    not deleted then, that is all.
     """
-    text = json.dumps(
-        {"stop": stop, "session": str(session.resolve()), "bytes": session.stat().st_size}
-    )
+    size = session.stat().st_size
+    told = {"stop": stop, "session": str(session.resolve()), "bytes": size, "revision": revision}
+    text = json.dumps(told)
     path = _memory(folder, recording)
     beside = path.with_suffix(".tmp")
     with suppress(OSError):
@@ -44,6 +45,16 @@ def is_outdated(folder: Path, recording: str, stop: int) -> bool:
         return bool(told["stop"] < stop)
     except (OSError, ValueError, KeyError, TypeError):
         return False
+
+
+def derived_revision(folder: Path, recording: str) -> int | None:
+    """Return the revision of the book that a session file was built from; None if there is none."""
+    try:
+        told = json.loads(_memory(folder, recording).read_text("utf-8"))
+        whole = Path(told["session"]).stat().st_size == told["bytes"]
+        return int(told["revision"]) if whole else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def _memory(folder: Path, recording: str) -> Path:

@@ -120,12 +120,13 @@ class BookRun:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """A note or a mark; `label` names the run it is about, if any."""
+    """A note or a mark; `label` names the run it is about, if any; `revision` is the book's."""
 
     t_ns: int
     text: str
     label: str = ""
     by: str = ""
+    revision: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +161,8 @@ class Book:
         Mass state and excitation that a person wants next.
     bench_text : str
         The last bench.toml told by an event; empty if none.
+    revision : int
+        Changes so far of what a session file is made of; notes and marks are none.
     """
 
     runs: tuple[BookRun, ...] = ()
@@ -169,6 +172,7 @@ class Book:
     notes: tuple[Remark, ...] = ()
     overrides: tuple[Override, ...] = ()
     bench_text: str = ""
+    revision: int = 0
 
     def run(self, label: str) -> BookRun | None:
         """Return the run of that label."""
@@ -237,13 +241,22 @@ def advance(book: Book, event: Event) -> Book:
 
     So does one that cannot be read: a journal of another version must not stop a recovery.
     """
+    after = _advanced(book, event)
+    content = (book.runs, book.bench_text, book.overrides)
+    if content == (after.runs, after.bench_text, after.overrides):
+        return after
+    return replace(after, revision=book.revision + 1)
+
+
+def _advanced(book: Book, event: Event) -> Book:
     match event.code:
         case Code.BUMP:
             return _bumped(book, event)
         case Code.BENCH:
             return replace(book, bench_text=event.text)
         case Code.MARK:
-            return replace(book, notes=(*book.notes, Remark(event.t_ns, event.text)))
+            mark = Remark(event.t_ns, event.text, revision=book.revision)
+            return replace(book, notes=(*book.notes, mark))
         case Code.UNDO:
             return _stepped_back(book)
         case Code.REDO:
@@ -263,7 +276,8 @@ def _entered(book: Book, code: Code, t_ns: int, body: Mapping[str, Any]) -> Book
     if code is Code.CHOOSE:
         return replace(book, chosen=(body["mass_state"], Excitation(body["excitation"])))
     if code is Code.NOTE:
-        note = Remark(t_ns, body["text"], body.get("label", ""), body.get("by", ""))
+        about, by = body.get("label", ""), body.get("by", "")
+        note = Remark(t_ns, body["text"], about, by, book.revision)
         return replace(book, notes=(*book.notes, note))
     if code is Code.OVERRIDE:
         override = Override(t_ns, body["subject"], body["reason"], body["by"])

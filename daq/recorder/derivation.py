@@ -27,6 +27,11 @@ _ENDING_S = 1.0
 class _Job:
     target: Path
     segments: tuple[Path, ...]
+    recording: str
+    revision: int
+
+    def status(self, state: SessionState, text: str = "") -> SessionStatus:
+        return SessionStatus(state, str(self.target), text, self.recording, self.revision)
 
 
 class Derivation:
@@ -39,12 +44,29 @@ class Derivation:
         self._deadline_s, self._hung = 0.0, ""
         self.status = SessionStatus()
 
-    def begin(self, target: Path, segments: Sequence[Path]) -> None:
-        """Have the session file of these segments built; never raises."""
+    def begin(self, target: Path, segments: Sequence[Path], recording: str, revision: int) -> None:
+        """Have the session file of these segments built; never raises.
+
+        Parameters
+        ----------
+        target : Path
+            The session file.
+        segments : sequence of Path
+            Of the recording.
+        recording : str
+            Its identity.
+        revision : int
+            Of its book as it stands.
+        """
         waiting = [job for job in self._jobs if job.target != target]  # the newer one has it all
-        self._jobs = deque([*waiting, _Job(target, tuple(segments))])
-        self.status = SessionStatus(SessionState.BUILDING, str(target))
+        job = _Job(target, tuple(segments), recording, revision)
+        self._jobs = deque([*waiting, job])
+        self.status = job.status(SessionState.BUILDING)
         self.poll()
+
+    def recall(self, target: Path, recording: str, revision: int) -> None:
+        """Know of the session file that an earlier recorder had built."""
+        self.status = _Job(target, (), recording, revision).status(SessionState.READY)
 
     def poll(self) -> None:
         """See how far it is; to be called now and then."""
@@ -114,7 +136,7 @@ class Derivation:
     def _tell(self, state: SessionState, text: str) -> None:
         assert self._job is not None  # it was begun
         if not self._jobs:
-            self.status = SessionStatus(state, str(self._job.target), text)
+            self.status = self._job.status(state, text)
 
 
 def _size(paths: Sequence[Path]) -> int:

@@ -36,9 +36,11 @@ from ..control.orders import (
     Stop,
 )
 from ..journal.contents import JournalTail
+from ..journal.derived import derived_revision
 from ..journal.keeper import Keeper
 from ..journal.segment import SyncedFile
 from .beats import Beats
+from .book import fold
 from .checking import Checks
 from .derivation import Derivation
 from .frame_store import Nowhere
@@ -294,11 +296,17 @@ class Engine:
         if found is not None:
             tail, bench = found
             HOST_AXIS.begin(tail.t_ns)
-            self._use(self._opened(bench, now, tail))
+            recording = self._opened(bench, now, tail)
+            self._use(recording)
+            revision = derived_revision(self._journal, recording.identity)
+            if revision is not None:
+                self._derivation.recall(recording.session, recording.identity, revision)
             recall(tail, bench, self._recorder.measures.update)
             return
         if (left := unfinished(self._journal)) is not None:
-            self._derivation.begin(left[0], left[1].segments)
+            session, last = left
+            revision = fold(last.events).revision
+            self._derivation.begin(session, last.segments, last.head.identity, revision)
         self._begin(self._bench, now)
 
     def _begin(self, bench: Bench, now: Now) -> None:
@@ -327,7 +335,8 @@ class Engine:
         self._derive(recording)
 
     def _derive(self, recording: Recording) -> None:
-        self._derivation.begin(recording.session, recording.segments)
+        revision = recording.recorder.revision
+        self._derivation.begin(recording.session, recording.segments, recording.identity, revision)
 
     def _reload(self, bench: Bench, now: Now) -> None:
         prepared(bench, bench_codec(bench))

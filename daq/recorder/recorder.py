@@ -122,6 +122,11 @@ class Recorder:
         return self._loop.phase is Phase.COMPLETE
 
     @property
+    def revision(self) -> int:
+        """Of the book: changes so far of what a session file is made of."""
+        return self._book.revision
+
+    @property
     def losses(self) -> Losses:
         """What was lost so far, at all hops."""
         hops = Losses(
@@ -281,6 +286,7 @@ class Recorder:
             queue=host.queue,
             session=host.session,
             software=host.software,
+            revision=book.revision,
         )
 
     def recent(self, seconds: float) -> FrameBatch:

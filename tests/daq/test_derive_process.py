@@ -49,12 +49,12 @@ def test_a_process_that_hangs_is_ended_and_the_next_one_has_its_turn(
         patch.setattr("sys.executable", str(hanging))
         patch.setattr(derivation, "PATIENCE_S", 0.0)
         patch.setattr(derivation, "SLOWEST_BYTES_PER_S", float("inf"))
-        under_way.begin(first, segments_in(tmp_path))
-    assert under_way.status == SessionStatus(SessionState.BUILDING, str(first))
+        under_way.begin(first, segments_in(tmp_path), "one", 7)
+    assert under_way.status == SessionStatus(SessionState.BUILDING, str(first), "", "one", 7)
     under_way.poll()
     text = "it took too long and was ended: is the disk well?"
-    assert under_way.status == SessionStatus(SessionState.FAILED, str(first), text)
-    under_way.begin(second, segments_in(tmp_path))
+    assert under_way.status == SessionStatus(SessionState.FAILED, str(first), text, "one", 7)
+    under_way.begin(second, segments_in(tmp_path), "one", 7)
     seen = [under_way.status]
     pause = threading.Event()
     while under_way.status.state is SessionState.BUILDING:
@@ -73,7 +73,7 @@ def test_a_process_is_given_the_longer_the_larger_the_journal_is(
     monkeypatch.setattr(derivation, "PATIENCE_S", 0.0)
     monkeypatch.setattr(derivation, "SLOWEST_BYTES_PER_S", 1.0)  # some hours for this one
     under_way = Derivation()
-    under_way.begin(tmp_path / "first.h5", segments_in(tmp_path))
+    under_way.begin(tmp_path / "first.h5", segments_in(tmp_path), "one", 7)
     under_way.poll()
     state = under_way.status.state
     under_way.close()

@@ -118,9 +118,11 @@ def test_a_session_built_in_mid_recording_reads_no_file_that_is_written(
     given: list[tuple[Path, ...]] = []
     begin = Derivation.begin
 
-    def noted(self: Derivation, target: Path, segments: tuple[Path, ...]) -> None:
+    def noted(
+        self: Derivation, target: Path, segments: tuple[Path, ...], recording: str, revision: int
+    ) -> None:
         given.append(tuple(segments))
-        begin(self, target, segments)
+        begin(self, target, segments, recording, revision)
 
     monkeypatch.setattr(Derivation, "begin", noted)
     script = Script(blocks(bumps(codec, 2), 10), None, 0.002)

@@ -75,12 +75,12 @@ def progress(status: Status | None) -> Progress:
     """Return how far the recording is, by its book alone: a new terminal is where the old one was.
 
     A person's word (a mark) ends the steps without bumps; accepted runs end the others.  A bump of
-    a later step implies those before it.
+    a later step implies those before it.  What is identified and reported has to be again when
+    runs, weights or vehicle have changed since.
     """
     if status is None:
         return Progress(frozenset(), BenchStep.VEHICLE)
-    marks = {note.text for note in status.notes if not note.by}
-    done = {step for step in BenchStep if step.mark in marks}
+    done = {step for step in BenchStep if is_marked(status, step)}
     for step, state in ((BenchStep.BASELINE, BASELINE), (BenchStep.ADDED, ADDED)):
         if any(run.mass_state == state for run in status.runs):
             done |= {before for before in BenchStep if before < step and before.mark}
@@ -91,3 +91,11 @@ def progress(status: Status | None) -> Progress:
             done.discard(step)
     due = next((step for step in BenchStep if step not in done), BenchStep.REPORT)
     return Progress(frozenset(done), due)
+
+
+def is_marked(status: Status, step: BenchStep) -> bool:
+    """Whether a person has said that a step is done, and it still is."""
+    marks = {note.text: note.revision for note in status.notes if not note.by}
+    if step < BenchStep.IDENTIFY:
+        return step.mark in marks
+    return marks.get(step.mark) == status.revision

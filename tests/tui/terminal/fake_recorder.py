@@ -298,6 +298,7 @@ class FakeRecorder:
             queue=QueueStatus(0, 2, 64),
             session=SessionStatus(),
             controller="MK",
+            revision=book.revision,
         )
         return replace(told, **self.changes)  # type: ignore[arg-type]
 

@@ -19,7 +19,7 @@ from ...workers.outcome import Outcome, parse_outcome
 from ...workers.worker import lines_of
 from ..long_work import LongWork, Stage, after, work_text
 from ..steps import BenchStep
-from .work import WorkScreen
+from .work import OUTDATED, WorkScreen
 
 _BUILD_ADVICE = "SPACE = try again; the journal is untouched"
 _KEPT = 8
@@ -59,7 +59,7 @@ class IdentifyScreen(WorkScreen):
 
     async def action_next(self) -> None:
         """Build and identify; show the results if they are there."""
-        if self.work.stage in (Stage.IDLE, Stage.FAILED):
+        if self.work.stage in (Stage.IDLE, Stage.FAILED) or self._outdated:
             await self.build()
         elif self.work.stage is Stage.DONE:
             await self.show_results()
@@ -131,6 +131,9 @@ class IdentifyScreen(WorkScreen):
         match work.stage:
             case Stage.IDLE:
                 lines.append(f"{glyphs.now} SPACE = build the session file and identify it")
+            case Stage.DONE if self._outdated:
+                lines += [f"{glyphs.warn} {OUTDATED}", ""]
+                lines.append(f"{glyphs.now} SPACE = build the session file anew and identify it")
             case Stage.DONE:
                 lines += [*work_text(work, glyphs, width), "", f"{glyphs.now} SPACE = results"]
             case _:
@@ -156,6 +159,13 @@ class IdentifyScreen(WorkScreen):
         if status.session.path:
             lines.append(f"  session file: {printable(status.session.path)}")
         return lines
+
+    @property
+    def _outdated(self) -> bool:
+        """Whether what is identified is of this recording, and this has changed since."""
+        status, work = self.bench_app.status, self.work
+        mine = work.stage is Stage.DONE and self._is_current(work.session)
+        return mine and status is not None and status.outdated
 
     def _is_current(self, path: str) -> bool:
         status = self.bench_app.status

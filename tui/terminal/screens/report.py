@@ -16,8 +16,8 @@ from ...workers.lines import ReportTask
 from ...workers.worker import lines_of
 from ..long_work import LongWork, Stage, after
 from ..sessions import report_of, size_text
-from ..steps import BenchStep
-from .work import WorkScreen
+from ..steps import BenchStep, is_marked
+from .work import OUTDATED, WorkScreen
 
 
 class ReportScreen(WorkScreen):
@@ -43,9 +43,22 @@ class ReportScreen(WorkScreen):
         return BenchStep.REPORT if own else None
 
     @property
+    def _outdated(self) -> bool:
+        """Whether the recording has changed since this session file of it was built."""
+        status = self.bench_app.status
+        return status is not None and status.session.path == self._session and status.outdated
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer to write again only what was begun once."""
+        if action == "again":
+            return bool(self._session) and self.work.stage in (Stage.DONE, Stage.FAILED)
+        return super().check_action(action, parameters)
+
+    @property
     def acts(self) -> bool:
         """Whether SPACE does something: not while the report is written, nor after."""
-        return not self._session or self.work.stage in (Stage.IDLE, Stage.FAILED)
+        idle = self.work.stage in (Stage.IDLE, Stage.FAILED)
+        return not self._session or idle or (self._outdated and self.work.stage is Stage.DONE)
 
     @property
     def ready(self) -> bool:
@@ -64,17 +77,20 @@ class ReportScreen(WorkScreen):
         if not self._session and status.session.state is SessionState.READY:
             self._session = status.session.path
         self.draw()
+        self.refresh_bindings()
 
     async def action_next(self) -> None:
         """Write the report; identify first where there is no session file."""
-        if not self._session:
+        if not self.acts:
+            return
+        if not self._session or self._outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
-        elif self.work.stage in (Stage.IDLE, Stage.FAILED):
+        else:
             self.begin()
 
     def action_again(self) -> None:
         """Write the report once more."""
-        if self._session and self.work.stage is not Stage.WORKING:
+        if self.work.stage in (Stage.DONE, Stage.FAILED):
             self.begin()
 
     async def action_new_vehicle(self) -> None:
@@ -96,11 +112,10 @@ class ReportScreen(WorkScreen):
             async for line in lines:
                 self.work = after(self.work, line)
                 self.draw()
-        status = self.bench_app.status
-        mark = BenchStep.REPORT.mark
+        status, step = self.bench_app.status, BenchStep.REPORT
         if self.work.stage is Stage.DONE and status is not None and status.session.path == path:
-            if mark not in {note.text for note in status.notes}:
-                await self.bench_app.ask(Mark(mark))
+            if not is_marked(status, step) and not status.outdated:
+                await self.bench_app.ask(Mark(step.mark))
             self.draw()
 
     def lines(self, width: int) -> list[str]:
@@ -109,6 +124,9 @@ class ReportScreen(WorkScreen):
         if not self._session:
             return [f"{glyphs.now} no session file yet: SPACE = step 6 Identify"]
         lines = [f"Session {printable(Path(self._session).name)}", ""]
+        if self._outdated and self.work.stage is not Stage.WORKING:
+            lines += [f"{glyphs.warn} {OUTDATED}", "", f"{glyphs.now} SPACE = step 6 Identify", ""]
+            return lines + (self._done() if self.work.stage is Stage.DONE else [])
         match self.work.stage:
             case Stage.IDLE:
                 page = printable(str(report_of(Path(self._session))))

@@ -26,7 +26,7 @@ from ..outcome_text import (
     run_line,
     verdict_lines,
 )
-from ..steps import BenchStep
+from ..steps import BenchStep, is_marked
 from ..widgets.decay_plot import DecayPlot
 from .base import BenchScreen
 
@@ -128,11 +128,10 @@ class ResultsScreen(BenchScreen):
         report = self.app.get_screen("report")
         if isinstance(report, ReportScreen):
             report.show_session(self.outcome.session)
-        mark = BenchStep.IDENTIFY.mark
-        status = self.bench_app.status
-        marks = {note.text for note in status.notes} if status else set()
-        if self._is_current(status) and mark not in marks:
-            await self.bench_app.ask(Mark(mark))
+        status, step = self.bench_app.status, BenchStep.IDENTIFY
+        fresh = status is not None and self._is_current(status) and not status.outdated
+        if status is not None and fresh and not is_marked(status, step):
+            await self.bench_app.ask(Mark(step.mark))
         await self.bench_app.open("report")
 
     def action_page(self, step: int) -> None:

@@ -11,6 +11,8 @@ from textual.widgets import Static
 from ..long_work import LongWork, Stage, work_text
 from .base import BenchScreen
 
+OUTDATED = "runs, weights or vehicle have changed since the session file was built"
+
 
 class WorkScreen(BenchScreen):
     """Work that a worker does, how far it is, and what SPACE does before and after."""
