@@ -78,4 +78,5 @@ def status_lines(status: Status) -> Iterator[str]:
         yield f"ALARM {alarm.code}{subject}: {alarm.text} ({alarm.advice})"
     if status.session.path or status.session.text:
         session = status.session
-        yield f"session {session.state}: {' '.join(t for t in (session.path, session.text) if t)}"
+        state = f"{session.state}, outdated" if status.outdated else str(session.state)
+        yield f"session {state}: {' '.join(t for t in (session.path, session.text) if t)}"
