@@ -103,7 +103,7 @@ async def test_results_that_are_behind_are_built_anew(make_app: MakeApp) -> None
         assert isinstance(recorder.orders[-1], Build)
 
 
-async def test_results_that_are_behind_end_no_step(make_app: MakeApp) -> None:
+async def test_results_that_are_behind_say_so_and_end_no_step(make_app: MakeApp) -> None:
     recorder = _done()
     app = make_app(recorder)
     async with app.run_test(size=SMALL) as pilot:
@@ -114,11 +114,13 @@ async def test_results_that_are_behind_end_no_step(make_app: MakeApp) -> None:
         await screen.show_results()
         await _settle(pilot)
         assert isinstance(app.screen, ResultsScreen)
+        assert "SPACE = step 7 Report" in screen_text(app)
         recorder._carry_out(Reject(recorder.book.runs[-1].label, "door slammed"))
         recorder.tell()
         await _settle(pilot)
+        assert OUTDATED in screen_text(app)
+        assert "SPACE = step 6 Identify" in screen_text(app)
         await pilot.press("space")
         await _settle(pilot)
-        assert isinstance(app.screen, ReportScreen)
-        assert OUTDATED in screen_text(app)
+        assert isinstance(app.screen, IdentifyScreen)
         assert not [order for order in recorder.orders if isinstance(order, Mark)]

@@ -29,6 +29,7 @@ from ..outcome_text import (
 from ..steps import BenchStep, is_marked
 from ..widgets.decay_plot import DecayPlot
 from .base import BenchScreen
+from .work import OUTDATED
 
 _PAGES = ("Parameters", "Modes", "M C K", "Decays", "Findings", "Derived")
 _DECAYS = _PAGES.index("Decays")
@@ -75,6 +76,7 @@ class ResultsScreen(BenchScreen):
         self.outcome: Outcome | None = None
         self._page = 0
         self._recording = ""
+        self._told_outdated = False
 
     def compose_body(self) -> ComposeResult:
         """Lay out verdict, page and decay."""
@@ -100,6 +102,16 @@ class ResultsScreen(BenchScreen):
         """Step 6 of this recording; no step of it for the results of a session of the past."""
         return BenchStep.IDENTIFY if self._is_current(self.bench_app.status) else None
 
+    def show_status(self, status: Status) -> None:
+        """Say so when the recording has changed since."""
+        if self._outdated is not self._told_outdated:
+            self._draw()
+
+    @property
+    def _outdated(self) -> bool:
+        status = self.bench_app.status
+        return status is not None and self._is_current(status) and status.outdated
+
     @property
     def ready(self) -> bool:
         """Whether SPACE would do something."""
@@ -122,15 +134,14 @@ class ResultsScreen(BenchScreen):
         """Go on to the report of this session."""
         from .report import ReportScreen
 
-        if self.outcome is None:
+        if self.outcome is None or self._outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
             return
         report = self.app.get_screen("report")
         if isinstance(report, ReportScreen):
             report.show_session(self.outcome.session)
         status, step = self.bench_app.status, BenchStep.IDENTIFY
-        fresh = status is not None and self._is_current(status) and not status.outdated
-        if status is not None and fresh and not is_marked(status, step):
+        if status is not None and self._is_current(status) and not is_marked(status, step):
             await self.bench_app.ask(Mark(step.mark))
         await self.bench_app.open("report")
 
@@ -241,13 +252,17 @@ class ResultsScreen(BenchScreen):
             return
         glyphs, size = self.bench_app.glyphs, self.size
         most = _VERDICT_LINES if size.height < 36 else _VERDICT_LINES_TALL
-        lines = verdict_lines(outcome, glyphs, size.width - 2, most)
+        self._told_outdated = self._outdated
+        lines = [f"{glyphs.warn} {OUTDATED}"] if self._told_outdated else []
+        lines += verdict_lines(outcome, glyphs, size.width - 2, most - len(lines))
         verdict.update("\n".join(lines))
         verdict.set_classes(outcome.verdict)
         names = [f"[{n}]" if i == self._page else f" {n} " for i, n in enumerate(_PAGES)]
         name = printable(Path(outcome.session).name, 60)
         tail = f"  {name}" if size.width >= _WIDE else ""
         step = f"step {BenchStep.REPORT.title}" if self.here else f"report of {name}"
+        if self._told_outdated:
+            step = f"step {BenchStep.IDENTIFY.title}"
         pages = Content.assemble("".join(names) + tail, "  ", (f"SPACE = {step}", "bold $accent"))
         self.query_one("#pages", Static).update(pages)
         self.set_class(self._page == _DECAYS, "decays")
