@@ -33,7 +33,7 @@ from .order_events import OrderError, order_event
 from .preparation import configured, prepared
 from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings
-from .standing import NO_DISK, NO_QUEUE, Host, due, redo_text, tallies, undo_text
+from .standing import NO_DISK, NO_QUEUE, Host, due, redo_text, tallies, told_runs, undo_text
 
 RESTAMPED = "restamped"
 UNPLANNED = "unplanned_"
@@ -271,7 +271,7 @@ class Recorder:
             halted=loop.halted,
             due=due(bench, book),
             tallies=tallies(bench, book),
-            runs=book.runs,
+            runs=told_runs(book),
             notes=book.notes,
             overrides=book.overrides,
             undo=undo_text(book),

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..bench.config import Bench
 from ..bench.procedure import instruction
 from ..control.messages import DiskStatus, Due, QueueStatus, SessionStatus, Tally
 from ..runs import Excitation
-from .book import Book, BookStatus, Change, next_step
+from .book import Book, BookRun, BookStatus, Change, next_step
 
 NO_DISK = DiskStatus(1 << 62, 0, 0, 0.0)
 NO_QUEUE = QueueStatus(0, 0, 1)
 """Of a recorder that has no disk and no queue of its own."""
+_TOLD_WHOLE = 100
+"""Runs that a status tells all of; a long campaign has sixty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,19 @@ def tallies(bench: Bench, book: Book) -> tuple[Tally, ...]:
     kinds = [(step.mass_state, step.excitation) for step in bench.campaign.steps]
     kinds += [(run.mass_state, run.excitation) for run in book.runs]
     return tuple(_tally(bench, book, kind) for kind in dict.fromkeys(kinds))
+
+
+def told_runs(book: Book) -> tuple[BookRun, ...]:
+    """Return the runs for a status; of those long ago only what stood against them.
+
+    A recorder of weeks may have thousands, and tells its status ten times a second.
+    """
+    old, new = book.runs[:-_TOLD_WHOLE], book.runs[-_TOLD_WHOLE:]
+    against = (
+        replace(run, findings=tuple(finding for finding in run.findings if not finding.passed))
+        for run in old
+    )
+    return (*against, *new)
 
 
 def undo_text(book: Book) -> str:
