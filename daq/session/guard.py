@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from threading import Timer
+from threading import Event, Timer
 
 from ..errors import InputError
 from .schema import max_total_bytes
@@ -20,12 +20,13 @@ from .tree import Group
 from .wire import receive
 
 _ADVICE = "the file is damaged, or made to do harm; build it again from its journal"
+_BUSY_ADVICE = "the drive does not answer or the machine is busy; try again"
 _CHILD_BYTES = 768 << 20
 """Address space of the child beyond what the file may unpack to: Python, NumPy and libhdf5."""
 _CHILD_S = 3
 """Time of the child for starting and for a small file."""
-_PATIENCE = 2.5
-"""How much longer than its CPU time the child may take by the clock."""
+_PATIENCE = 6
+"""How much longer than its CPU time the child may take by the clock: machines have other work."""
 _BYTES_PER_S = 4 << 20
 """How fast a file is read at least, packed: a tenth of what was measured."""
 
@@ -60,7 +61,13 @@ def load_guarded(path: Path | str) -> Group:
     with started as child:
         assert child.stdout is not None
         # The limit of CPU time does not see a child that waits, for ever or for a busy machine.
-        watch = Timer(_PATIENCE * limit_s, child.kill)
+        late = Event()
+
+        def end() -> None:
+            late.set()
+            child.kill()
+
+        watch = Timer(_PATIENCE * limit_s, end)
         watch.start()
         try:
             return receive(child.stdout, limit_bytes)
@@ -68,7 +75,11 @@ def load_guarded(path: Path | str) -> Group:
             raise
         except (ValueError, LookupError, TypeError, MemoryError) as error:
             child.stdout.close()
-            raise InputError(where, _what_happened(child.wait()), _ADVICE) from error
+            code = child.wait()
+            if late.is_set():  # nothing against the file: it had its processor time left
+                what = f"cannot be read: no answer for {_PATIENCE * limit_s:.0f} s"
+                raise InputError(where, what, _BUSY_ADVICE) from error
+            raise InputError(where, _what_happened(code), _ADVICE) from error
         finally:
             watch.cancel()
             child.kill()
