@@ -147,6 +147,8 @@ def _advance(
     connected_s = watch.connected_s if link.connected else now_s
     earlier = [turn for turn in watch.recent if turn[0] <= now_s - WINDOW_S][-1:]
     within = [turn for turn in watch.recent if turn[0] > now_s - WINDOW_S]
+    if n and not watch.last_ns:  # before its first frame a bus has no stamp to count from
+        earlier, within = ([(*t[:4], int(t_ns[0])) for t in ts] for ts in (earlier, within))
     bits_sent = float(bits.sum()) - float(bits[error_rows].sum())
     told = replace(
         watch,

@@ -39,6 +39,20 @@ def test_a_healthy_bench_raises_nothing_and_its_figures_are_right() -> None:
     assert (bench.state.sensors_alive, bench.state.sensors_expected) == (6, 6)
 
 
+def test_what_piled_up_before_the_start_fills_no_bus() -> None:
+    bench = WatchedBench(["can0"])
+    bench.turn(FrameBatch.empty())
+    piled = []
+    for _ in range(30):  # 3 s of the bus, taken in at once
+        piled.append(bench.healthy())
+        bench.turns += 1
+    bench.turns = 1
+    bench.turn(FrameBatch.concatenate(piled))
+    (bus,) = bench.state.buses
+    assert bus.frames_per_s == pytest.approx(4000, rel=1e-3)
+    assert 0.3 < bus.load < 0.6
+
+
 def test_the_alarms_come_in_order_of_gravity() -> None:
     bench = WatchedBench()
     for _ in range(15):
