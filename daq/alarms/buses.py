@@ -228,6 +228,8 @@ def bus_symptoms(
     """Return what is wrong with a bus as a state; what is counted comes by the window."""
     name = link.name
     if status.state is BusState.DISCONNECTED:
+        if not link.error and now_s - link.heartbeat_s < silent_s:
+            return []  # it is being opened
         return [Symptom("disconnected", name, link.error or "not connected", advice=link.advice)]
     if status.state is BusState.BUS_OFF:
         return [Symptom("bus_off", name, watch.said)]

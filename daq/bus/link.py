@@ -66,7 +66,7 @@ class Link:
         self._had_frames = self._was_open = False
         name = f"{config.interface} {config.channel}".strip()
         none = SourceLosses()
-        self._facts = LinkFacts(name, config.bitrate, False, "", "", 0.0, 0, none)
+        self._facts = LinkFacts(name, config.bitrate, False, "", "", self._alive_s, 0, none)
 
     def facts(self) -> LinkFacts:
         """Return how it is doing."""

@@ -75,7 +75,7 @@ class LinkFacts:
     error, advice : str
         Why none is, and what to do; empty while connected.
     heartbeat_s : float
-        Monotonic time of the reader's last turn, s.
+        Monotonic time of the reader's last turn, s; before the first, when it was made.
     reopened : int
         How often the bus came back.
     losses : SourceLosses

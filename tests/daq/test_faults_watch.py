@@ -53,6 +53,19 @@ def test_what_piled_up_before_the_start_fills_no_bus() -> None:
     assert 0.3 < bus.load < 0.6
 
 
+def test_a_bus_that_is_being_opened_is_given_its_time() -> None:
+    bench = WatchedBench(["can0"])
+    bench.link(0, connected=False, heartbeat_s=5000.0)  # now
+    for _ in range(9):
+        bench.turn(FrameBatch.empty())
+        assert bench.alarms == []
+    for _ in range(3):
+        bench.turn(FrameBatch.empty())
+    assert [(alarm.code, alarm.text) for alarm in bench.alarms] == [
+        ("disconnected", "not connected")
+    ]
+
+
 def test_the_alarms_come_in_order_of_gravity() -> None:
     bench = WatchedBench()
     for _ in range(15):
