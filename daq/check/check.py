@@ -26,6 +26,8 @@ from .frames import check_messages, check_traffic, frame_table
 from .lines import CheckLine, Verdict
 
 _INCOMPLETE_SHARE = 0.01
+_PAUSE_S = 1.0
+"""Without any frame for so long, a bus was off, or a log was not written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,8 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     codec : Codec
         Its DBC (`config.bench_codec`).
     frames : FrameBatch
-        A few seconds of traffic, in order of arrival, the car standing still.
+        A few seconds of traffic, in order of arrival, the car standing still.  Of traffic with
+        pauses the longest stretch is checked.
     today : date
         For the age of calibrations.
 
@@ -76,12 +79,13 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
         advice = "check power, wiring, termination and the bit rate; sensors that must be started"
         line = CheckLine(Verdict.FAIL, "bus", "no frame was received", advice)
         return CheckReport(0.0, 0, (line,))
+    frames, pauses = _without_pauses(frames)
     seconds = float(np.ptp(frames.t_ns)) * 1e-9
     decoded = codec.decode(frames)
     keeping = timekeeping(bench, codec)
     table = frame_table(codec.messages, frames)
     groups = sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))
-    lines = check_traffic(codec.messages, table, decoded, bench.bus.bitrate)
+    lines = pauses + check_traffic(codec.messages, table, decoded, bench.bus.bitrate)
     lines += check_messages(mapped, keeping, table, decoded)
     lines += [_set_line(each, groups) for each in bench.sample_sets if _is_used(each, groups)]
     if not trigger_channels(bench.channels):
@@ -90,6 +94,27 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     for m in mapped:
         lines += check_channel(m, mapped, keeping, decoded, bench.calibration_days, today)
     return CheckReport(seconds, len(frames), tuple(lines))
+
+
+def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[CheckLine]]:
+    """Return the longest stretch between pauses; counters say nothing of what lies in these."""
+    gap_s = np.diff(frames.t_ns) * 1e-9
+    before = np.flatnonzero(gap_s > _PAUSE_S)
+    if not len(before):
+        return frames, []
+    first, last = np.append(0, before + 1), np.append(before, len(frames) - 1)
+    length_s = (frames.t_ns[last] - frames.t_ns[first]) * 1e-9
+    k = int(np.argmax(length_s))
+    paused_s = float(gap_s[before].sum())
+    many = "a pause" if len(before) == 1 else f"{len(before)} pauses"
+    reason = (
+        f"{many} without any frame, {paused_s:.1f} s in all; checked is the longest stretch "
+        f"without one, {length_s[k]:.1f} s"
+    )
+    advice = "a log that a trigger wrote has them; on a live bus look for plug and power"
+    figures = {"pauses": len(before), "paused_s": paused_s}
+    line = CheckLine(Verdict.WARN, "bus", reason, advice, figures)
+    return frames.select(slice(int(first[k]), int(last[k]) + 1)), [line]
 
 
 def _is_used(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> bool:

@@ -109,6 +109,17 @@ def _one(frames: FrameBatch, bench: Bench | None = None, codec: Codec | None = N
     return bad[0]
 
 
+def test_a_log_that_a_trigger_wrote_is_checked_without_its_pauses() -> None:
+    frames = _rest()
+    since_s = (frames.t_ns - START_NS) * 1e-9
+    # 0.5 s and 2.5 s of it, 10 s apart: by time 40,000 frames are missing between them.
+    paused = replace(frames, t_ns=frames.t_ns + np.where(since_s > 0.5, 10 * 10**9, 0))
+    (bad,) = _bad(_check(paused))
+    assert (bad.verdict, bad.subject) == (Verdict.WARN, "bus")
+    assert bad.reason.startswith("a pause without any frame, 10.0 s in all")
+    assert bad.reason.endswith("longest stretch without one, 2.5 s")
+
+
 def test_wrong_sign() -> None:
     line = _one(_rest(), _channel("hub_acc_rl", sign=-1.0))
     assert (line.verdict, line.subject) == (Verdict.FAIL, "channel hub_acc_rl")
