@@ -1,11 +1,46 @@
-"""A comparison of sessions as tables."""
+"""A comparison of sessions: identified in processes of their own, and set as tables."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+
+from daq import read_foreign_session
+from identify import Identification, identify
 from identify.compare import Compared, Comparison
 from identify.report.numbers import number
 
-from .output import print_line, print_table
+from .output import Stage, print_line, print_table
+from .workers.spread import over_all
+
+
+def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
+    """Identify session files, as many at a time as there are processors.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        The files.
+    stage : Stage
+        Told how far it is.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read.
+    """
+    workers = min(len(paths), os.cpu_count() or 1)
+    return over_all(_results, paths, workers, stage, "compare")
+
+
+def _results(path: str) -> Identification:
+    """Return the results alone: with their samples, a trend over many would fill the memory."""
+    result = identify(read_foreign_session(path))
+    if result.estimation is None:
+        return result
+    fit = replace(result.estimation, records=(), decays=(), residuals=())
+    return replace(result, estimation=fit, residuals=())
 
 
 def print_comparison(comparison: Comparison) -> None:

@@ -13,9 +13,8 @@ import pytest
 
 from dbc.errors import InputError
 from tui.cli import run
-from tui.commands.study import workers
-
-over_seeds = workers.over_seeds
+from tui.workers import spread
+from tui.workers.spread import over_all
 
 QUICK = ["fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9"]
 ALL = ["table2", "table3", *QUICK, "noise"]
@@ -77,31 +76,23 @@ def test_noise_in_worker_processes(capsys: pytest.CaptureFixture[str], tmp_path:
     assert active_children() == []
 
 
-def test_workers_answer_in_the_order_of_the_seeds() -> None:
+def test_workers_answer_in_the_order_of_the_items() -> None:
     shares: list[float] = []
-    assert over_seeds(abs, range(-5, 3), 2, lambda done, text="": shares.append(done)) == [
-        5,
-        4,
-        3,
-        2,
-        1,
-        0,
-        1,
-        2,
-    ]
+    found = over_all(abs, range(-5, 3), 2, lambda done, text="": shares.append(done), "sizes")
+    assert found == [5, 4, 3, 2, 1, 0, 1, 2]
     assert shares == [(i + 1) / 8 for i in range(8)]
     assert active_children() == []
 
 
 def test_what_fails_in_a_worker_fails_here() -> None:
     with pytest.raises(ValueError, match="math domain"):
-        over_seeds(math.sqrt, range(-1, 1), 1, _silent)
+        over_all(math.sqrt, range(-1, 1), 1, _silent, "roots")
     assert active_children() == []
 
 
 def test_a_worker_that_dies_is_reported() -> None:
-    with pytest.raises(InputError, match="worker process died"):
-        over_seeds(os._exit, range(3), 1, _silent)
+    with pytest.raises(InputError, match="ends: a worker process died"):
+        over_all(os._exit, range(3), 1, _silent, "ends")
     assert active_children() == []
 
 
@@ -112,9 +103,9 @@ def test_ctrl_c_ends_the_workers(
         raise KeyboardInterrupt
 
     def begun(function: object, seeds: range, count: int, *_: object) -> list[int]:
-        return over_seeds(abs, range(50), count, interrupted)
+        return over_all(abs, range(50), count, interrupted, "sizes")
 
-    monkeypatch.setattr(workers, "over_seeds", begun)
+    monkeypatch.setattr(spread, "over_all", begun)
     assert run(["study", "noise", "--fits", "50"]) == 130
     assert capsys.readouterr() == ("", "")
     assert active_children() == []

@@ -18,11 +18,9 @@ def compare(
     """Compare sessions with the first one: differences with their significance, and trends."""
     from dataclasses import asdict
 
-    import daq
-    import identify as method
     from identify.compare import compare as compared
 
-    from ..comparing import print_comparison
+    from ..comparing import identified, print_comparison
     from ..output import print_json, progress
     from ..reporting import make_room, write_file
 
@@ -30,11 +28,9 @@ def compare(
         raise typer.BadParameter("name two sessions or more")
     if html is not None:
         make_room(html)
-    results = []
     with progress("compare") as stage:
-        for number, path in enumerate(sessions):
-            stage(number / len(sessions), path.name)
-            results.append(method.identify(daq.read_foreign_session(path)))
+        stage(0.0, f"{len(sessions)} sessions")
+        results = identified([str(path) for path in sessions], stage)
     labels = _labels(sessions)
     comparison = compared(labels, results)
     document = asdict(comparison)

@@ -121,21 +121,16 @@ def _report(task: ReportTask, tell: Tell) -> dict[str, Any]:
 
 
 def _compare(task: CompareTask, tell: Tell) -> dict[str, Any]:
-    from daq import read_foreign_session
-    from identify import identify
     from identify.compare import compare
 
+    from ..comparing import identified
     from ..terminal.comparison_rows import comparison_lines
 
-    results, n = [], len(task.sessions)
-    for i, path in enumerate(task.sessions):
-        name = Path(path).name
+    def stage(done: float, text: str = "") -> None:
+        tell(Progress(done, text))
 
-        def step(share: float, text: str, i: int = i, name: str = name) -> None:
-            tell(Progress((i + share) / n, f"{name}: {text}"))
-
-        step(_READ, "reading")
-        results.append(identify(read_foreign_session(path), step))
+    stage(_READ, "reading")
+    results = identified(task.sessions, stage)
     labels = [f"{i + 1} {Path(path).stem}" for i, path in enumerate(task.sessions)]
     return {"lines": list(comparison_lines(compare(labels, results)))}
 

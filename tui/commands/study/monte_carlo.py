@@ -48,13 +48,13 @@ def table3(
     from identify.study.table3 import table3 as study
 
     from ...output import progress
-    from .workers import over_seeds
+    from ...workers.spread import over_all
 
     check_figure_file(figure)
     campaign = table3_campaign(rate_hz, noise_db)
     with progress("table3") as stage:
         seeds = range(seed, seed + fits)
-        attempts = over_seeds(partial(attempt, campaign), seeds, workers, stage, scheduler)
+        attempts = over_all(partial(attempt, campaign), seeds, workers, stage, "study", scheduler)
     deliver(study(campaign, attempts), json, figure)
 
 
@@ -90,7 +90,7 @@ def noise(
     from identify.study.sensors import SENSOR_SETS
 
     from ...output import progress
-    from .workers import over_seeds
+    from ...workers.spread import over_all
 
     check_figure_file(figure)
     campaign = Campaign(
@@ -105,7 +105,7 @@ def noise(
     bound = bound_percent(campaign)
     with progress("noise") as stage:
         seeds = range(seed, seed + fits)
-        outcomes = over_seeds(partial(outcome, campaign), seeds, workers, stage, scheduler)
+        outcomes = over_all(partial(outcome, campaign), seeds, workers, stage, "study", scheduler)
     deliver(noise_study(campaign, bound, outcomes), json, figure)
 
 
