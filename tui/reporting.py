@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import gc
 import hashlib
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING
 
 from dbc.errors import InputError
 
-from .workers.start import deaf_to_interrupts, end_with_parent, loaded_once
+from .workers.helpers import helpers
 
 if TYPE_CHECKING:  # slow to load, and helpers shall start before that
     from identify.report.blocks import Picture, Report, Source
     from identify.trust.finding import Quality
 
-_HELPERS = 2
-"""One works while the parent does, both while it waits."""
 _HEAVY = (
     "identify.report.html",
     "identify.figures.panels",
@@ -65,7 +61,7 @@ def write_report(
     InputError
         If the session cannot be read or a file cannot be written.
     """
-    with helpers() as pool, ThreadPoolExecutor(1) as reader:
+    with helpers(_HEAVY) as pool, ThreadPoolExecutor(1) as reader:
         stage(0.02, "reading")
         import daq
 
@@ -149,34 +145,6 @@ def pictures_of(report: Report) -> tuple[Picture, ...]:
     cars = [b for section in report.sections for b in section.blocks if isinstance(b, MovingCars)]
     stills = (Picture(b.key, b.title, "", ShapePanel(b.shapes)) for b in cars)
     return (*report.pictures, *stills)
-
-
-@contextmanager
-def helpers() -> Iterator[Executor]:
-    """Give processes that share the work of one report.
-
-    Their libraries take a second to load: start them before loading what the parent needs.
-    """
-    with ProcessPoolExecutor(_HELPERS, loaded_once(_HEAVY), _made_ready) as pool:
-
-        def start() -> None:
-            with deaf_to_interrupts():
-                for _ in range(_HELPERS):
-                    pool.submit(int)
-
-        starting = Thread(target=start)  # it waits for the libraries
-        starting.start()
-        try:
-            yield pool
-        finally:
-            starting.join()
-            pool.shutdown(cancel_futures=True)  # after Ctrl-C, not first all that was planned
-
-
-def _made_ready() -> None:
-    """Make a helper ready: what is loaded stays, and is searched for garbage no more."""
-    end_with_parent()
-    gc.freeze()
 
 
 def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:

@@ -15,15 +15,17 @@ def identify(
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> int:
     """Identify the physical parameters of a session's vehicle."""
-    import daq
-    import identify as method
-
     from ..output import print_json, progress
+    from ..workers.helpers import helpers
+
+    with progress("identify") as stage, helpers(("identify",)) as pool:
+        stage(0.05, "reading")
+        import daq
+        import identify as method
+
+        result = method.identify(daq.read_foreign_session(session), stage, pool)
     from ..result import identification_document, print_identification
 
-    with progress("identify") as stage:
-        stage(0.05, "reading")
-        result = method.identify(daq.read_foreign_session(session), stage)
     if json:
         print_json(identification_document(result))
     else:

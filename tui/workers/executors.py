@@ -1,6 +1,6 @@
 """Where work is done: processes of this machine, or a Dask cluster.
 
-The one place that makes executors.  Nothing is queued beyond a few items a worker, so that memory
+Nothing is queued beyond a few items a worker, so that memory
 does not grow with the number of items.
 """
 

@@ -1,0 +1,77 @@
+"""Processes that share the work of one identification or report."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+from threading import Thread
+from typing import ParamSpec, TypeVar
+
+from .start import deaf_to_interrupts, end_with_parent, loaded_once
+
+_HELPERS = 2
+"""One works while the parent does, both while it waits."""
+P = ParamSpec("P")
+Result = TypeVar("Result")
+
+
+@contextmanager
+def helpers(modules: Sequence[str]) -> Iterator[Executor]:
+    """Give processes that share the work of one identification or report.
+
+    Their libraries take a second to load: start them before loading what the parent needs.
+
+    Parameters
+    ----------
+    modules : sequence of str
+        What they load.
+
+    Raises
+    ------
+    InputError
+        If there is no process to be had, or one dies.
+    """
+    from dbc.errors import InputError
+
+    with _Helpers(_HELPERS, loaded_once(modules), _made_ready) as pool:
+
+        def start() -> None:
+            with deaf_to_interrupts(), suppress(InputError):  # who wants one will be told
+                for _ in range(_HELPERS):
+                    pool.submit(int)
+
+        starting = Thread(target=start)  # it waits for the libraries
+        starting.start()
+        try:
+            yield pool
+        except BrokenProcessPool:
+            what, advice = "a helper process died", "close other programs: it wants memory"
+            raise InputError("helpers", what, advice) from None
+        finally:
+            starting.join()
+            pool.shutdown(cancel_futures=True)  # after Ctrl-C, not first all that was planned
+
+
+class _Helpers(ProcessPoolExecutor):
+    """Says in a line that there is no process to be had."""
+
+    def submit(
+        self, fn: Callable[P, Result], /, *args: P.args, **kwargs: P.kwargs
+    ) -> Future[Result]:
+        """Hand over one piece of work."""
+        from dbc.errors import InputError
+
+        try:
+            return super().submit(fn, *args, **kwargs)
+        except (OSError, EOFError) as error:
+            what = f"no process to work in ({error})"
+            raise InputError("helpers", what, "end other programs, and try again") from error
+
+
+def _made_ready() -> None:
+    """Make a helper ready: what is loaded stays, and is searched for garbage no more."""
+    end_with_parent()
+    gc.freeze()
