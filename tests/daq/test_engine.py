@@ -1,9 +1,8 @@
-"""The recorder with its threads: several buses, stalls, full queues, orders, ends and restarts."""
+"""The recorder with its threads: several buses, stalls, full queues, orders, ends."""
 
 from __future__ import annotations
 
 import os
-import re
 import threading
 import time
 from dataclasses import replace
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 
 from daq import read_session
-from daq.bench.config import Bench, BusConfig, parse_bench
+from daq.bench.config import Bench, BusConfig
 from daq.bus.interfaces import open_bus, open_source
 from daq.bus.slcan import SlcanSource, open_slcan
 from daq.bus.source import FrameSource, SourceLosses
@@ -34,50 +33,20 @@ from daq.control.orders import (
     Until,
 )
 from daq.errors import BusError, InputError
-from daq.journal.contents import JournalContents
-from daq.journal.folder import last_recording, segments_in
-from daq.journal.reader import read_journal
+from daq.journal.folder import last_recording
 from daq.journal.segment import SyncedFile
-from daq.recorder import judging
 from daq.recorder.beats import standstill
-from daq.recorder.book import BookStatus
 from daq.recorder.order_events import OrderError
 from daq.recorder.readers import Piece, PieceQueue
 from daq.runs import Event
-from daq.verdict import RunMeasure
 from dbc import Codec, FrameBatch
 
 from .engine_run import ENDED, PATIENCE_S, Running, Script, on_bus, sources
 from .pty_pair import pty_pair
+from .quick_bench import CAN0, Gated, quick, stored, two
 from .small_campaign import LABELS, PLANNED, START_NS, blocks, bumps, codes
 
-CAN0, CAN1 = (BusConfig("test", f"can{n}", 1_000_000) for n in range(2))
-
-
-@pytest.fixture
-def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    """Return a bench of one bus whose runs come thick and fast; its judge lets everything pass."""
-    monkeypatch.setattr(judging, "judge", lambda *_: ((), RunMeasure()))
-    text = bench.text
-    for key, value in (
-        ("excitations", '["bounce", "roll"]'),
-        ("repeats", "1"),
-        ("accept_after_s", "0.1"),
-        ("pre_s", "0.1"),
-        ("post_s", "0.5"),
-        ("rest_s", "0.1"),
-    ):
-        text = re.sub(rf"^{key} = [^#\n]*", f"{key} = {value} ", text, flags=re.MULTILINE)
-    return replace(parse_bench(text, "bench.toml", Path(), bench.dbc_text), buses=(CAN0,))
-
-
-@pytest.fixture
-def two(quick: Bench) -> Bench:
-    return replace(quick, buses=(CAN0, CAN1))
-
-
-def stored(folder: Path) -> JournalContents:
-    return read_journal(segments_in(folder / "journal"))
+__all__ = ["quick", "two"]  # fixtures
 
 
 def planned(events: tuple[Event, ...]) -> list[tuple[str, str]]:
@@ -105,17 +74,6 @@ def test_a_campaign_becomes_a_session_file(quick: Bench, codec: Codec, tmp_path:
     recorded = [s.disk.recorded_frames for s in running.told]
     assert recorded == sorted(recorded)
     assert recorded[-1] == len(frames)
-
-
-class Gated(Script):
-    """Gives out nothing before a gate is opened."""
-
-    def __init__(self, gate: threading.Event, given: list[FrameBatch]) -> None:
-        super().__init__(given)
-        self.gate = gate
-
-    def read(self, timeout_s: float) -> FrameBatch:
-        return super().read(timeout_s) if self.gate.wait(0.01) else FrameBatch.empty()
 
 
 def test_a_bus_fails_and_comes_back_while_the_other_goes_on(
@@ -315,125 +273,6 @@ def test_a_publisher_that_fails_stops_nothing(quick: Bench, codec: Codec, tmp_pa
         running.until(lambda s: s.disk.recorded_frames == 1200)
     failed = [e for e in stored(tmp_path).events if e.code == "consumer_failed"]
     assert failed[0].text == "publish: RuntimeError('nobody listens')"
-
-
-def test_a_consumer_that_sleeps_costs_no_frame(
-    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    frames = bumps(codec, 1)
-    script = Script(blocks(frames, 2), None, 0.001)
-    decode, slept = Codec.decode, threading.Event()
-
-    def sleepy(codec: Codec, batch: FrameBatch) -> object:
-        if not slept.is_set():
-            slept.set()
-            assert script.exhausted.wait(PATIENCE_S)
-        return decode(codec, batch)
-
-    monkeypatch.setattr(Codec, "decode", sleepy)
-    with Running(quick, tmp_path, sources(script)) as running:
-        running.until(lambda s: s.disk.recorded_frames == len(frames))
-    np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
-
-
-def test_a_disk_that_takes_a_second_for_a_block_loses_nothing(
-    quick: Bench, codec: Codec, tmp_path: Path
-) -> None:
-    slow = iter([1.0] * 4)
-
-    class Slow(SyncedFile):
-        def sync(self) -> None:
-            time.sleep(next(slow, 0.0))
-            super().sync()
-
-    frames = bumps(codec, 2)
-    script = Script(blocks(frames, 10), None, 0.01)
-    with Running(quick, tmp_path, sources(script), create=Slow) as running:
-        running.until(lambda s: s.disk.recorded_frames == len(frames))
-    assert running.last.losses.queue_dropped == 0
-    assert running.last.queue.high > 20
-    np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
-
-
-def test_a_disk_that_refuses_is_waited_for(quick: Bench, codec: Codec, tmp_path: Path) -> None:
-    full = threading.Event()
-
-    class Full(SyncedFile):
-        def sync(self) -> None:
-            if full.is_set():
-                raise OSError(28, "No space left on device")
-            super().sync()
-
-    frames = bumps(codec, 2)
-    script = Script(blocks(frames, 10), None, 0.01)
-    with Running(quick, tmp_path, sources(script), create=Full) as running:
-        running.until(lambda s: s.disk.recorded_frames > 0)
-        full.set()
-        told = running.until(lambda s: any(a.code == "journal_failed" for a in s.alarms))
-        assert "No space left" in told.disk.failed
-        full.clear()
-        running.until(lambda s: s.disk.recorded_frames == len(frames))
-    np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
-
-
-def test_a_killed_recorder_is_taken_up_again(quick: Bench, codec: Codec, tmp_path: Path) -> None:
-    frames = bumps(codec, 3)
-    gate = threading.Event()
-    killed = Running(
-        quick, tmp_path, sources(Gated(gate, blocks(frames.select(slice(0, 1900)), 50)))
-    )
-    os_gone = threading.Event()
-    finish = killed.engine._finish
-    killed.engine._finish = lambda publish: None  # type: ignore[method-assign]  # as SIGKILL does
-    with killed:
-        killed.order(Arm(Until.COMPLETE))
-        killed.order(Configure(quick.text.replace('name = "Ford Granada"', 'name = "Mine"')))
-        gate.set()
-        before = killed.until(lambda s: s.disk.recorded_frames == 1900)
-    assert before.phase in (Phase.TRIGGERED, Phase.DECAY)
-
-    rest = Gated(os_gone, blocks(frames.select(slice(1900, None)), 50))
-    with Running(quick, tmp_path, sources(rest)) as running:
-        told = running.until(lambda s: s.recording != "")
-        assert told.recording == before.recording
-        assert told.vehicle == "Mine"
-        assert [(run.label, run.status) for run in told.runs] == [
-            ("baseline_bounce_1", BookStatus.ACCEPTED),
-            ("baseline_roll_1", BookStatus.REJECTED),
-        ]
-        assert told.runs[1].reasons == ("cut: the recorder was stopped in mid-run",)
-        assert told.phase is Phase.IDLE
-        running.order(Arm(Until.COMPLETE))
-        os_gone.set()
-        running.until(lambda s: s.disk.recorded_frames == len(frames))
-        running.order(Stop())
-        done = running.until(lambda s: s.session.state in ENDED)
-    assert done.session.state is SessionState.READY
-    contents = stored(tmp_path)
-    np.testing.assert_array_equal(contents.frames.t_ns, frames.t_ns)
-    assert not contents.lost.any
-    assert [e.code for e in contents.events].count("resumed") == 1
-    runs = {run.label: run.reasons for run in read_session(done.session.path).runs}
-    assert list(runs) == ["baseline_bounce_1", "baseline_roll_1", "baseline_roll_2"]
-    assert [label for label in runs if runs[label][0].startswith("cut: ")] == ["baseline_roll_1"]
-    finish(lambda *_: None)
-
-
-def test_a_recording_that_was_ended_or_is_not_wanted_is_left_alone(
-    quick: Bench, codec: Codec, tmp_path: Path
-) -> None:
-    names = []
-    for k, (end, resume) in enumerate([(False, True), (False, True), (True, False), (False, True)]):
-        script = Script(blocks(bumps(codec, 1)))
-        with Running(quick, tmp_path, sources(script), resume=resume) as running:
-            running.until(lambda s: s.disk.recorded_frames in (1200, 2400))
-            names.append(running.last.recording)
-            if k == 2:  # what was left without a session file gets it
-                running.until(lambda _: (tmp_path / "session_0001.h5").exists())
-            if end:
-                running.order(Stop())
-    assert names[0] == names[1]
-    assert len(set(names)) == 3
 
 
 def test_beats_tell_that_all_parts_are_at_work(quick: Bench, codec: Codec, tmp_path: Path) -> None:

@@ -40,8 +40,8 @@ from dbc import Codec, FrameBatch
 
 from .crash_frames import block
 from .engine_run import ENDED, PATIENCE_S, Running, Script, sources
+from .quick_bench import CAN0, CAN1, Gated, quick, stored
 from .small_campaign import LABELS, blocks, bumps
-from .test_engine import CAN0, CAN1, Gated, quick, stored
 
 __all__ = ["quick"]
 

@@ -14,8 +14,8 @@ from daq.runs import Event
 from dbc import Codec
 
 from .engine_run import ENDED, Running, Script, sources
+from .quick_bench import quick as quick  # a fixture
 from .small_campaign import blocks, bumps
-from .test_engine import quick as quick  # a fixture
 
 RUN = "baseline_bounce_1"
 
