@@ -285,10 +285,14 @@ class Status:
     revision: int = 0
 
     @property
+    def own_session(self) -> str:
+        """Path of the session file of this recording; empty where that is of the one before."""
+        return self.session.path if self.session.recording == self.recording else ""
+
+    @property
     def outdated(self) -> bool:
         """Whether runs, weights or vehicle have changed since the session file was built."""
-        own = self.session.path and self.session.recording == self.recording
-        return bool(own) and self.session.revision != self.revision
+        return bool(self.own_session) and self.session.revision != self.revision
 
 
 # Live data and answers --------------------------------------------------------------------------

@@ -220,6 +220,11 @@ class FakeRecorder:
         for step in steps:
             self._enter(Event(self.t_ns, Code.MARK, text=f"step {step} done"))
 
+    def built(self, path: str) -> SessionStatus:
+        """Return that the session file of the recording as it stands is there."""
+        status = self.status
+        return SessionStatus(SessionState.READY, path, "", status.recording, status.revision)
+
     def live(self, seconds: float = 10.0) -> Live:
         """Return a decay after the last bump (or rest) on every channel, up to now + 3 s."""
         last = int(self.t_ns * 1e-9 / BIN_S) + 150

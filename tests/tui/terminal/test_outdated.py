@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from textual.pilot import Pilot
 
-from daq.control.messages import SessionState, SessionStatus
 from daq.control.orders import Build, Mark, Reject, Undo
 from tui.terminal.app import BenchApp
 from tui.terminal.long_work import LongWork, Stage
@@ -32,11 +31,7 @@ def _done() -> FakeRecorder:
     recorder.finish("baseline")
     recorder.mark("masses")
     recorder.finish("added")
-    status = recorder.status
-    path = outcome().session
-    recorder.changes["session"] = SessionStatus(
-        SessionState.READY, path, "", status.recording, status.revision
-    )
+    recorder.changes["session"] = recorder.built(outcome().session)
     return recorder
 
 

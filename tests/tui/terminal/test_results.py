@@ -9,7 +9,6 @@ import pytest
 from textual.app import App
 from textual.pilot import Pilot
 
-from daq.control.messages import SessionState, SessionStatus
 from daq.control.orders import Accept, Build, Mark, Reject
 from tui.terminal.app import BenchApp
 from tui.terminal.glyphs import GlyphSet
@@ -33,7 +32,7 @@ def measured() -> FakeRecorder:
     recorder.mark("vehicle", "check", "masses")
     recorder.finish("baseline")
     recorder.finish("added")
-    recorder.changes["session"] = SessionStatus(SessionState.READY, PATH)
+    recorder.changes["session"] = recorder.built(PATH)
     return recorder
 
 

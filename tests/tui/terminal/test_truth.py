@@ -82,7 +82,7 @@ async def test_the_results_of_this_recording_are_step_6(make_app: MakeApp) -> No
     recorder.finish("baseline")
     recorder.mark("masses")
     recorder.finish("added")
-    recorder.changes["session"] = replace(recorder.status.session, path=outcome().session)
+    recorder.changes["session"] = recorder.built(outcome().session)
     app = make_app(recorder)
     async with app.run_test(size=SMALL) as pilot:
         await _settle(pilot)

@@ -156,8 +156,8 @@ class IdentifyScreen(WorkScreen):
             mark = glyphs.good if t.accepted >= t.planned else glyphs.warn
             kind = f"{t.mass_state} {t.excitation}"
             lines.append(f"  {mark} {kind:<20} {t.accepted} of {t.planned} accepted")
-        if status.session.path:
-            lines.append(f"  session file: {printable(status.session.path)}")
+        if status.own_session:
+            lines.append(f"  session file: {printable(status.own_session)}")
         return lines
 
     @property
@@ -169,7 +169,7 @@ class IdentifyScreen(WorkScreen):
 
     def _is_current(self, path: str) -> bool:
         status = self.bench_app.status
-        return status is not None and status.session.path == path
+        return status is not None and status.own_session == path
 
 
 def _changed_ns(path: str) -> int:

@@ -39,14 +39,14 @@ class ReportScreen(WorkScreen):
     def here(self) -> BenchStep | None:
         """Step 7 of this recording; no step of it for the report of a session of the past."""
         status = self.bench_app.status
-        own = not self._session or (status is not None and status.session.path == self._session)
+        own = not self._session or (status is not None and status.own_session == self._session)
         return BenchStep.REPORT if own else None
 
     @property
     def _outdated(self) -> bool:
         """Whether the recording has changed since this session file of it was built."""
         status = self.bench_app.status
-        return status is not None and status.session.path == self._session and status.outdated
+        return status is not None and status.own_session == self._session and status.outdated
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer to write again only what was begun once."""
@@ -74,8 +74,9 @@ class ReportScreen(WorkScreen):
 
     def show_status(self, status: Status) -> None:
         """Take the recording's own session where none was chosen: this terminal has just come."""
-        if not self._session and status.session.state is SessionState.READY:
-            self._session = status.session.path
+        ready = status.session.state is SessionState.READY
+        if not self._session and ready:
+            self._session = status.own_session
         self.draw()
         self.refresh_bindings()
 
@@ -113,7 +114,7 @@ class ReportScreen(WorkScreen):
                 self.work = after(self.work, line)
                 self.draw()
         status, step = self.bench_app.status, BenchStep.REPORT
-        if self.work.stage is Stage.DONE and status is not None and status.session.path == path:
+        if self.work.stage is Stage.DONE and status is not None and status.own_session == path:
             if not is_marked(status, step) and not status.outdated:
                 await self.bench_app.ask(Mark(step.mark))
             self.draw()
@@ -147,7 +148,7 @@ class ReportScreen(WorkScreen):
             "  The page is one file: open it in any browser, print it, send it.",
             f"  The session itself is {printable(self._session)}",
         ]
-        if status is not None and status.session.path == self._session:
+        if status is not None and status.own_session == self._session:
             lines += ["", f"Recorded   {printable(status.vehicle, 60)}"]
             lines += [
                 f"  {t.mass_state} {t.excitation}: {t.accepted} accepted, {t.rejected} rejected"

@@ -121,7 +121,7 @@ class ResultsScreen(BenchScreen):
         """Show an identification."""
         self.outcome = outcome
         status = self.bench_app.status
-        if status is not None and status.session.path == outcome.session:
+        if status is not None and status.own_session == outcome.session:
             self._recording = status.recording
         else:
             self._recording = ""
