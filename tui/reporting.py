@@ -14,7 +14,7 @@ from dbc.errors import InputError
 
 from .workers.helpers import helpers
 
-if TYPE_CHECKING:  # slow to load, and helpers shall start before that
+if TYPE_CHECKING:  # slow to load
     from identify.report.blocks import Picture, Report, Source
     from identify.trust.finding import Quality
 
@@ -61,8 +61,8 @@ def write_report(
     InputError
         If the session cannot be read or a file cannot be written.
     """
-    with helpers(_HEAVY) as pool, ThreadPoolExecutor(1) as reader:
-        stage(0.02, "reading")
+    stage(0.02, "reading")
+    with ThreadPoolExecutor(1) as reader:
         import daq
 
         reading = reader.submit(daq.read_foreign_session, session)  # while the libraries load
@@ -74,10 +74,11 @@ def write_report(
 
         from .result import identification_document
 
-        gc.freeze()  # what is loaded stays, and is searched for garbage no more
         recorded = reading.result()
-        for path in (html, *([] if pdf is None else [pdf])):
-            make_room(path)
+    for path in (html, *([] if pdf is None else [pdf])):
+        make_room(path)
+    gc.freeze()  # what is loaded stays, and is searched for garbage no more
+    with helpers(_HEAVY) as pool:
         begun = {}
 
         def fitted(estimation: Estimation) -> None:

@@ -15,17 +15,18 @@ def identify(
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> int:
     """Identify the physical parameters of a session's vehicle."""
+    import daq
+    import identify as method
+
     from ..output import print_json, progress
+    from ..result import identification_document, print_identification
     from ..workers.helpers import helpers
 
-    with progress("identify") as stage, helpers(("identify",)) as pool:
+    with progress("identify") as stage:
         stage(0.05, "reading")
-        import daq
-        import identify as method
-
-        result = method.identify(daq.read_foreign_session(session), stage, pool)
-    from ..result import identification_document, print_identification
-
+        recorded = daq.read_foreign_session(session)
+        with helpers(("identify",)) as pool:
+            result = method.identify(recorded, stage, pool)
     if json:
         print_json(identification_document(result))
     else:

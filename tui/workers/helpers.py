@@ -22,7 +22,8 @@ Result = TypeVar("Result")
 def helpers(modules: Sequence[str]) -> Iterator[Executor]:
     """Give processes that share the work of one identification or report.
 
-    Their libraries take a second to load: start them before loading what the parent needs.
+    Their libraries take a second to load: start them when the parent has begun a fit, which keeps
+    one processor busy.
 
     Parameters
     ----------

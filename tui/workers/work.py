@@ -92,16 +92,15 @@ def _answer(task: Task, tell: Tell) -> dict[str, Any]:
 
 
 def _identify(task: IdentifyTask, tell: Tell) -> dict[str, Any]:
+    from daq import read_foreign_session
+    from identify import identify
+
     from .helpers import helpers
+    from .outcome_of import outcome_of, without
 
+    tell(Progress(_READ, "reading"))
+    session = without(read_foreign_session(task.session), task.without)
     with helpers(("identify",)) as pool:
-        tell(Progress(_READ, "reading"))
-        from daq import read_foreign_session
-        from identify import identify
-
-        from .outcome_of import outcome_of, without
-
-        session = without(read_foreign_session(task.session), task.without)
         result = identify(session, lambda share, text: tell(Progress(share, text)), pool)
     tell(Progress(0.95, "drawing"))
     return asdict(outcome_of(task.session, session, result, task.without))
