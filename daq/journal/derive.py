@@ -95,7 +95,7 @@ def spans(events: Iterable[Event], trigger: TriggerConfig) -> tuple[tuple[int, i
 
 def main(arguments: Sequence[str], out: TextIO) -> int:
     """Derive, say the result as one line of JSON, and return the exit code."""
-    with suppress(OSError):  # a service may not be allowed to
+    with suppress(OSError, AttributeError):  # a service may not be allowed to, Windows cannot
         os.nice(NICENESS)
     target, *segments = map(Path, arguments)
     try:

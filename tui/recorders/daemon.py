@@ -36,6 +36,8 @@ SAME_S = 0.5
 """A signal to the process and to its group (as timeout(1) sends it) is one wish, not two."""
 TOLD_EVERY_S = 1.0
 """systemd hears so often how the recorder is; its watchdog waits ten times as long."""
+_RELOAD: int | None = getattr(signal, "SIGHUP", None)
+"""Windows has none; there a bench is read anew by an order only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +107,7 @@ class _Signals:
         self._asked_s = time.monotonic()
 
     def take(self, number: int, _frame: object) -> None:
-        if number == signal.SIGHUP:
+        if number == _RELOAD:
             self.reload.set()
             return
         now_s = time.monotonic()
@@ -119,7 +121,7 @@ class _Signals:
 @contextmanager
 def _signals(end: threading.Event) -> Iterator[_Signals]:
     signals = _Signals(end)
-    numbers = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+    numbers = [signal.SIGTERM, signal.SIGINT, *([] if _RELOAD is None else [_RELOAD])]
     before = {number: signal.signal(number, signals.take) for number in numbers}
     try:
         yield signals

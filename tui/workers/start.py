@@ -24,6 +24,9 @@ def loaded_once(modules: Sequence[str]) -> BaseContext:
 @contextmanager
 def deaf_to_interrupts() -> Iterator[None]:
     """Let processes that are started here leave Ctrl-C to the parent: they inherit the mask."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -54,8 +54,16 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
                 return
         yield ended(text, where)
     finally:
-        with suppress(ProcessLookupError, PermissionError):
+        _end(child)
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """End a process and its children."""
+    with suppress(ProcessLookupError, PermissionError):
+        if hasattr(os, "killpg"):
             os.killpg(child.pid, signal.SIGKILL)
+        else:  # Windows; its children end with it
+            child.kill()
 
 
 def _listen(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import IO, Self
 
 from dbc.errors import InputError
 from identify.batch import Cell
@@ -41,7 +40,7 @@ class RowJournal:
                 str(path), error.strerror or "cannot be written", "choose another --out"
             ) from None
         try:
-            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(self._stream)
         except OSError:
             self._stream.close()
             raise InputError(
@@ -125,3 +124,18 @@ def rows_in(path: Path) -> Iterator[tuple[int, dict[str, Cell]]]:
                 ) from None
             yield place, row
             place += len(line)
+
+
+def _lock(stream: IO[bytes]) -> None:
+    """Hold a file for this process alone, as long as it is open.
+
+    Raises
+    ------
+    OSError
+        If another process holds it.
+    """
+    try:
+        import fcntl
+    except ModuleNotFoundError:  # Windows: two batches into one file are not told apart there
+        return
+    fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
