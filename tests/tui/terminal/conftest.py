@@ -18,6 +18,10 @@ from tui.terminal.glyphs import Glyphs, GlyphSet, choose_glyphs
 from .fake_recorder import FakeRecorder
 
 SNAPSHOTS = Path(__file__).parent / "snapshots"
+CALM = 3
+"""Looks in a row at which nothing waits: what is done may put off something more."""
+MOST_LOOKS = 20
+"""Some screens are never calm: they draw what is measured."""
 REWRITE = "BUMPBENCH_REWRITE_SNAPSHOTS"
 SIZES = {"80x24": (80, 24), "140x40": (140, 40), "200x50": (200, 50)}
 
@@ -47,6 +51,34 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     wanted = inspect.signature(pyfuncitem.obj).parameters
     asyncio.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in wanted}))
     return True
+
+
+@pytest.fixture(autouse=True)
+def _settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a pilot wait until no message waits, and then as it does by itself.
+
+    Its own way alone is to look whether the process uses little time, and on a busy machine every
+    process does.
+    """
+    once = Pilot._wait_for_screen
+
+    async def until_calm(pilot: Pilot[None], timeout: float = 30.0) -> bool:
+        calm = 0
+        for _ in range(MOST_LOOKS):
+            if not await once(pilot, timeout):
+                return False
+            await asyncio.sleep(0)
+            calm = calm + 1 if _is_calm(pilot.app) else 0
+            if calm == CALM:
+                break
+        return True
+
+    monkeypatch.setattr(Pilot, "_wait_for_screen", until_calm)
+
+
+def _is_calm(app: App[None]) -> bool:
+    nodes = [app, *app.screen.walk_children(with_self=True)]
+    return not any(node.message_queue_size for node in nodes) and not getattr(app, "_news", None)
 
 
 @pytest.fixture(autouse=True)
