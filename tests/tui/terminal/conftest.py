@@ -18,6 +18,7 @@ from tui.terminal.glyphs import Glyphs, GlyphSet, choose_glyphs
 from .fake_recorder import FakeRecorder
 
 SNAPSHOTS = Path(__file__).parent / "snapshots"
+TRIES = 20
 CALM = 3
 """Looks in a row at which nothing waits: what is done may put off something more."""
 MOST_LOOKS = 20
@@ -34,7 +35,14 @@ async def at_every_size(
         await pilot.resize_terminal(width, height)
         await pilot.pause()
         await pilot.pause()
-        snapshot(pilot.app, f"{name}_{size}")
+        for left in reversed(range(TRIES)):
+            try:
+                snapshot(pilot.app, f"{name}_{size}")
+                break
+            except AssertionError:  # on a busy machine it takes longer to come to that
+                if not left:
+                    raise
+                await pilot.pause(0.1)
 
 
 def screen_text(app: App[None]) -> str:
