@@ -7,10 +7,12 @@ clocks must be recovered from their counters for this to work.
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,24 @@ import pytest
 from ..daq.pty_pair import pty_pair
 
 PATIENCE_S = 150
+WRITTEN_S = 25
+"""A recorder that has all runs builds its session file within this."""
+TRIES = 4
 TRANSPORTS = ("udp_multicast", "slcan")
+
+Documents = dict[str, dict[str, dict[str, Any]]]
+
+
+@contextmanager
+def _first() -> Iterator[None]:
+    """Let what plays, carries and records in real time go before other tests, where allowed."""
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, -15)  # processes that are started inherit it
+    try:
+        yield
+    finally:
+        os.setpriority(os.PRIO_PROCESS, 0, before)
 
 
 def _start(*arguments: str) -> subprocess.Popen[str]:
@@ -31,8 +50,10 @@ def _start(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
-def _result(process: subprocess.Popen[str], allowed: set[int]) -> dict[str, Any]:
-    out, err = process.communicate(timeout=PATIENCE_S)
+def _result(
+    process: subprocess.Popen[str], allowed: set[int], patience_s: float = PATIENCE_S
+) -> dict[str, Any]:
+    out, err = process.communicate(timeout=patience_s)
     assert process.returncode in allowed, err
     document = json.loads(out)
     assert isinstance(document, dict)
@@ -47,38 +68,58 @@ def _wait_for_journal(folder: Path, recorder: subprocess.Popen[str]) -> None:
         time.sleep(0.05)
 
 
-@pytest.fixture(scope="module")
-def results(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Iterator[dict[str, dict[str, dict[str, Any]]]]:
-    """Run the campaign over both transports at once and identify each session."""
-    with pty_pair() as (left, right):
+def _campaign(tmp_path_factory: pytest.TempPathFactory) -> Documents | None:
+    """Run the campaign over both transports at once; None where a run is missing at its end.
+
+    A host that is kept from sending for 0.25 s makes a silence, for which the recorder rejects the
+    run, as it should; the car then goes on with the next bump and not with that one.
+    """
+    running: dict[str, tuple[subprocess.Popen[str], subprocess.Popen[str]]] = {}
+    documents: Documents = {}
+    with _first(), pty_pair() as (left, right):
         ends = {"udp_multicast": ("239.74.163.77", "239.74.163.77"), "slcan": (left, right)}
-        running = {}
-        for transport, (sender, receiver) in ends.items():
-            folder = tmp_path_factory.mktemp(transport)
-            bench = folder / "bench.toml"
-            default = (Path(__file__).parents[2] / "daq" / "bench.toml").read_text()
-            bench.write_text(default.replace("repeats = 2", "repeats = 1"))
-            bus = ["--interface", transport, "--channel"]
-            recorder = _start("record", str(bench), "--out", str(folder), *bus, receiver, "--json")
-            _wait_for_journal(folder, recorder)
-            car = _start("simulate", str(bench), *bus, sender, "--seed", "5", "--json")
-            running[transport] = (recorder, car)
-        documents: dict[str, dict[str, dict[str, Any]]] = {}
-        for transport, (recorder, car) in running.items():
-            documents[transport] = {"simulate": _result(car, {0})}
-            # A lost frame is no failure of the recorder as long as it says so (exit code 3).
-            documents[transport]["record"] = _result(recorder, {0, 3})
-            session = str(documents[transport]["record"]["session"])
-            documents[transport]["identify"] = _result(_start("identify", session, "--json"), {0})
-        yield documents
+        try:
+            for transport, (sender, receiver) in ends.items():
+                folder = tmp_path_factory.mktemp(transport)
+                bench = folder / "bench.toml"
+                default = (Path(__file__).parents[2] / "daq" / "bench.toml").read_text()
+                bench.write_text(default.replace("repeats = 2", "repeats = 1"))
+                bus = ["--interface", transport, "--channel"]
+                out = ["--out", str(folder), "--json"]
+                recorder = _start("record", str(bench), *bus, receiver, *out)
+                _wait_for_journal(folder, recorder)
+                car = _start("simulate", str(bench), *bus, sender, "--seed", "5", "--json")
+                running[transport] = (recorder, car)
+            for transport, (recorder, car) in running.items():
+                documents[transport] = {"simulate": _result(car, {0})}
+                # A lost frame is no failure of the recorder as long as it says so (exit code 3).
+                documents[transport]["record"] = _result(recorder, {0, 3}, WRITTEN_S)
+        except subprocess.TimeoutExpired:
+            return None
+        finally:
+            for process in (process for pair in running.values() for process in pair):
+                if process.poll() is None:
+                    process.kill()
+                process.communicate()
+    return documents
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Documents:
+    """Record the car over both transports and identify each session."""
+    for _ in range(TRIES):
+        documents = _campaign(tmp_path_factory)
+        if documents is not None:
+            break
+    assert documents is not None
+    for document in documents.values():
+        session = str(document["record"]["session"])
+        document["identify"] = _result(_start("identify", session, "--json"), {0})
+    return documents
 
 
 @pytest.mark.parametrize("transport", TRANSPORTS)
-def test_every_run_is_recorded_and_labelled(
-    results: dict[str, dict[str, dict[str, Any]]], transport: str
-) -> None:
+def test_every_run_is_recorded_and_labelled(results: Documents, transport: str) -> None:
     runs = results[transport]["record"]["runs"]
     assert [run["label"] for run in runs] == [
         f"{state}_{bump}_1"
@@ -94,9 +135,7 @@ def test_every_run_is_recorded_and_labelled(
 
 
 @pytest.mark.parametrize("transport", TRANSPORTS)
-def test_the_car_is_found_within_its_intervals(
-    results: dict[str, dict[str, dict[str, Any]]], transport: str
-) -> None:
+def test_the_car_is_found_within_its_intervals(results: Documents, transport: str) -> None:
     found, truth = results[transport]["identify"], results[transport]["simulate"]["truth"]
     assert found["verdict"] == "ok", found["reasons"]
     assert 0.9 < found["chi2_per_n"] < 1.1
@@ -105,7 +144,7 @@ def test_the_car_is_found_within_its_intervals(
         assert abs(estimate["value"] - truth[name]) < 4 * estimate["std"], name
 
 
-def test_both_ways_give_the_same_car(results: dict[str, dict[str, dict[str, Any]]]) -> None:
+def test_both_ways_give_the_same_car(results: Documents) -> None:
     one, other = (results[transport]["identify"]["parameters"] for transport in TRANSPORTS)
     for name in one:
         # The same seed: the same noise, so the two differ by the transport alone.
