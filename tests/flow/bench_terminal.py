@@ -22,7 +22,7 @@ from textual.pilot import Pilot
 
 from daq.bench.config import default_bench_text
 from daq.control.address import control_address
-from daq.control.client import Client
+from daq.control.client import Client, is_running
 from daq.control.messages import Status
 from daq.control.orders import AskStatus, Mark, ShutDown
 from tui.recorders.process import start_demo_recorder, wait_for_recorder
@@ -126,10 +126,15 @@ def demo_bench(
 
 def end_recorder(folder: Path) -> None:
     """End a recorder that a terminal has started: it is nobody's child."""
-    with suppress(Exception):
-        client = Client(control_address(folder), "Test", control=True, take_over=True)
-        client.ask(ShutDown())
-        client.close()
+    address = control_address(folder)
+    for _ in range(20):
+        if not is_running(address):
+            return
+        with suppress(Exception):  # the terminal that is ending may still be in control
+            client = Client(address, "Test", control=True, take_over=True)
+            client.ask(ShutDown())
+            client.close()
+        time.sleep(0.25)
 
 
 def terminal_on(
