@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from .scan import SegmentInfo
@@ -40,20 +41,40 @@ def derived_recordings(folder: Path, segments: Iterable[SegmentInfo]) -> set[str
 
 def is_outdated(folder: Path, recording: str, stop: int) -> bool:
     """Whether a session file was derived of a recording that has not its blocks up to `stop`."""
-    try:
-        told = json.loads(_memory(folder, recording).read_text("utf-8"))
-        return bool(told["stop"] < stop)
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+    told = _remembered(folder, recording)
+    return told is not None and told.stop < stop
 
 
 def derived_revision(folder: Path, recording: str) -> int | None:
     """Return the revision of the book that a session file was built from; None if there is none."""
+    told = _remembered(folder, recording)
+    return told.revision if told is not None and told.whole else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Memory:
+    """What was noted of a session file."""
+
+    stop: int
+    session: Path
+    size: int
+    revision: int
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is there: it was written beside and renamed, with its size it is whole."""
+        try:
+            return self.session.stat().st_size == self.size
+        except OSError:
+            return False
+
+
+def _remembered(folder: Path, recording: str) -> _Memory | None:
     try:
         told = json.loads(_memory(folder, recording).read_text("utf-8"))
-        whole = Path(told["session"]).stat().st_size == told["bytes"]
-        return int(told["revision"]) if whole else None
-    except (OSError, ValueError, KeyError, TypeError):
+        size, revision = int(told["bytes"]), int(told.get("revision", -1))
+        return _Memory(int(told["stop"]), Path(told["session"]), size, revision)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 
@@ -62,9 +83,5 @@ def _memory(folder: Path, recording: str) -> Path:
 
 
 def _is_derived(folder: Path, recording: str, stop: int) -> bool:
-    try:
-        told = json.loads(_memory(folder, recording).read_text("utf-8"))
-        # It was written beside and renamed: with its size it is whole.
-        return bool(told["stop"] >= stop and Path(told["session"]).stat().st_size == told["bytes"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+    told = _remembered(folder, recording)
+    return told is not None and told.stop >= stop and told.whole
