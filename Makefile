@@ -17,6 +17,8 @@ lint: .venv/test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
+	$(BIN)/vulture
 
 bench: .venv/bench
 	$(BIN)/python -m tests.benchmarks

@@ -13,18 +13,9 @@ if TYPE_CHECKING:
     from .arrays import session_from_arrays
     from .channels import Channel, Quantity, paper_channels
     from .errors import BumpbenchError, BusError, InputError
-    from .runs import (
-        ADDED,
-        BASELINE,
-        Event,
-        Excitation,
-        Losses,
-        Run,
-        RunStatus,
-        SampleGroup,
-        Session,
-    )
+    from .runs import ADDED, BASELINE, Event, Excitation, Losses, Run, RunStatus, SampleGroup
     from .session import read_foreign_session, read_session, validate_session, write_session
+    from .sessions import Session
     from .vehicle import (
         FORD_GRANADA,
         AddedMass,
@@ -41,9 +32,10 @@ _HOMES = {
     "arrays": ("session_from_arrays",),
     "channels": ("Channel", "Quantity", "paper_channels"),
     "errors": ("BumpbenchError", "BusError", "InputError"),
+    "sessions": ("Session",),
     "runs": (
         "ADDED", "BASELINE", "Event", "Excitation", "Losses", "Run", "RunStatus", "SampleGroup",
-        "Session",
+
     ),
     "session": ("read_foreign_session", "read_session", "validate_session", "write_session"),
     "vehicle": (

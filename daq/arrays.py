@@ -12,7 +12,8 @@ from dbc.samples import Quality
 
 from .channels import Channel, paper_channels
 from .errors import InputError
-from .runs import ADDED, BASELINE, Excitation, Losses, Run, RunStatus, SampleGroup, Session
+from .runs import ADDED, BASELINE, Excitation, Losses, Run, RunStatus, SampleGroup
+from .sessions import Session
 from .vehicle import AddedMass, BodyWeight, HubWeight, MassState, Vehicle
 
 ArrayRun = tuple[str, str, Mapping[str, tuple[ArrayLike, ArrayLike]]]
@@ -63,8 +64,9 @@ def session_from_arrays(
     result = []
     for number, entry in enumerate(runs, start=1):
         where = f"run {number}"
-        if len(entry) != 3:
-            what = f"has {len(entry)} items"
+        items: tuple[object, ...] = entry  # the caller's, of any length
+        if len(items) != 3:
+            what = f"has {len(items)} items"
             raise InputError(where, what, "give mass state, excitation and a dict of channels")
         mass_state, excitation, records = entry
         if mass_state not in (BASELINE, ADDED):

@@ -63,60 +63,44 @@ class Channel:
     """One measured quantity.
 
     The stored value is ``sign * gain * SI(signal) - tare``.
-
-    Parameters
-    ----------
-    name : str
-        Unique in a session.
-    quantity : Quantity
-        What it measures.
-    unit : str
-        SI unit of the stored value.
-    signal : str
-        `Message.signal` in the DBC; empty for data that never were on a bus.
-    corner : Corner or None
-        For quantities at a wheel.
-    x_m, y_m : float
-        Mounting position on the body from the middle of the front axle (`daq.vehicle`).
-    position_sigma_m : float
-        Standard uncertainty of x_m and y_m; 0 means exact.
-    at_cg : bool
-        The position is exactly the CG, wherever that is; x_m and y_m do not count.
-    sign, gain, tare : float
-        Polarity (+1 or -1), scale correction and zero.
-    delay_s, delay_sigma_s : float
-        Known lateness of the sensor (data sheet) and its standard uncertainty.
-    low_pass_hz : float
-        Cut-off (-3 dB) of the sensor's own Butterworth low-pass (data sheet); 0 means none.
-    low_pass_order : int
-        Order of that low-pass.
-    signal_unit : str
-        Unit of the signal where the DBC states none or a wrong one; empty: as in the DBC.
-    serial_number : str
-        Of the sensor.
-    calibrated : str
-        Day of its last calibration, ISO 8601; empty if it is not known.
     """
 
     name: str
+    """Unique in a session."""
     quantity: Quantity
+    """What it measures."""
     unit: str
+    """SI unit of the stored value."""
     signal: str = ""
+    """`Message.signal` in the DBC; empty for data that never were on a bus."""
     corner: Corner | None = None
+    """For quantities at a wheel."""
     x_m: float = 0.0
     y_m: float = 0.0
+    """`x_m`, `y_m`: mounting position on the body from the middle of the front axle
+    (`daq.vehicle`)."""
     position_sigma_m: float = 0.0
+    """Standard uncertainty of x_m and y_m; 0 means exact."""
     at_cg: bool = False
+    """The position is exactly the CG, wherever that is; x_m and y_m do not count."""
     sign: float = 1.0
     gain: float = 1.0
     tare: float = 0.0
+    """`sign`, `gain`, `tare`: polarity (+1 or -1), scale correction and zero."""
     delay_s: float = 0.0
     delay_sigma_s: float = 0.0
+    """`delay_s`, `delay_sigma_s`: known lateness of the sensor (data sheet) and its standard
+    uncertainty."""
     low_pass_hz: float = 0.0
+    """Cut-off (-3 dB) of the sensor's own Butterworth low-pass (data sheet); 0 means none."""
     low_pass_order: int = 2
+    """Order of that low-pass."""
     signal_unit: str = ""
+    """Unit of the signal where the DBC states none or a wrong one; empty: as in the DBC."""
     serial_number: str = ""
+    """Of the sensor."""
     calibrated: str = ""
+    """Day of its last calibration, ISO 8601; empty if it is not known."""
 
     def __post_init__(self) -> None:
         if (self.quantity in AT_CORNER) != (self.corner is not None):

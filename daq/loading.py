@@ -25,28 +25,21 @@ Weight = BodyWeight | HubWeight
 
 @dataclass(frozen=True, slots=True)
 class Loading:
-    """The difference that added weights make.
-
-    Parameters
-    ----------
-    body_kg, hub_kg : float
-        Mass on the body and on the hubs.
-    x_shift_m, y_shift_m : float
-        How far the CG of the sprung mass moves: forward, to the left.
-    I_xx, I_yy : float
-        Added to the roll and pitch inertia about the CG without the weights, kg m2.
-    front_kg, rear_kg : float
-        Added to what the scales under each axle show.
-    """
+    """The difference that added weights make."""
 
     body_kg: float
     hub_kg: float
+    """`body_kg`, `hub_kg`: mass on the body and on the hubs."""
     x_shift_m: float
     y_shift_m: float
+    """`x_shift_m`, `y_shift_m`: how far the CG of the sprung mass moves: forward, to the left."""
     I_xx: float
     I_yy: float
+    """`I_xx`, `I_yy`: added to the roll and pitch inertia about the CG without the weights, kg
+    m2."""
     front_kg: float
     rear_kg: float
+    """`front_kg`, `rear_kg`: added to what the scales under each axle show."""
 
 
 def loading(weights: Sequence[Weight], car: VehicleParameters) -> Loading:

@@ -9,7 +9,7 @@ Where a person measures, the CG is not known.  Positions of sensors and weights 
 from the **middle of the front axle**: x forward (so most positions are negative), y left.  The CG
 of the unloaded sprung mass lies at x = -a.
 
-This file holds data only; matrices are assembled in `identify.model`, forces in `daq.sim`.
+This file holds data only; matrices are assembled in `identify.model.matrices`, forces in `daq.sim`.
 """
 
 from __future__ import annotations
@@ -52,57 +52,42 @@ class Corner(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class VehicleGeometry:
-    """Where the CG and the wheels are.
-
-    Parameters
-    ----------
-    a, b : float
-        Distance from the CG of the sprung mass to the front and rear axle, m.
-    t_f, t_r : float
-        Half width of the front and rear axle, m.
-    """
+    """Where the CG and the wheels are."""
 
     a: float
     b: float
+    """Distance from the CG of the sprung mass to the front and rear axle, m."""
     t_f: float
     t_r: float
+    """`t_f`, `t_r`: half width of the front and rear axle, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleParameters:
-    """The 15 parameters of a left-right symmetric 7-DOF vehicle, SI (paper, Table 1).
-
-    Parameters
-    ----------
-    m_s : float
-        Sprung mass, kg.
-    I_yy, I_xx : float
-        Pitch and roll moment of inertia of the sprung mass about its CG, kg m^2.
-    m_uf, m_ur : float
-        Unsprung mass of one front and one rear wheel, kg.
-    k_sf, k_sr, k_tf, k_tr : float
-        Suspension and tyre stiffness of one front and one rear corner, N/m.
-    c_sf, c_sr : float
-        Suspension damping of one front and one rear corner, N s/m.
-    a, b, t_f, t_r : float
-        As in `VehicleGeometry`, m.
-    """
+    """The 15 parameters of a left-right symmetric 7-DOF vehicle, SI (paper, Table 1)."""
 
     m_s: float
+    """Sprung mass, kg."""
     I_yy: float
     I_xx: float
+    """`I_yy`, `I_xx`: pitch and roll moment of inertia of the sprung mass about its CG, kg m^2."""
     m_uf: float
     m_ur: float
+    """`m_uf`, `m_ur`: unsprung mass of one front and one rear wheel, kg."""
     k_sf: float
     k_sr: float
     k_tf: float
     k_tr: float
+    """`k_sf`, `k_sr`, `k_tf`, `k_tr`: suspension and tyre stiffness of one front and one rear
+    corner, N/m."""
     c_sf: float
     c_sr: float
+    """`c_sf`, `c_sr`: suspension damping of one front and one rear corner, N s/m."""
     a: float
     b: float
     t_f: float
     t_r: float
+    """`a`, `b`, `t_f`, `t_r`: as in `VehicleGeometry`, m."""
 
     @property
     def geometry(self) -> VehicleGeometry:
@@ -138,23 +123,16 @@ FORD_GRANADA = VehicleParameters(
 
 @dataclass(frozen=True, slots=True)
 class BodyWeight:
-    """A weight fixed to the body, small enough to count as a point.
-
-    Parameters
-    ----------
-    mass_kg, sigma_kg : float
-        Mass and its standard uncertainty.
-    x_m, y_m : float
-        Position from the middle of the front axle: x forward, y left.
-    height_m : float
-        Height above the CG of the sprung mass; it adds m h^2 to both inertias.
-    """
+    """A weight fixed to the body, small enough to count as a point."""
 
     mass_kg: float
     x_m: float
     y_m: float
+    """`x_m`, `y_m`: position from the middle of the front axle: x forward, y left."""
     height_m: float = 0.0
+    """Height above the CG of the sprung mass; it adds m h^2 to both inertias."""
     sigma_kg: float = 0.0
+    """`mass_kg`, `sigma_kg`: mass and its standard uncertainty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,18 +150,12 @@ def _no_matrix() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class AddedMass:
-    """What a mass state carries beyond the vehicle itself; none of it is the baseline.
-
-    Parameters
-    ----------
-    weights : tuple of BodyWeight or HubWeight
-        Known weights at known places.
-    matrix : (7, 7) float64
-        A mass matrix given directly, about the baseline CG, in the order `DOF`.
-    """
+    """What a mass state carries beyond the vehicle itself; none of it is the baseline."""
 
     weights: tuple[BodyWeight | HubWeight, ...] = ()
+    """Known weights at known places."""
     matrix: NDArray[np.float64] = field(default_factory=_no_matrix)
+    """A mass matrix given directly, about the baseline CG, in the order `DOF`, shape (7, 7)."""
 
     def __post_init__(self) -> None:
         if self.matrix.shape != (7, 7):
@@ -201,26 +173,18 @@ class MassState:
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """Which parameters the model of the vehicle has beyond the 15.
-
-    Parameters
-    ----------
-    symmetric : bool
-        Left and right corner of an axle are alike; else every corner has a wheel, a spring, a tyre
-        and a damper of its own (23 parameters instead of 15).
-    anti_roll_bars : bool
-        A bar on each axle: a force on either corner proportional to the difference of their
-        suspension travels, N/m.
-    tyre_damping : bool
-        A damper beside each tyre's spring.
-    cg_offset : bool
-        The CG may lie to the left or right of the middle of the car.
-    """
+    """Which parameters the model of the vehicle has beyond the 15."""
 
     symmetric: bool = True
+    """Left and right corner of an axle are alike; else every corner has a wheel, a spring, a tyre
+    and a damper of its own (23 parameters instead of 15)."""
     anti_roll_bars: bool = False
+    """A bar on each axle: a force on either corner proportional to the difference of their
+    suspension travels, N/m."""
     tyre_damping: bool = False
+    """A damper beside each tyre's spring."""
     cg_offset: bool = False
+    """The CG may lie to the left or right of the middle of the car."""
 
 
 _CORNER_KINDS = ("m_u", "k_s", "k_t", "c_s")
@@ -272,19 +236,13 @@ class FactQuantity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """Something known of the vehicle with an uncertainty: a datum like any sample.
-
-    Parameters
-    ----------
-    quantity : str
-        A `FactQuantity`, or the name of a parameter of the model (a spring that was measured).
-    value, sigma : float
-        Value and its standard uncertainty, SI.
-    """
+    """Something known of the vehicle with an uncertainty: a datum like any sample."""
 
     quantity: str
+    """A `FactQuantity`, or the name of a parameter of the model (a spring that was measured)."""
     value: float
     sigma: float
+    """`value`, `sigma`: value and its standard uncertainty, SI."""
 
     def __post_init__(self) -> None:
         if not self.sigma > 0.0:
@@ -293,21 +251,13 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The vehicle under test, as far as it is known beforehand.
-
-    Parameters
-    ----------
-    name : str
-        For people.
-    geometry : VehicleGeometry or None
-        The four lengths if they are measured; None leaves them to be identified.
-    structure : Structure
-        Which parameters its model has.
-    facts : tuple of Fact
-        What scales and tape measure say.
-    """
+    """The vehicle under test, as far as it is known beforehand."""
 
     name: str
+    """For people."""
     geometry: VehicleGeometry | None = None
+    """The four lengths if they are measured; None leaves them to be identified."""
     structure: Structure = Structure()
+    """Which parameters its model has."""
     facts: tuple[Fact, ...] = ()
+    """What scales and tape measure say."""

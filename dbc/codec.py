@@ -20,21 +20,14 @@ _STANDARD_IDS = 1 << 11
 
 @dataclass(frozen=True, slots=True)
 class Codec:
-    """The messages of a DBC, ready to decode and encode.
-
-    Parameters
-    ----------
-    messages : tuple of MessageLayout
-        Names, and pairs of (can_id, is_extended), must be unique.
-    left_out : tuple of Remark
-        Messages of the database that cannot be used, and why.
-    notes : tuple of Remark
-        What is odd in the database and does no harm.
-    """
+    """The messages of a DBC, ready to decode and encode."""
 
     messages: tuple[MessageLayout, ...]
+    """Names, and pairs of (can_id, is_extended), must be unique."""
     left_out: tuple[Remark, ...] = ()
+    """Messages of the database that cannot be used, and why."""
     notes: tuple[Remark, ...] = ()
+    """What is odd in the database and does no harm."""
     _by_name: dict[str, MessageLayout] = field(init=False, repr=False, compare=False)
     _by_id: dict[tuple[int, bool], MessageLayout] = field(init=False, repr=False, compare=False)
     _readers: tuple[MessageReader, ...] = field(init=False, repr=False, compare=False)

@@ -12,17 +12,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Crc8:
-    """A CRC of 8 bits, most significant bit first, neither input nor output reflected.
-
-    Parameters
-    ----------
-    polynomial, initial, final_xor : int
-        As catalogues of CRC algorithms list them.
-    """
+    """A CRC of 8 bits, most significant bit first, neither input nor output reflected."""
 
     polynomial: int
     initial: int
     final_xor: int
+    """`polynomial`, `initial`, `final_xor`: as catalogues of CRC algorithms list them."""
 
     def __call__(self, payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return the checksum of each row of (n, m) bytes, (n,)."""

@@ -11,14 +11,14 @@ from importlib.resources import files
 from pathlib import Path
 
 from .codec import Codec
-from .compose import compose
-from .document import ORPHANS, Block, Document, read_document, whole
 from .errors import InputError
 from .layout import MessageLayout
-from .limits import MAX_BYTES, PICK_DBC
-from .lint import FaultError, ambiguous, check_message, overlaps
+from .reader.compose import compose
+from .reader.document import ORPHANS, Block, Document, read_document, whole
+from .reader.limits import MAX_BYTES, PICK_DBC
+from .reader.lint import FaultError, ambiguous, check_message, overlaps
+from .reader.source import Source
 from .remark import Remark
-from .source import Source
 
 
 def shipped_dbc() -> str:
@@ -115,7 +115,7 @@ def parse_codec(text: str, name: str) -> Codec:
     if "\0" in text:
         raise InputError(name, "binary data, not a DBC", PICK_DBC)
     if Path(name).suffix.lower() in (".kcd", ".sym"):
-        from .foreign import parse_foreign
+        from .reader.foreign import parse_foreign
 
         return parse_foreign(text, name)
     source = Source.of(text, name)

@@ -16,43 +16,28 @@ from .samples import Quality, Samples
 
 @dataclass(frozen=True, slots=True)
 class MessageReader:
-    """A message with its signals' readers.
-
-    Parameters
-    ----------
-    layout : MessageLayout
-        The message.
-    width : int
-        Width of the payloads it reads, 8 or 64 bytes.
-    readers : tuple of FieldReader
-        In order of `layout.signals`.
-    ranges : tuple of (float, float) or None
-        Lowest and highest valid value of each signal, where its bits can express others.
-    """
+    """A message with its signals' readers."""
 
     layout: MessageLayout
+    """The message."""
     width: int
+    """Width of the payloads it reads, 8 or 64 bytes."""
     readers: tuple[FieldReader, ...]
+    """In order of `layout.signals`."""
     ranges: tuple[tuple[float, float] | None, ...]
+    """Lowest and highest valid value of each signal, where its bits can express others."""
 
 
 @dataclass(frozen=True, slots=True)
 class MessageFrames:
-    """The frames of one message in a block, in order of arrival.
-
-    Parameters
-    ----------
-    t_ns : (n,) int64
-        Time stamps.
-    payload : (n, 8) or (n, 64) uint8, contiguous
-        As wide as the message's reader.
-    length : (n,) uint8
-        Bytes that were received.
-    """
+    """The frames of one message in a block, in order of arrival."""
 
     t_ns: NDArray[np.int64]
+    """Time stamps, shape (n,)."""
     payload: NDArray[np.uint8]
+    """As wide as the message's reader."""
     length: NDArray[np.uint8]
+    """Bytes that were received, shape (n,)."""
 
     def select(self, rows: NDArray[np.intp]) -> MessageFrames:
         """Return some of the frames."""

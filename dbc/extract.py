@@ -21,28 +21,19 @@ _EXACT = 1 << 53
 
 @dataclass(frozen=True, slots=True)
 class FieldReader:
-    """How to read one signal from payloads of a fixed width.
-
-    Parameters
-    ----------
-    layout : SignalLayout
-        The signal.
-    view : numpy dtype
-        What to read, with its byte order: the field itself, or a window of 8 bytes around it.
-    byte : int
-        Where to read it in the payload.
-    shift : int or None
-        Lowest bit of the field in the window; None if `view` is the field itself.  Negative if
-        the field goes on in the byte after the window.
-    arithmetic : numpy dtype
-        Type in which raw * factor (+ offset) is exact or rounds as Python's numbers do.
-    """
+    """How to read one signal from payloads of a fixed width."""
 
     layout: SignalLayout
+    """The signal."""
     view: np.dtype[np.generic]
+    """What to read, with its byte order: the field itself, or a window of 8 bytes around it."""
     byte: int
+    """Where to read it in the payload."""
     shift: int | None
+    """Lowest bit of the field in the window; None if `view` is the field itself.  Negative if the
+    field goes on in the byte after the window."""
     arithmetic: np.dtype[np.generic]
+    """Type in which raw * factor (+ offset) is exact or rounds as Python's numbers do."""
 
     def raw(self, payload: NDArray[np.uint8]) -> NDArray[Any]:
         """Return the raw numbers of the signal.

@@ -38,21 +38,6 @@ def read_only(values: NDArray[_T]) -> NDArray[_T]:
 class FrameBatch:
     """A block of frames, in order of arrival.
 
-    Parameters
-    ----------
-    t_ns : (n,) int64
-        Time stamp of each frame, ns since 1970-01-01 UTC, as given by the bus.
-    can_id : (n,) uint32
-        Identifier, 11 or 29 bits, without flag bits.
-    flags : (n,) uint16
-        Bits of `FrameFlag`.
-    bus : (n,) uint8
-        Index of the bus in the configuration.
-    length : (n,) uint8
-        Number of payload bytes.
-    data : (n, 8) or (n, 64) uint8
-        Payload, padded with zeros.
-
     Raises
     ------
     ValueError
@@ -60,11 +45,17 @@ class FrameBatch:
     """
 
     t_ns: NDArray[np.int64]
+    """Time stamp of each frame, ns since 1970-01-01 UTC, as given by the bus, shape (n,)."""
     can_id: NDArray[np.uint32]
+    """Identifier, 11 or 29 bits, without flag bits, shape (n,)."""
     flags: NDArray[np.uint16]
+    """Bits of `FrameFlag`."""
     bus: NDArray[np.uint8]
+    """Index of the bus in the configuration, shape (n,)."""
     length: NDArray[np.uint8]
+    """Number of payload bytes, shape (n,)."""
     data: NDArray[np.uint8]
+    """Payload, padded with zeros."""
 
     def __post_init__(self) -> None:
         n = len(self.t_ns)

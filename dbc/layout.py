@@ -7,64 +7,44 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class CounterRule:
-    """A counter that grows by one with each frame of a message.
-
-    Parameters
-    ----------
-    signal : str
-        Name of the signal in its message.
-    modulus : int
-        The counter runs from 0 to modulus - 1 and starts again.
-    """
+    """A counter that grows by one with each frame of a message."""
 
     signal: str
+    """Name of the signal in its message."""
     modulus: int
+    """The counter runs from 0 to modulus - 1 and starts again."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignalLayout:
-    """Where a signal lies in the payload and what its bits mean.
-
-    Parameters
-    ----------
-    name, unit : str
-        As in the DBC; the unit may be empty.
-    start : int
-        Start bit as in the DBC: the lowest bit of an Intel signal, the highest of a Motorola one,
-        counted as 8 * byte + bit.
-    length : int
-        Bits, 1..64.
-    is_big_endian : bool
-        Motorola byte order.
-    is_signed, is_float : bool
-        Two's complement; IEEE 754 of 16, 32 or 64 bits.
-    factor, offset : int or float
-        value = raw * factor + offset.  Whole numbers stay `int`, because arithmetic with them is
-        exact.
-    minimum, maximum : float or None
-        Range of valid values in `unit`; None where the DBC states none.
-    selector : str or None
-        Name of the multiplexer signal that decides whether this signal is in a frame.
-    selected_by : tuple of (int, int)
-        Inclusive ranges of the selector's raw value for which it is.
-    sentinels : tuple of int
-        Raw values that are no measurement, see `dbc.sentinels`.
-    """
+    """Where a signal lies in the payload and what its bits mean."""
 
     name: str
     unit: str
+    """As in the DBC; the unit may be empty."""
     start: int
+    """Start bit as in the DBC: the lowest bit of an Intel signal, the highest of a Motorola one,
+    counted as 8 * byte + bit."""
     length: int
+    """Bits, 1..64."""
     is_big_endian: bool
+    """Motorola byte order."""
     is_signed: bool
     is_float: bool
+    """`is_signed`, `is_float`: two's complement; IEEE 754 of 16, 32 or 64 bits."""
     factor: int | float
     offset: int | float
+    """value = raw * factor + offset.  Whole numbers stay `int`, because arithmetic with them is
+    exact."""
     minimum: float | None
     maximum: float | None
+    """`minimum`, `maximum`: range of valid values in `unit`; None where the DBC states none."""
     selector: str | None
+    """Name of the multiplexer signal that decides whether this signal is in a frame."""
     selected_by: tuple[tuple[int, int], ...]
+    """Inclusive ranges of the selector's raw value for which it is."""
     sentinels: tuple[int, ...]
+    """Raw values that are no measurement, see `dbc.reader.sentinels`."""
 
     @property
     def is_multiplexed(self) -> bool:
@@ -115,42 +95,28 @@ class SignalLayout:
 
 @dataclass(frozen=True, slots=True)
 class MessageLayout:
-    """One message of a DBC.
-
-    Parameters
-    ----------
-    name : str
-        Unique in the DBC.
-    can_id : int
-        11 or 29 bits, without flag bits.
-    is_extended : bool
-        Whether `can_id` has 29 bits.  The pair decides; equal numbers may be different messages.
-    length : int
-        Payload bytes, 0..64.
-    cycle_s : float or None
-        Time between two frames, s; None where the DBC states none.
-    signals : tuple of SignalLayout
-        In order of the DBC's bits.
-    counter : CounterRule or None
-        The signal that the DBC marks as rolling counter.
-    crc : str or None
-        The signal that holds the checksum of one byte (`dbc.crc.covered`).
-    senders : tuple of str
-        Nodes that send it.
-    crc_rule : str
-        How the checksum is computed, a name in `dbc.crc.CRC_RULES`.
-    """
+    """One message of a DBC."""
 
     name: str
+    """Unique in the DBC."""
     can_id: int
+    """11 or 29 bits, without flag bits."""
     is_extended: bool
+    """Whether `can_id` has 29 bits.  The pair decides; equal numbers may be different messages."""
     length: int
+    """Payload bytes, 0..64."""
     cycle_s: float | None
+    """Time between two frames, s; None where the DBC states none."""
     signals: tuple[SignalLayout, ...]
+    """In order of the DBC's bits."""
     counter: CounterRule | None
+    """The signal that the DBC marks as rolling counter."""
     crc: str | None
+    """The signal that holds the checksum of one byte (`dbc.crc.covered`)."""
     senders: tuple[str, ...]
+    """Nodes that send it."""
     crc_rule: str = "crc8_j1850"
+    """How the checksum is computed, a name in `dbc.crc.CRC_RULES`."""
 
     def signal(self, name: str) -> SignalLayout:
         """Return the signal called `name`.

@@ -9,21 +9,14 @@ from .errors import printable
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """One thing about one message.
-
-    Parameters
-    ----------
-    where : str
-        `FILE:LINE`.
-    name : str
-        The message, as far as the text tells it.
-    reason : str
-        What is wrong or odd.
-    """
+    """One thing about one message."""
 
     where: str
+    """`FILE:LINE`."""
     name: str
+    """The message, as far as the text tells it."""
     reason: str
+    """What is wrong or odd."""
 
     def __str__(self) -> str:
         return printable(f"{self.where}: {self.name} {self.reason}", 300)

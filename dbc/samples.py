@@ -33,24 +33,16 @@ UNUSABLE = Quality.CRC_BAD | Quality.SENTINEL | Quality.MISSING
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """The samples of one signal.
-
-    Parameters
-    ----------
-    channel : str
-        `Message.signal`, or a channel's name once it is mapped.
-    t_ns : (n,) int64
-        Time stamps of the frames, ns.
-    value : (n,) float64
-        Physical values in the signal's unit; NaN where there is none.
-    quality : (n,) uint8
-        Bits of `Quality`.
-    """
+    """The samples of one signal."""
 
     channel: str
+    """`Message.signal`, or a channel's name once it is mapped."""
     t_ns: NDArray[np.int64]
+    """Time stamps of the frames, ns, shape (n,)."""
     value: NDArray[np.float64]
+    """Physical values in the signal's unit, shape (n,); NaN where there is none."""
     quality: NDArray[np.uint8]
+    """Bits of `Quality`, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,19 +58,13 @@ class DecodeCounts:
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """All that a batch of frames says.
-
-    Parameters
-    ----------
-    samples : mapping of `Message.signal` to Samples
-        Signals of the messages that occur in the batch.  Signals of one (not multiplexed)
-        message share one `t_ns` array.
-    counts : DecodeCounts
-        What was not decoded.
-    """
+    """All that a batch of frames says."""
 
     samples: Mapping[str, Samples]
+    """Signals of the messages that occur in the batch.  Signals of one (not multiplexed) message
+    share one `t_ns` array."""
     counts: DecodeCounts
+    """What was not decoded."""
 
     def __getitem__(self, signal: str) -> Samples:
         return self.samples[signal]

@@ -13,19 +13,13 @@ G_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class SiUnit:
-    """How a unit becomes SI: si = factor * value + offset.
-
-    Parameters
-    ----------
-    factor, offset : float
-        The conversion.
-    unit : str
-        The SI unit; "1" for plain numbers.
-    """
+    """How a unit becomes SI: si = factor * value + offset."""
 
     factor: float
     offset: float
+    """`factor`, `offset`: the conversion."""
     unit: str
+    """The SI unit; "1" for plain numbers."""
 
 
 _DEGREE = math.pi / 180

@@ -1,14 +1,15 @@
 """From runs to physical parameters with confidence intervals.  Pure computation."""
 
-from .model import PhysicalModel, state_space
+from .fit.uncertainty import Estimate
+from .identification import Identification
+from .model.matrices import PhysicalModel, state_space
 from .modes.era import realised_modes
 from .modes.modal import ModalModel, Mode, mac, mpc
-from .modes.names import mode_names
-from .modes.stabilisation import identify_modes
-from .modes.stable_poles import StabilisationDiagram, stabilisation_diagram
-from .pipeline import Identification, identify
+from .modes.mode_names import mode_names
+from .modes.mode_selection import identify_modes
+from .modes.stabilisation import StabilisationDiagram, stabilisation_diagram
+from .pipeline import identify
 from .trust.finding import Finding, Quality, Verdict
-from .uncertainty import Estimate
 
 __all__ = [
     "Estimate",

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import isfinite
 
-from daq.runs import RunStatus, Session
+from daq.runs import RunStatus
+from daq.sessions import Session
 
-from .pipeline import Identification, identify
+from .identification import Identification
+from .pipeline import identify
 
 Cell = float | str | None
 """None where there is no number."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from dbc.errors import InputError
 
-from .pipeline import Identification
-from .uncertainty import Estimate
+from .fit.uncertainty import Estimate
+from .identification import Identification
 
 LEVEL = 0.05
 """Chance of even one false alarm among all tests of a kind."""
@@ -20,98 +20,67 @@ LEVEL = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A session less the first, in one quantity.
-
-    Parameters
-    ----------
-    value, std : float
-        Difference and its standard deviation, errors of both taken as independent.
-    z : float
-        One by the other.
-    p : float
-        Chance of a difference as large if there is none.
-    significant : bool
-        Whether it stands at 95 % among all differences (Holm 1979).
-    """
+    """A session less the first, in one quantity."""
 
     value: float
     std: float
+    """`value`, `std`: difference and its standard deviation, errors of both taken as
+    independent."""
     z: float
+    """One by the other."""
     p: float
+    """Chance of a difference as large if there is none."""
     significant: bool
+    """Whether it stands at 95 % among all differences (Holm 1979)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """A quantity over the sessions in their order: weighted straight line, and constancy.
-
-    Parameters
-    ----------
-    slope, slope_std : float
-        Change from one session to the next.
-    slope_p : float
-        Chance of a slope as large if there is none.
-    chi2, freedom : float, int
-        Misfit of one constant value.
-    constant_p : float
-        Chance of as large a misfit if it is constant.
-    drifts, varies : bool
-        Whether slope and misfit stand at 95 % among all quantities (Holm 1979).
-    """
+    """A quantity over the sessions in their order: weighted straight line, and constancy."""
 
     slope: float
     slope_std: float
+    """`slope`, `slope_std`: change from one session to the next."""
     slope_p: float
+    """Chance of a slope as large if there is none."""
     chi2: float
     freedom: int
+    """`chi2`, `freedom`: misfit of one constant value."""
     constant_p: float
+    """Chance of as large a misfit if it is constant."""
     drifts: bool
     varies: bool
+    """`drifts`, `varies`: whether slope and misfit stand at 95 % among all quantities (Holm
+    1979)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """One quantity in all sessions.
-
-    Parameters
-    ----------
-    name : str
-        A parameter, or a mode's frequency or damping ratio.
-    estimates : tuple of Estimate
-        One for each session.
-    differences : tuple of Difference
-        Of each session but the first.
-    trend : Trend or None
-        Of three sessions or more.
-    """
+    """One quantity in all sessions."""
 
     name: str
+    """A parameter, or a mode's frequency or damping ratio."""
     estimates: tuple[Estimate, ...]
+    """One for each session."""
     differences: tuple[Difference, ...]
+    """Of each session but the first."""
     trend: Trend | None
+    """Of three sessions or more."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Sessions held against the first of them.
-
-    Parameters
-    ----------
-    labels : tuple of str
-        Names of the sessions, in the order given.
-    verdicts : tuple of str
-        Of each.
-    parameters, modes : tuple of Compared
-        Every quantity that was identified in all sessions.
-    common : tuple of str
-        Facts and weights with uncertainties that all sessions state alike.
-    """
+    """Sessions held against the first of them."""
 
     labels: tuple[str, ...]
+    """Names of the sessions, in the order given."""
     verdicts: tuple[str, ...]
+    """Of each."""
     parameters: tuple[Compared, ...]
     modes: tuple[Compared, ...]
+    """`parameters`, `modes`: every quantity that was identified in all sessions."""
     common: tuple[str, ...]
+    """Facts and weights with uncertainties that all sessions state alike."""
 
     @property
     def quantities(self) -> tuple[Compared, ...]:

@@ -5,108 +5,40 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from functools import partial
 from math import nan
 
 import numpy as np
 
-from daq.runs import RunStatus, Session
+from daq.runs import RunStatus
+from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 
-from .decay import FreeDecay, Record, record_of
-from .display import identification_html
-from .estimation import Estimation, estimate, generic_vehicles
-from .greybox import GreyBox
-from .likelihood import Residuals
-from .model import PhysicalModel, loaded_model
-from .modes.modal import ModalModel, modes_of
-from .modes.names import mode_names
-from .modes.pairing import Pairing, pair_modes
-from .modes.sensed import SensedModes, closed_form, sensed_modes
-from .trust.finding import Quality
-from .trust.judge import judge
-from .trust.shortcomings import shortcomings
-from .uncertainty import (
-    Correlation,
-    Estimate,
-    ModeEstimate,
+from .decays.decay import FreeDecay, Record, record_of
+from .fit.estimation import Estimation, estimate, generic_vehicles
+from .fit.grey_box import GreyBox
+from .fit.uncertainty import (
     correlation,
     derived_estimates,
     drivers,
     estimates,
     mode_estimates,
 )
+from .identification import Identification
+from .model.matrices import loaded_model
+from .modes.modal import modes_of
+from .modes.mode_names import mode_names
+from .modes.pairing import pair_modes
+from .modes.vehicle_modes import SensedModes, sensed_modes
+from .paper.closed_form import closed_form
+from .trust.finding import Quality
+from .trust.judge import judge
+from .trust.shortcomings import shortcomings
 
 Progress = Callable[[float, str], None]
 """Told what share of the work is done, 0..1, and what comes next."""
-
-
-@dataclass(frozen=True, slots=True)
-class Identification:
-    """What a session says of its vehicle.
-
-    Parameters
-    ----------
-    parameters : mapping of str to Estimate
-        The parameters with 95 % intervals (maximum likelihood); empty if no fit was possible.
-    derived : mapping of str to Estimate
-        What follows from them: loads, radii of gyration, damping ratios (`identify.derived`).
-    correlation : Correlation
-        Of the errors of the parameters.
-    drivers : mapping of parameter to mapping of source to float
-        Which run, fact or stated uncertainty its precision rests on; shares of one.
-    modal : mapping of mass state to ModalModel
-        Modes of the identified vehicle, shapes in `daq.vehicle.DOF`.
-    modes : mapping of mass state to tuple of ModeEstimate
-        Their frequencies and damping ratios with intervals, in the same order.
-    mode_names : mapping of mass state to tuple of str
-        What moves in each of them (`identify.modes.names`).
-    pairings : mapping of mass state to Pairing
-        How the modes of each further mass state follow from those of the first, by MAC: with mass
-        on board, wheel modes that are nearly equal may change their order.
-    sensed : mapping of mass state to ModalModel
-        Modes by the State Variable Method alone, shapes in the channels' units.
-    closed_form : mapping of str to float
-        Parameters by the paper's chain (Eqs. 22-33); empty where it has no answer.
-    closed_form_damping : mapping of str to mapping of str to float
-        Its c_sf and c_sr by each of the three ways to C.
-    physical : mapping of mass state to PhysicalModel
-        M, C and K of the identified vehicle.
-    quality : Quality
-        Verdict, findings and goodness of fit.
-    noise : mapping of channel name to float
-        Standard deviation of the noise, SI.
-    residuals : tuple of Residuals
-        Measured less fitted, one for each run.
-    estimation : Estimation or None
-        The fit itself, with the decays that it is of; None where none was possible.
-    provenance : mapping of str to str
-        Of the session.
-    """
-
-    quality: Quality
-    provenance: Mapping[str, str]
-    parameters: Mapping[str, Estimate] = field(default_factory=dict)
-    derived: Mapping[str, Estimate] = field(default_factory=dict)
-    correlation: Correlation = field(default_factory=lambda: Correlation((), np.zeros((0, 0))))
-    drivers: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    modal: Mapping[str, ModalModel] = field(default_factory=dict)
-    modes: Mapping[str, tuple[ModeEstimate, ...]] = field(default_factory=dict)
-    mode_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    pairings: Mapping[str, Pairing] = field(default_factory=dict)
-    sensed: Mapping[str, ModalModel] = field(default_factory=dict)
-    closed_form: Mapping[str, float] = field(default_factory=dict)
-    closed_form_damping: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    physical: Mapping[str, PhysicalModel] = field(default_factory=dict)
-    noise: Mapping[str, float] = field(default_factory=dict)
-    residuals: tuple[Residuals, ...] = ()
-    estimation: Estimation | None = None
-
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
-        return identification_html(self)
 
 
 _SENSED_RATE_HZ = 250.0  # of what is reported beside the estimate

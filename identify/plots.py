@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from daq.vehicle import VehicleGeometry
 from dbc.errors import InputError
 
-from .figures.panels import draw, figure_of, look, size_in
-from .modes.stable_poles import StabilisationDiagram
-from .pipeline import Identification
+from .identification import Identification
+from .modes.stabilisation import StabilisationDiagram
 from .report.blocks import Gallery, Picture
 from .report.decays import decay_section
+from .report.figures.panels import draw, figure_of, look, size_in
 from .report.panels import CorrelationPanel, ShapePanel, StabilisationPanel
 from .report.parameters import parameter_section
 from .report.shapes import shape_of

@@ -5,7 +5,6 @@ Nothing heavy is imported here, nor at the top of a command's file, so that `--h
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -34,7 +33,7 @@ from .commands.status import status
 from .commands.study import study
 from .commands.tui import tui
 from .commands.validate import validate
-from .diagnostics import ExitCode, report, report_usage
+from .invocation import invoke
 
 GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
     "To begin with": (demo, simulate, notebook),
@@ -77,39 +76,6 @@ def main() -> None:
     sys.exit(run(sys.argv[1:]))
 
 
-def run(arguments: list[str], commands: typer.Typer = app) -> int:
-    """Run one command.
-
-    Parameters
-    ----------
-    arguments : list of str
-        As after `bumpbench` in a shell.
-    commands : typer.Typer
-        What there is to run.
-
-    Returns
-    -------
-    int
-        The exit code (`tui.diagnostics.ExitCode`).
-    """
-    try:
-        code = commands(arguments, standalone_mode=False, prog_name="bumpbench")
-        sys.stdout.flush()
-    except typer.exceptions.TyperException as error:
-        message = error.format_message()
-        if message.startswith("Usage:"):  # help, asked for by saying nothing
-            sys.stdout.write(f"{message}\n")
-            return ExitCode.OK
-        return report_usage(message)
-    except (KeyboardInterrupt, typer.Abort):
-        return ExitCode.INTERRUPTED
-    except BrokenPipeError:  # the reader of our stdout has gone: so may we
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return ExitCode.OK
-    except Exception as error:
-        from dbc.errors import BumpbenchError  # with NumPy behind it: not for --help
-
-        if isinstance(error, BumpbenchError):
-            return report(error)
-        raise
-    return int(code or ExitCode.OK)
+def run(arguments: list[str]) -> int:
+    """Run one command, its words as after `bumpbench` in a shell; return the exit code."""
+    return invoke(arguments, app)

@@ -1,7 +1,7 @@
 """Alarms: what is wrong with buses, sensors and the recorder, found by a pure fold."""
 
-from .explained import EXPLAINED, GRAVITY, Explanation
-from .ledger import ALARM, ALARM_END
+from .debounce import ALARM, ALARM_END
+from .texts import EXPLAINED, GRAVITY, Explanation
 from .watch import CLOCK_STEP, AlarmState, Turn, acknowledged, reconfigured, watch
 
 __all__ = [

@@ -14,7 +14,7 @@ from ..bus.error_frames import ControllerState, ErrorTally, tally_error_frames
 from ..bus.source import LinkFacts, SourceLosses
 from ..bus.wire_bits import wire_bits
 from ..control.messages import BusState, BusStatus
-from .symptoms import WINDOW_S, Count, Key, Symptom
+from .inputs import WINDOW_S, Count, Key, Symptom
 
 _CALM_S = 2.0
 """A controller that receives and has met no error for so long is no longer error-passive: many
@@ -25,47 +25,33 @@ Traffic = tuple[float, int, int, float, int]
 
 @dataclass(frozen=True, slots=True)
 class BusWatch:
-    """One bus so far.
-
-    Parameters
-    ----------
-    name : str
-        Of the link: another one in its place begins anew.
-    connected_s, heard_s, good_s : float
-        Monotonic time since which it is connected; of the last frame of any kind; of the last good
-        one.  Both are at least `connected_s`.
-    error_s : float
-        Of the last error frame; minus infinity before the first.
-    frames, error_frames : int
-        Good ones and error frames since the start.
-    recent : tuple of Traffic
-        Turns of the last second, and the one before.
-    last_ns : int
-        Latest time stamp.
-    controller : ControllerState or None
-        As told last, if it was.
-    tx_errors, rx_errors : int or None
-        As told last.
-    said : str
-        The last error frame, in words.
-    losses : SourceLosses
-        At the last turn.
-    """
+    """One bus so far."""
 
     name: str
+    """Of the link: another one in its place begins anew."""
     connected_s: float
     heard_s: float
     good_s: float
+    """Monotonic time since which it is connected; of the last frame of any kind; of the last good
+    one.  Both are at least `connected_s`."""
     error_s: float = float("-inf")
+    """Of the last error frame; minus infinity before the first."""
     frames: int = 0
     error_frames: int = 0
+    """Good ones and error frames since the start."""
     recent: tuple[Traffic, ...] = ()
+    """Turns of the last second, and the one before."""
     last_ns: int = 0
+    """Latest time stamp."""
     controller: ControllerState | None = None
+    """As told last, if it was."""
     tx_errors: int | None = None
     rx_errors: int | None = None
+    """`tx_errors`, `rx_errors`: as told last."""
     said: str = ""
+    """The last error frame, in words."""
     losses: SourceLosses = field(default_factory=SourceLosses)
+    """At the last turn."""
 
 
 def advance_buses(

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from ..bench.config import RecorderConfig
 from ..control.messages import DiskStatus, QueueStatus
-from ..journal.room import Room, low_text
-from .symptoms import Count, Key, Symptom
+from ..journal.disk_space import Room, low_text
+from .inputs import Count, Key, Symptom
 
 CLOCK_STEP_S = 0.05
 """A wall clock that has moved so far against the monotonic one was set."""

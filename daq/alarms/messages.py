@@ -13,8 +13,8 @@ from dbc.frames import FrameBatch, FrameFlag
 from dbc.layout import MessageLayout
 from dbc.samples import Decoded, Quality
 
-from ..recorder.health import HealthState
-from .symptoms import Count, Key, Symptom
+from ..samples.health import HealthState
+from .inputs import Count, Key, Symptom
 
 STALE_PERIODS = 5.0
 _LEAST_TIMEOUT_S = 0.5
@@ -34,25 +34,18 @@ _EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40
 
 @dataclass(frozen=True, slots=True)
 class MessageWatch:
-    """One message of the DBC so far.
-
-    Parameters
-    ----------
-    seen_s : float
-        Monotonic time of the turn that brought the last frame.
-    period_s : float or None
-        Stated in the DBC, or learned; None for what comes when it likes.
-    learn_s, learn_frames : float, int
-        Since when, and from how many frames, the period is being learned.
-    buses : mapping of int to float
-        When it was last seen on each bus.
-    """
+    """One message of the DBC so far."""
 
     seen_s: float
+    """Monotonic time of the turn that brought the last frame."""
     period_s: float | None
+    """Stated in the DBC, or learned; None for what comes when it likes."""
     learn_s: float
     learn_frames: int
+    """`learn_s`, `learn_frames`: since when, and from how many frames, the period is being
+    learned."""
     buses: Mapping[int, float]
+    """When it was last seen on each bus."""
 
     @property
     def timeout_s(self) -> float | None:
@@ -73,29 +66,20 @@ class Stranger:
 
 @dataclass(frozen=True, slots=True)
 class MessagesWatch:
-    """All traffic by identifier so far; the default is the state before any.
-
-    Parameters
-    ----------
-    began_s : float or None
-        Monotonic time of the first turn that brought frames.
-    turn_s : float
-        Of the last turn.
-    known : mapping of message name to MessageWatch
-        Messages of the DBC that came.
-    strangers : mapping of (bus, identifier, is_extended) to Stranger
-        Others.
-    missing : mapping of message name to int
-        Frames missing by the counter, at the last turn.
-    """
+    """All traffic by identifier so far; the default is the state before any."""
 
     began_s: float | None = None
+    """Monotonic time of the first turn that brought frames."""
     turn_s: float = 0.0
+    """Of the last turn."""
     known: Mapping[str, MessageWatch] = field(default_factory=lambda: MappingProxyType({}))
+    """Messages of the DBC that came."""
     strangers: Mapping[tuple[int, int, bool], Stranger] = field(
         default_factory=lambda: MappingProxyType({})
     )
+    """Others."""
     missing: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    """Frames missing by the counter, at the last turn."""
 
 
 def advance_messages(

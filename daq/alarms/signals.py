@@ -12,7 +12,7 @@ from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 
 from ..channels import TIME_DERIVATIVE, Quantity
 from ..samples.mapping import MappedChannel
-from .symptoms import Count, Key, Symptom
+from .inputs import Count, Key, Symptom
 
 STUCK_SAMPLES = 20
 _STUCK_S = 0.8
@@ -37,49 +37,32 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """The run of equal samples that a channel is in.
-
-    Parameters
-    ----------
-    value : float
-        The signal's value.
-    since_ns : int
-        Time stamp of the run's first sample.
-    samples : int
-        How many.
-    until_ns : int
-        Time stamp of its last.
-    moving : int
-        Turns within the run in which others moved.
-    """
+    """The run of equal samples that a channel is in."""
 
     value: float
+    """The signal's value."""
     since_ns: int
+    """Time stamp of the run's first sample."""
     samples: int
+    """How many."""
     until_ns: int
+    """Time stamp of its last."""
     moving: int
+    """Turns within the run in which others moved."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignalsWatch:
-    """All channels so far; the default is the state before any.
-
-    Parameters
-    ----------
-    mapped : sequence of MappedChannel
-        Those that `limits` are of.
-    limits : mapping of channel name to Limits
-        Of channels that are used.
-    standing : mapping of channel name to Standing
-        Of those that came.
-    overloaded : tuple of str
-        Channels that were saturated since the last acknowledgement.
-    """
+    """All channels so far; the default is the state before any."""
 
     mapped: Sequence[MappedChannel] = ()
+    """Those that `limits` are of."""
     limits: Mapping[str, Limits] = field(default_factory=lambda: MappingProxyType({}))
+    """Of channels that are used."""
     standing: Mapping[str, Standing] = field(default_factory=lambda: MappingProxyType({}))
+    """Of those that came."""
     overloaded: tuple[str, ...] = ()
+    """Channels that were saturated since the last acknowledgement."""
 
 
 def limits_of(mapped: MappedChannel) -> Limits:

@@ -12,17 +12,17 @@ from dbc.samples import Decoded
 
 from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses, LinkFacts
+from ..clocks import Now
 from ..control.messages import Alarm, BusState, BusStatus, DiskStatus, QueueStatus
-from ..recorder.health import HealthState
-from ..recorder.now import Now
 from ..runs import Event
+from ..samples.health import HealthState
 from ..samples.mapping import MappedChannel
 from .buses import BusWatch, advance_buses, bus_status, bus_symptoms
+from .debounce import Ledger
 from .host import CLOCK_STEP_S, dropped_since, host_symptoms
-from .ledger import Ledger
+from .inputs import Symptom, Window
 from .messages import MessagesWatch, advance_messages, alive, message_symptoms
 from .signals import SignalsWatch, advance_signals, signal_symptoms
-from .symptoms import Symptom, Window
 
 CLOCK_STEP = "clock_step"
 """Code of the event that marks a step of the host's clock; its value is the step, s."""
@@ -31,72 +31,50 @@ _CLOCK_SHOWN_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """What one turn of the recorder brings.
-
-    Parameters
-    ----------
-    now : Now
-        The host's clocks.
-    batch : FrameBatch
-        Frames received; may be empty.
-    decoded : Decoded or None
-        What they say; None if they were not decoded.
-    health : HealthState
-        The sensors' counters after this block.
-    links : sequence of LinkFacts
-        The buses in the order of their numbers.
-    hops : HopLosses
-        Cumulative counts.
-    disk, queue : DiskStatus, QueueStatus
-        As published.
-    failed : mapping of str to str
-        Parts of the recorder that were switched off after errors, and why.
-    """
+    """What one turn of the recorder brings."""
 
     now: Now
+    """The host's clocks."""
     batch: FrameBatch
+    """Frames received; may be empty."""
     decoded: Decoded | None
+    """What they say; None if they were not decoded."""
     health: HealthState
+    """The sensors' counters after this block."""
     links: Sequence[LinkFacts]
+    """The buses in the order of their numbers."""
     hops: HopLosses
+    """Cumulative counts."""
     disk: DiskStatus
     queue: QueueStatus
+    """`disk`, `queue`: as published."""
     failed: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Parts of the recorder that were switched off after errors, and why."""
 
 
 @dataclass(frozen=True, slots=True)
 class AlarmState:
-    """The watch so far; the default is the state before any turn.
-
-    Parameters
-    ----------
-    buses : tuple of BusStatus
-        How each bus is doing.
-    sensors_alive, sensors_expected : int
-        Messages that carry channels of the bench.
-    ledger, window, bus_watches, messages, signals
-        What the next turn needs.
-    clock_offset_ns : int or None
-        Wall clock minus monotonic clock, as it was last taken for right.
-    clock_step_s, clock_stepped_s : float
-        The last step, and its monotonic time.
-    queue_dropped, t_ns : int
-        At the last turn.
-    """
+    """The watch so far; the default is the state before any turn."""
 
     buses: tuple[BusStatus, ...] = ()
+    """How each bus is doing."""
     sensors_alive: int = 0
     sensors_expected: int = 0
+    """`sensors_alive`, `sensors_expected`: messages that carry channels of the bench."""
     ledger: Ledger = field(default_factory=Ledger)
     window: Window = field(default_factory=Window)
     bus_watches: tuple[BusWatch, ...] = ()
     messages: MessagesWatch = field(default_factory=MessagesWatch)
     signals: SignalsWatch = field(default_factory=SignalsWatch)
+    """`ledger`, `window`, `bus_watches`, `messages`, `signals`: what the next turn needs."""
     clock_offset_ns: int | None = None
+    """Wall clock minus monotonic clock, as it was last taken for right."""
     clock_step_s: float = 0.0
     clock_stepped_s: float = float("-inf")
+    """`clock_step_s`, `clock_stepped_s`: the last step, and its monotonic time."""
     queue_dropped: int = 0
     t_ns: int = 0
+    """`queue_dropped`, `t_ns`: at the last turn."""
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:

@@ -23,21 +23,14 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Mass states x excitations x repeats, in the order in which they are run.
-
-    Parameters
-    ----------
-    excitations : tuple of Excitation
-        The kinds of bump.
-    repeats : int
-        How often each is bumped in each mass state.
-    mass_states : tuple of str
-        The states of loading; masses are changed as seldom as possible.
-    """
+    """Mass states x excitations x repeats, in the order in which they are run."""
 
     excitations: tuple[Excitation, ...] = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+    """The kinds of bump."""
     repeats: int = 2
+    """How often each is bumped in each mass state."""
     mass_states: tuple[str, ...] = (BASELINE, ADDED)
+    """The states of loading; masses are changed as seldom as possible."""
 
     @property
     def steps(self) -> tuple[Step, ...]:

@@ -27,11 +27,11 @@ from ..vehicle import (
     VehicleGeometry,
     parameter_names,
 )
+from .bench_tables import BenchFile, ChannelTable, MessageTable, WeightTable
 from .campaign import Campaign
 from .message_rules import MessageRule, SampleSet, TimeRule, check_sets, ruled_codec
 from .procedure import Procedure
 from .ready_maps import PREFIX, ready_map
-from .tables import BenchFile, ChannelTable, MessageTable, WeightTable
 
 MAX_CONFIG_BYTES = 1_000_000
 
@@ -47,86 +47,60 @@ class BusConfig:
 
 @dataclass(frozen=True, slots=True)
 class TriggerConfig:
-    """When a run starts and ends.
-
-    Parameters
-    ----------
-    level : float
-        Deviation from rest, in SI units of the trigger channels, that counts as a bump.
-    pre_s, post_s : float
-        Kept before and after the trigger, s.
-    rest_s : float
-        Time below `level` before the next bump is armed, s.
-    """
+    """When a run starts and ends."""
 
     level: float
+    """Deviation from rest, in SI units of the trigger channels, that counts as a bump."""
     pre_s: float
     post_s: float
+    """`pre_s`, `post_s`: kept before and after the trigger, s."""
     rest_s: float
+    """Time below `level` before the next bump is armed, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecorderConfig:
-    """What a recorder may do with the disk, and when a bus counts as silent.
-
-    Parameters
-    ----------
-    segment_bytes, segment_s : float
-        A file of the journal ends when it is as large or as old.
-    keep_bytes : float
-        All files of the journal together; beyond it the oldest that are sealed and derived go.
-    reserve_bytes : float
-        Left free on the disk in any case; recording stops before.
-    silent_s : float
-        A bus without a frame for so long is an alarm.
-    """
+    """What a recorder may do with the disk, and when a bus counts as silent."""
 
     segment_bytes: float = 64e6
     segment_s: float = 900.0
+    """`segment_bytes`, `segment_s`: a file of the journal ends when it is as large or as old."""
     keep_bytes: float = 100e9
+    """All files of the journal together; beyond it the oldest that are sealed and derived go."""
     reserve_bytes: float = 200e6
+    """Left free on the disk in any case; recording stops before."""
     silent_s: float = 1.0
+    """A bus without a frame for so long is an alarm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """All that a recorder must know.
-
-    Parameters
-    ----------
-    text, dbc_text : str
-        bench.toml and the DBC as read; both go into every journal and session.
-    dbc_name : str
-        Where the DBC came from, for messages.
-    buses : tuple of BusConfig
-        At least one; a frame's `bus` is the position in it.
-    bump_s : float
-        Duration of the bump, s.
-    message_rules, sample_sets : tuple of MessageRule, tuple of SampleSet
-        What is known of messages beyond the DBC.
-    calibration_days : int
-        A calibration older than this is worth a note.
-    procedure : Procedure
-        How the bumps are made.
-    recorder : RecorderConfig
-        Limits of the recorder.
-    """
+    """All that a recorder must know."""
 
     text: str
     dbc_name: str
+    """Where the DBC came from, for messages."""
     dbc_text: str
+    """`text`, `dbc_text`: bench.toml and the DBC as read; both go into every journal and
+    session."""
     buses: tuple[BusConfig, ...]
+    """At least one; a frame's `bus` is the position in it."""
     vehicle: Vehicle
     channels: tuple[Channel, ...]
     mass_states: tuple[MassState, ...]
     campaign: Campaign
     bump_s: float
+    """Duration of the bump, s."""
     trigger: TriggerConfig
     message_rules: tuple[MessageRule, ...] = ()
     sample_sets: tuple[SampleSet, ...] = ()
+    """`message_rules`, `sample_sets`: what is known of messages beyond the DBC."""
     calibration_days: int = 365
+    """A calibration older than this is worth a note."""
     procedure: Procedure = field(default_factory=Procedure)
+    """How the bumps are made."""
     recorder: RecorderConfig = RecorderConfig()
+    """Limits of the recorder."""
 
     @property
     def bus(self) -> BusConfig:

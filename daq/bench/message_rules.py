@@ -17,70 +17,46 @@ MEND_SET = "mend that [[sample_set]] in bench.toml"
 
 @dataclass(frozen=True, slots=True)
 class TimeRule:
-    """The time stamp that a sensor puts into its message.
-
-    Parameters
-    ----------
-    signal : str
-        Name of the signal in its message.
-    unit : str
-        Its unit where the DBC states none or a wrong one; empty: as in the DBC.
-    wrap : float or None
-        Value at which it starts again from 0, in its unit; None: where its bits end.
-    """
+    """The time stamp that a sensor puts into its message."""
 
     signal: str
+    """Name of the signal in its message."""
     unit: str = ""
+    """Its unit where the DBC states none or a wrong one; empty: as in the DBC."""
     wrap: float | None = None
+    """Value at which it starts again from 0, in its unit; None: where its bits end."""
 
 
 @dataclass(frozen=True, slots=True)
 class MessageRule:
-    """What is to be added to a message of the DBC, by name.
-
-    Parameters
-    ----------
-    name : str
-        The message.
-    cycle_s : float or None
-        Time between two frames, in place of the DBC's.
-    counter : str or None
-        Its rolling counter.
-    counter_modulus : int or None
-        Range of the counter; None: all values of its bits.
-    crc, crc_rule : str or None, str
-        Its checksum and how that is computed (`dbc.crc.CRC_RULES`).
-    time : TimeRule or None
-        Its time stamp.
-    """
+    """What is to be added to a message of the DBC, by name."""
 
     name: str
+    """The message."""
     cycle_s: float | None = None
+    """Time between two frames, in place of the DBC's."""
     counter: str | None = None
+    """Its rolling counter."""
     counter_modulus: int | None = None
+    """Range of the counter; None: all values of its bits."""
     crc: str | None = None
     crc_rule: str = "crc8_j1850"
+    """Its checksum and how that is computed (`dbc.crc.CRC_RULES`)."""
     time: TimeRule | None = None
+    """Its time stamp."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampleSet:
-    """Messages that carry one sample together.
-
-    Parameters
-    ----------
-    name : str
-        Names their sample group.
-    messages : tuple of str
-        The messages.
-    bound_by : str
-        ``Message.signal``: a counter or time stamp in a frame of its own, sent in one burst with
-        the others; or the name of a counter that each of the messages has.
-    """
+    """Messages that carry one sample together."""
 
     name: str
+    """Names their sample group."""
     messages: tuple[str, ...]
+    """The messages."""
     bound_by: str
+    """``Message.signal``: a counter or time stamp in a frame of its own, sent in one burst with the
+    others; or the name of a counter that each of the messages has."""
 
     @property
     def carrier(self) -> tuple[str, str]:
@@ -91,21 +67,14 @@ class SampleSet:
 
 @dataclass(frozen=True, slots=True)
 class SensorClock:
-    """A time stamp signal, resolved.
-
-    Parameters
-    ----------
-    signal : str
-        ``Message.signal``.
-    factor : float
-        Seconds per unit of the signal.
-    wrap : float
-        Value at which it starts again, in its unit.
-    """
+    """A time stamp signal, resolved."""
 
     signal: str
+    """``Message.signal``."""
     factor: float
+    """Seconds per unit of the signal."""
     wrap: float
+    """Value at which it starts again, in its unit."""
 
 
 def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Codec:

@@ -27,24 +27,16 @@ def _usual() -> Mapping[Excitation, str]:
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """How the bumps of a campaign are made.
-
-    Parameters
-    ----------
-    method : Method
-        The way of bumping.
-    bump_height_m : float
-        Height of board or block, or depth of the push.
-    accept_after_s : float
-        The operator's time to reject a run before the next is armed.
-    instructions : mapping of Excitation to str
-        What the operator is told, where it is not the usual.
-    """
+    """How the bumps of a campaign are made."""
 
     method: Method = Method.ROLL_OVER
+    """The way of bumping."""
     bump_height_m: float = 0.04
+    """Height of board or block, or depth of the push."""
     accept_after_s: float = 3.0
+    """The operator's time to reject a run before the next is armed."""
     instructions: Mapping[Excitation, str] = field(default_factory=_usual)
+    """What the operator is told, where it is not the usual."""
 
 
 def _told() -> Mapping[tuple[Method, Excitation], str]:

@@ -15,20 +15,15 @@ _FOLDER = files("daq") / "layouts"
 
 @dataclass(frozen=True, slots=True)
 class ReadyMap:
-    """A sensor's layout as its public documents state it.
-
-    Parameters
-    ----------
-    name, title : str
-        What it is called here, and the sensor.
-    dbc_text, bench_text : str
-        Its DBC, and `[[message]]`, `[[sample_set]]` and `[[channel]]` tables that fit it.
-    """
+    """A sensor's layout as its public documents state it."""
 
     name: str
     title: str
+    """`name`, `title`: what it is called here, and the sensor."""
     dbc_text: str
     bench_text: str
+    """`dbc_text`, `bench_text`: its DBC, and `[[message]]`, `[[sample_set]]` and `[[channel]]`
+    tables that fit it."""
 
 
 def ready_map_names() -> tuple[str, ...]:

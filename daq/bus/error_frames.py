@@ -111,28 +111,20 @@ _WIRES = {
 
 @dataclass(frozen=True, slots=True)
 class ErrorFrame:
-    """What an error frame says.
-
-    Parameters
-    ----------
-    classes : ErrorClass
-        What happened.
-    state : ControllerState or None
-        The state the controller is in now; None if the frame does not tell.
-    tx_errors, rx_errors : int or None
-        The controller's error counters; None if the frame does not tell.
-    overrun : bool
-        Whether the controller has lost received frames.
-    text : str
-        All of it in one line.
-    """
+    """What an error frame says."""
 
     classes: ErrorClass
+    """What happened."""
     state: ControllerState | None
+    """The state the controller is in now; None if the frame does not tell."""
     tx_errors: int | None
     rx_errors: int | None
+    """`tx_errors`, `rx_errors`: the controller's error counters; None if the frame does not
+    tell."""
     overrun: bool
+    """Whether the controller has lost received frames."""
     text: str
+    """All of it in one line."""
 
 
 def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
@@ -182,30 +174,21 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
 
 @dataclass(frozen=True, slots=True)
 class ErrorTally:
-    """What the error frames of one bus say in a block.
-
-    Parameters
-    ----------
-    frames, bus_off, overruns : int
-        Error frames; those that report bus-off; those that report received frames lost.
-    state : ControllerState or None
-        The state that was told last; None if none was.
-    state_row : int
-        Row of the frame that told it; -1 if none did.
-    tx_errors, rx_errors : int or None
-        The counters that were told last.
-    text : str
-        The last error frame, in words.
-    """
+    """What the error frames of one bus say in a block."""
 
     frames: int
     bus_off: int
     overruns: int
+    """Error frames; those that report bus-off; those that report received frames lost."""
     state: ControllerState | None
+    """The state that was told last; None if none was."""
     state_row: int
+    """Row of the frame that told it; -1 if none did."""
     tx_errors: int | None
     rx_errors: int | None
+    """`tx_errors`, `rx_errors`: the counters that were told last."""
     text: str
+    """The last error frame, in words."""
 
 
 def tally_error_frames(frames: FrameBatch) -> ErrorTally:

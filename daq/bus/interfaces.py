@@ -27,10 +27,10 @@ from dbc.frames import FrameBatch
 from ..bench.config import BusConfig
 from ..errors import BusError
 from .columns import frame_columns
-from .host_axis import HOST_AXIS
-from .slcan import open_slcan
-from .socketcan import open_socketcan
+from .slcan.adapter import open_slcan
+from .socketcan.reader import open_socketcan
 from .source import BLOCK_FRAMES, GATHER_S, FrameSource, SourceLosses
+from .steady_clock import HOST_AXIS
 
 __all__ = ["FrameSource", "PythonCanSource", "SourceLosses", "open_bus", "open_source"]
 

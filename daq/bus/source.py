@@ -20,39 +20,26 @@ frames in it, and each still carries the stamp of its own arrival."""
 
 @dataclass(frozen=True, slots=True)
 class SourceLosses:
-    """What a source has lost since it was opened.
-
-    Parameters
-    ----------
-    dropped : int
-        Frames that the interface says it lost before they could be read.
-    garbled : int
-        Pieces of input that were no frame.
-    restamped : int
-        Frames whose time stamp could not be true, and which were stamped on arrival instead.
-    """
+    """What a source has lost since it was opened."""
 
     dropped: int = 0
+    """Frames that the interface says it lost before they could be read."""
     garbled: int = 0
+    """Pieces of input that were no frame."""
     restamped: int = 0
+    """Frames whose time stamp could not be true, and which were stamped on arrival instead."""
 
 
 @dataclass(frozen=True, slots=True)
 class HopLosses:
-    """Cumulative counts from the wires to the journal, over all sources; stored with each block.
-
-    Parameters
-    ----------
-    bus_dropped, bus_garbled, restamped : int
-        Sums of `SourceLosses`.
-    queue_dropped : int
-        Frames read and not recorded because the writer was too far behind.
-    """
+    """Cumulative counts from the wires to the journal, over all sources; stored with each block."""
 
     bus_dropped: int = 0
     bus_garbled: int = 0
     restamped: int = 0
+    """`bus_dropped`, `bus_garbled`, `restamped`: sums of `SourceLosses`."""
     queue_dropped: int = 0
+    """Frames read and not recorded because the writer was too far behind."""
 
     def since(self, before: HopLosses) -> HopLosses:
         """Return what was lost since an earlier count."""
@@ -62,37 +49,25 @@ class HopLosses:
 
 @dataclass(frozen=True, slots=True)
 class LinkFacts:
-    """How the link to one bus stands, whose source is opened anew when it fails (`daq.bus.link`).
-
-    Parameters
-    ----------
-    name : str
-        The bus, for the operator.
-    bitrate : int
-        As configured, bit/s.
-    connected : bool
-        Whether a source is open.
-    error, advice : str
-        Why none is, and what to do; empty while connected.
-    heartbeat_s : float
-        Monotonic time of the reader's last turn, s; before the first, when it was made.
-    reopened : int
-        How often the bus came back.
-    losses : SourceLosses
-        Summed over all sources so far.
-    interface_down : bool
-        Whether a source is open on an interface that somebody took down.
-    """
+    """State of the link to one bus; a source that fails is opened again (`daq.bus.link`)."""
 
     name: str
+    """The bus, for the operator."""
     bitrate: int
+    """As configured, bit/s."""
     connected: bool
+    """Whether a source is open."""
     error: str
     advice: str
+    """`error`, `advice`: why none is, and what to do; empty while connected."""
     heartbeat_s: float
+    """Monotonic time of the reader's last turn, s; before the first, when it was made."""
     reopened: int
+    """How often the bus came back."""
     losses: SourceLosses
+    """Summed over all sources so far."""
     interface_down: bool = False
+    """Whether a source is open on an interface that somebody took down."""
 
 
 class FrameSource(Protocol):
@@ -122,7 +97,7 @@ class FrameSource(Protocol):
 
 
 @runtime_checkable
-class Interface(Protocol):
+class Interface(FrameSource, Protocol):
     """A source on a network interface, which can be taken down and up while it is open."""
 
     @property

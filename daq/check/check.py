@@ -16,14 +16,13 @@ from dbc.frames import FrameBatch
 
 from ..bench.config import Bench
 from ..bench.message_rules import SampleSet
-from ..recorder.trigger import trigger_channels
 from ..runs import SampleGroup
-from ..samples.build import timekeeping
-from ..samples.groups import sample_groups
+from ..samples.groups import sample_groups, timekeeping
 from ..samples.mapping import map_channels
-from .channels import check_channel
-from .frames import check_messages, check_traffic, frame_table
-from .lines import CheckLine, Verdict
+from ..samples.trigger import trigger_channels
+from .channel_checks import check_channel
+from .frame_checks import check_messages, check_traffic, frame_table
+from .result import CheckLine, Verdict
 
 _INCOMPLETE_SHARE = 0.01
 _PAUSE_S = 1.0
@@ -32,21 +31,14 @@ _PAUSE_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What a bench check found.
-
-    Parameters
-    ----------
-    seconds : float
-        Time from the first frame to the last.
-    frames : int
-        Number of frames.
-    lines : tuple of CheckLine
-        Bus, messages, sample sets and channels, in this order.
-    """
+    """What a bench check found."""
 
     seconds: float
+    """Time from the first frame to the last."""
     frames: int
+    """Number of frames."""
     lines: tuple[CheckLine, ...]
+    """Bus, messages, sample sets and channels, in this order."""
 
     @property
     def verdict(self) -> Verdict:

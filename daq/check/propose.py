@@ -19,8 +19,8 @@ from dbc.layout import MessageLayout, SignalLayout
 from dbc.samples import UNUSABLE, Decoded
 
 from ..channels import AT_CORNER, ON_BODY, Quantity
-from .frames import Arrivals, fitting_rules, frame_table
-from .guess import Guess, guess_quantity, signal_comments, words
+from .frame_checks import Arrivals, fitting_rules, frame_table
+from .guess_map import Guess, guess_quantity, signal_comments, words
 
 _COUNTER = {"counter", "cnt", "count", "alive", "rolling", "msgcnt", "seq", "sequence", "mc", "rc"}
 _CHECKSUM = {"crc", "crc8", "checksum", "chk", "chksum", "cs"}

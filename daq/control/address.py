@@ -17,16 +17,12 @@ _DIRECTORY = "RUNTIME_DIRECTORY"
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Endpoints of one recorder.
-
-    Parameters
-    ----------
-    control, news : str
-        ``ipc://`` endpoints: requests and their replies; what is published to everybody.
-    """
+    """Endpoints of one recorder."""
 
     control: str
     news: str
+    """`control`, `news`: ``ipc://`` endpoints: requests and their replies; what is published to
+    everybody."""
 
     @property
     def paths(self) -> tuple[Path, Path]:

@@ -13,7 +13,7 @@ from enum import StrEnum
 from pydantic import TypeAdapter
 
 from ..bench.campaign import Step
-from ..recorder.book import BookRun, Override, Remark
+from ..runlog.runlog import LoggedRun, Override, Remark
 from ..runs import Excitation, Losses
 from .orders import Order
 
@@ -73,29 +73,20 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something is wrong now.
-
-    Parameters
-    ----------
-    code : str
-        `bus_silent`, `bus_off`, `error_passive`, `disconnected`, `stale`, `queue_high`,
-        `disk_low`, `journal_failed`, `clock_step`, `stuck`, `saturated`, ... (`daq.alarms`).
-    subject : str
-        The bus, message, channel or folder; '' for the recorder itself.
-    text, advice : str
-        What is wrong, with the number; what to do.
-    since_ns : int
-        Wall clock, ns since 1970.
-    count : int
-        How often or how many frames, where that is counted.
-    """
+    """Something is wrong now."""
 
     code: str
+    """`bus_silent`, `bus_off`, `error_passive`, `disconnected`, `stale`, `queue_high`, `disk_low`,
+    `journal_failed`, `clock_step`, `stuck`, `saturated`, ... (`daq.alarms`)."""
     subject: str
+    """The bus, message, channel or folder; '' for the recorder itself."""
     text: str
     advice: str
+    """`text`, `advice`: what is wrong, with the number; what to do."""
     since_ns: int
+    """Wall clock, ns since 1970."""
     count: int = 0
+    """How often or how many frames, where that is counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,33 +106,23 @@ class BusStatus:
 
 @dataclass(frozen=True, slots=True)
 class DiskStatus:
-    """The journal: what is on the disk and what room is left.
-
-    Parameters
-    ----------
-    recorded_frames : int
-        On the disk (fdatasync'ed): the only meaning of "recorded".
-    lag_s : float
-        Age of the oldest frame that was received and is not.
-    held_frames : int
-        Kept in memory because the disk refuses.
-    failed : str
-        Why the disk refuses; empty if it does not.
-    dropped_frames : int
-        Lost because neither disk nor memory had room; `disk_gap` events tell where.
-    warning : str
-        What is wrong although the disk takes everything: nothing that may be deleted, a file that
-        was taken away, a write that failed and went elsewhere.
-    """
+    """The journal: what is on the disk and what room is left."""
 
     free_bytes: int
     journal_bytes: int
     recorded_frames: int
+    """On the disk (fdatasync'ed): the only meaning of "recorded"."""
     lag_s: float
+    """Age of the oldest frame that was received and is not."""
     held_frames: int = 0
+    """Kept in memory because the disk refuses."""
     failed: str = ""
+    """Why the disk refuses; empty if it does not."""
     dropped_frames: int = 0
+    """Lost because neither disk nor memory had room; `disk_gap` events tell where."""
     warning: str = ""
+    """What is wrong although the disk takes everything: nothing that may be deleted, a file that
+    was taken away, a write that failed and went elsewhere."""
     total_bytes: int = 0
 
 
@@ -156,23 +137,16 @@ class QueueStatus:
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """The step that is to be done next, or is being done.
-
-    Parameters
-    ----------
-    step : Step
-        Its `label` is that of the next attempt.
-    accepted, planned, rejected : int
-        Runs of this mass state and excitation so far.
-    instruction : str
-        What the operator is to do.
-    """
+    """The step that is to be done next, or is being done."""
 
     step: Step
+    """Its `label` is that of the next attempt."""
     accepted: int
     planned: int
     rejected: int
+    """`accepted`, `planned`, `rejected`: runs of this mass state and excitation so far."""
     instruction: str
+    """What the operator is to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,92 +162,63 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class SessionStatus:
-    """The session file of the recording (or, after `Stop`, of the one before).
-
-    Parameters
-    ----------
-    state : SessionState
-        Whether it is there.
-    path, text : str
-        Where; what went wrong, or what the journal has lost.
-    recording : str
-        Identity of its recording.
-    revision : int
-        Of the book (`daq.recorder.book.Book`) that it was built from.
-    """
+    """The session file of the recording (or, after `Stop`, of the one before)."""
 
     state: SessionState = SessionState.NONE
+    """Whether it is there."""
     path: str = ""
     text: str = ""
+    """`path`, `text`: where; what went wrong, or what the journal has lost."""
     recording: str = ""
+    """Identity of its recording."""
     revision: int = 0
+    """Of the book (`daq.runlog.runlog.Book`) that it was built from."""
 
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Where the recorder stands; all a terminal needs to be where the old one was.
-
-    Parameters
-    ----------
-    wall_ns, t_ns : int
-        Host's clock; time stamp of the latest frame (0 before the first).
-    recording : str
-        Identity of the recording; changes with `Start` and `Stop`.
-    bench_crc32 : int
-        Of the bench.toml in force: ask for it when this changes.
-    phase, phase_s : Phase, float
-        Where the run loop stands, and for how long, s.
-    countdown_s : float or None
-        Until the next run is armed.
-    not_at_rest : tuple of str
-        Trigger channels that keep it from being armed.
-    bump_ns : int
-        Time stamp of the last bump; 0 if none.
-    peak_left : float or None
-        Share of the motion's peak that is left, in DECAY.
-    halted : str
-        Why the run loop stopped by itself (three rejects for one reason: that reason's code).
-    due : Due or None
-        None when the campaign is complete.
-    tallies : tuple of Tally
-        In the order of the campaign.
-    runs, notes, overrides, revision
-        The book of the recording (`daq.recorder.book`).
-    undo, redo : str
-        What would be undone or redone, in words; empty if nothing.
-    alarms : tuple of Alarm
-        In order of gravity.
-    overloaded : tuple of str
-        Channels that touched the end of their range since the last `Acknowledge`.
-    sensors_alive, sensors_expected : int
-        Messages of the bench.
-    """
+    """Where the recorder stands; all a terminal needs to be where the old one was."""
 
     wall_ns: int
     t_ns: int
+    """`wall_ns`, `t_ns`: host's clock; time stamp of the latest frame (0 before the first)."""
     recording: str
+    """Identity of the recording; changes with `Start` and `Stop`."""
     folder: str
     vehicle: str
     bench_crc32: int
+    """Of the bench.toml in force: ask for it when this changes."""
     phase: Phase
     phase_s: float
+    """`phase`, `phase_s`: where the run loop stands, and for how long, s."""
     countdown_s: float | None
+    """Until the next run is armed."""
     not_at_rest: tuple[str, ...]
+    """Trigger channels that keep it from being armed."""
     bump_ns: int
+    """Time stamp of the last bump; 0 if none."""
     peak_left: float | None
+    """Share of the motion's peak that is left, in DECAY."""
     halted: str
+    """Why the run loop stopped by itself (three rejects for one reason: that reason's code)."""
     due: Due | None
+    """None when the campaign is complete."""
     tallies: tuple[Tally, ...]
-    runs: tuple[BookRun, ...]
+    """In the order of the campaign."""
+    runs: tuple[LoggedRun, ...]
     notes: tuple[Remark, ...]
     overrides: tuple[Override, ...]
     undo: str
     redo: str
+    """What would be undone or redone, in words; empty if nothing."""
     alarms: tuple[Alarm, ...]
+    """In order of gravity."""
     overloaded: tuple[str, ...]
+    """Channels that touched the end of their range since the last `Acknowledge`."""
     buses: tuple[BusStatus, ...]
     sensors_alive: int
     sensors_expected: int
+    """`sensors_alive`, `sensors_expected`: messages of the bench."""
     losses: Losses
     disk: DiskStatus
     queue: QueueStatus
@@ -283,6 +228,7 @@ class Status:
     software: str = ""
     protocol: int = PROTOCOL
     revision: int = 0
+    """`runs`, `notes`, `overrides`, `revision`: the book of the recording (`daq.runlog.runlog`)."""
 
     @property
     def own_session(self) -> str:
@@ -309,26 +255,19 @@ class Lane:
 
 @dataclass(frozen=True, slots=True)
 class Live:
-    """The newest samples of every channel as an envelope.
-
-    Parameters
-    ----------
-    first_bin : int
-        Bin k holds time stamps k bin_s .. (k + 1) bin_s; bins are told once, when complete.
-    bin_s : float
-        Width of a bin, s.
-    lanes : tuple of Lane
-        All of the same number of bins.
-    """
+    """The newest samples of every channel as an envelope."""
 
     first_bin: int
+    """Bin k holds time stamps k bin_s .. (k + 1) bin_s; bins are told once, when complete."""
     bin_s: float
+    """Width of a bin, s."""
     lanes: tuple[Lane, ...]
+    """All of the same number of bins."""
 
 
 @dataclass(frozen=True, slots=True)
 class CheckItem:
-    """One line of the bench check (`daq.check.lines`); verdict is OK, WARN or FAIL."""
+    """One line of the bench check (`daq.check.result`); verdict is OK, WARN or FAIL."""
 
     verdict: str
     subject: str
@@ -339,24 +278,17 @@ class CheckItem:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to a request.
-
-    Parameters
-    ----------
-    number : int
-        Of the request.
-    error : str
-        One line; empty if the order was carried out.
-    status, live, bench_text, check
-        What was asked for; after an order, the status.
-    """
+    """The answer to a request."""
 
     number: int
+    """Of the request."""
     error: str = ""
+    """One line; empty if the order was carried out."""
     status: Status | None = None
     live: Live | None = None
     bench_text: str = ""
     check: tuple[CheckItem, ...] = ()
+    """What was asked for; after an order, the status."""
     protocol: int = PROTOCOL
 
 

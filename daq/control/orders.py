@@ -25,21 +25,14 @@ class Until(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Announce oneself; a controller may give orders, a viewer may only ask.
-
-    Parameters
-    ----------
-    name : str
-        The person, for the journal.
-    control : bool
-        Whether to be the controller.
-    take_over : bool
-        Take control from the one who has it; without it a second controller is refused.
-    """
+    """Announce oneself; a controller may give orders, a viewer may only ask."""
 
     name: str
+    """The person, for the journal."""
     control: bool = False
+    """Whether to be the controller."""
     take_over: bool = False
+    """Take control from the one who has it; without it a second controller is refused."""
     order: Literal["hello"] = "hello"
 
 
@@ -75,15 +68,10 @@ class AskCheck:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """End the recording and begin a new one.
-
-    Parameters
-    ----------
-    bench_text : str
-        A new bench.toml (same buses and DBC); empty leaves the one in force.
-    """
+    """End the recording and begin a new one."""
 
     bench_text: str = ""
+    """A new bench.toml (same buses and DBC); empty leaves the one in force."""
     order: Literal["start"] = "start"
 
 
@@ -144,15 +132,10 @@ class Accept:
 
 @dataclass(frozen=True, slots=True)
 class Reject:
-    """Do not use a run; it is kept.
-
-    Parameters
-    ----------
-    label : str
-        The run; empty means the last one.  While a run is recorded: that one.
-    """
+    """Do not use a run; it is kept."""
 
     label: str = ""
+    """The run; empty means the last one.  While a run is recorded: that one."""
     reason: Annotated[str, Field(max_length=500)] = ""
     order: Literal["reject"] = "reject"
 

@@ -6,7 +6,7 @@ import os
 
 from sdnotify import SystemdNotifier
 
-from ..recorder.beats import Beats, standstill
+from .heartbeat import Beats, standstill
 from .messages import BusState, Status
 
 

@@ -12,7 +12,7 @@ from dbc.errors import InputError
 from dbc.frames import FrameBatch
 
 from .blf_objects import MAX_OBJECT_BYTES, find_objects, frames_of
-from .ledger import Ledger
+from .losses import Ledger
 
 LACKS = "the direction of error frames"
 BLOCK_BYTES = 1 << 19

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch, FrameFlag
 
 from .assemble import good_frames
-from .ledger import Ledger
+from .losses import Ledger
 from .text import Index, Mask
 
 MAX_OBJECT_BYTES = 1 << 24

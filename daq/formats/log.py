@@ -13,7 +13,7 @@ from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.reader import JournalReader
 from . import asc, blf, can_csv, candump, mf4_log, trc
-from .ledger import Ledger, LogLoss
+from .losses import Ledger, LogLoss
 from .text import Parsed, read_lines
 
 JOURNAL_SUFFIX = ".mcap"
@@ -21,18 +21,12 @@ JOURNAL_SUFFIX = ".mcap"
 
 @dataclass(frozen=True, slots=True)
 class LogFormat:
-    """A format of logs.
-
-    Parameters
-    ----------
-    name : str
-        As people call it.
-    lacks : str
-        What of a frame it cannot hold; empty if it holds everything.
-    """
+    """A format of logs."""
 
     name: str
+    """As people call it."""
     lacks: str
+    """What of a frame it cannot hold; empty if it holds everything."""
 
 
 FORMATS = {

@@ -18,7 +18,7 @@ from dbc.errors import InputError
 from dbc.frames import FrameBatch, FrameFlag
 
 from .assemble import good_frames
-from .ledger import Ledger
+from .losses import Ledger
 
 LACKS = ""
 _HEADER_AT = 64

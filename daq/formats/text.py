@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dbc.errors import InputError, printable
 from dbc.frames import FrameBatch
 
-from .ledger import Ledger
+from .losses import Ledger
 
 BLOCK_BYTES = 1 << 18
 """Read at a time: some 5,000 frames, parsed in a few milliseconds."""
@@ -34,28 +34,19 @@ for _value, _characters in enumerate(["aA", "bB", "cC", "dD", "eE", "fF"], start
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """The lines of a block that hold anything, cut into tokens.
-
-    Parameters
-    ----------
-    text : (k,) uint8
-        The characters.
-    start, end : (m,) int
-        Where each token starts and ends.
-    first : (n,) int
-        Index of the first token of each line.
-    count : (n,) int
-        Number of its tokens, at least 1.
-    number : (n,) int
-        Number of the line in the block, from 0; empty lines count.
-    """
+    """The lines of a block that hold anything, cut into tokens."""
 
     text: NDArray[np.uint8]
+    """The characters, shape (k,)."""
     start: Index
     end: Index
+    """Where each token starts and ends."""
     first: Index
+    """Index of the first token of each line."""
     count: Index
+    """Number of its tokens, at least 1."""
     number: Index
+    """Number of the line in the block, from 0; empty lines count."""
 
     def token(self, place: int, rows: Index) -> tuple[Index, Index]:
         """Return start and end of the token at a place in lines that have so many."""
@@ -70,21 +61,14 @@ class Lines:
 
 @dataclass(frozen=True, slots=True)
 class Parsed:
-    """What a block of lines holds.
-
-    Parameters
-    ----------
-    frames : FrameBatch
-        In the order of the lines.
-    bad : (g,) int
-        Numbers of the lines in the block that should be frames and cannot be read.
-    header : bool
-        Whether the block has what only this format has, frames aside.
-    """
+    """What a block of lines holds."""
 
     frames: FrameBatch
+    """In the order of the lines."""
     bad: Index
+    """Numbers of the lines in the block that should be frames and cannot be read."""
     header: bool = False
+    """Whether the block has what only this format has, frames aside."""
 
 
 def cut_lines(block: bytes, separators: bytes = b" \t") -> Lines:

@@ -24,32 +24,22 @@ def session_name(first_segment: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class JournalLoss:
-    """What a journal should hold and does not.
-
-    Parameters
-    ----------
-    bytes_cut : int
-        Bytes at the ends of segments that are no whole record.
-    blocks_corrupt : int
-        Blocks whose checksum does not fit.
-    blocks_missing : int
-        Blocks that should lie between others and do not.
-    frames_dropped : int
-        Frames that the recorder itself reported as lost: disk and memory were full, or a file was
-        deleted while it was written.
-    segments_unclosed : int
-        Segments that end without the mark of a proper end: the writer was killed or its disk full.
-        By itself no loss.
-    notes : tuple of str
-        The same in words, with the names of the files.
-    """
+    """What a journal should hold and does not."""
 
     bytes_cut: int = 0
+    """Bytes at the ends of segments that are no whole record."""
     blocks_corrupt: int = 0
+    """Blocks whose checksum does not fit."""
     blocks_missing: int = 0
+    """Blocks that should lie between others and do not."""
     frames_dropped: int = 0
+    """Frames that the recorder itself reported as lost: disk and memory were full, or a file was
+    deleted while it was written."""
     segments_unclosed: int = 0
+    """Segments that end without the mark of a proper end: the writer was killed or its disk full.
+    By itself no loss."""
     notes: tuple[str, ...] = ()
+    """The same in words, with the names of the files."""
 
     @property
     def any(self) -> bool:
@@ -68,37 +58,24 @@ class JournalLoss:
 
 @dataclass(frozen=True, slots=True)
 class JournalBlock:
-    """One message of the journal: frames or events.
-
-    Parameters
-    ----------
-    frames : FrameBatch
-        Empty in a block of events.
-    losses : HopLosses
-        Cumulative counts up to this block.
-    events : tuple of Event
-        Empty in a block of frames.
-    """
+    """One message of the journal: frames or events."""
 
     frames: FrameBatch
+    """Empty in a block of events."""
     losses: HopLosses
+    """Cumulative counts up to this block."""
     events: tuple[Event, ...] = ()
+    """Empty in a block of frames."""
 
 
 @dataclass(frozen=True, slots=True)
 class HopCounts:
-    """Cumulative losses between wire and journal, one row a block.
-
-    Parameters
-    ----------
-    t_ns : (m,) int64
-        Latest time stamp up to the block; never decreases.
-    counts : (m, 4) int64
-        The fields of `HopLosses`.
-    """
+    """Cumulative losses between wire and journal, one row a block."""
 
     t_ns: NDArray[np.int64]
+    """Latest time stamp up to the block, shape (m,); never decreases."""
     counts: NDArray[np.int64]
+    """The fields of `HopLosses`, shape (m, 4)."""
 
     def between(self, start_ns: int, stop_ns: int) -> HopLosses:
         """Return the losses of all blocks that reach into a span of time.
@@ -115,35 +92,24 @@ class HopCounts:
 
 @dataclass(frozen=True, slots=True)
 class RecordingInfo:
-    """A recording in a folder, without its frames.
-
-    Parameters
-    ----------
-    recording : str
-        Its identity.
-    segments : tuple of Path
-        In order.
-    first_segment : int
-        Number of its first segment, which may have been deleted since to make room.
-    bytes, frames : int
-        In all segments.
-    first_ns, last_ns : int
-        Time stamps of the first frame and the latest; 0 if there is none.
-    bumps : int
-        Bumps that are runs.
-    ended : bool
-        Whether its recorder ended it; else it may be taken up again.
-    """
+    """A recording in a folder, without its frames."""
 
     recording: str
+    """Its identity."""
     segments: tuple[Path, ...]
+    """In order."""
     first_segment: int
+    """Number of its first segment, which may have been deleted since to make room."""
     bytes: int
     frames: int
+    """`bytes`, `frames`: in all segments."""
     first_ns: int
     last_ns: int
+    """`first_ns`, `last_ns`: time stamps of the first frame and the latest; 0 if there is none."""
     bumps: int
+    """Bumps that are runs."""
     ended: bool
+    """Whether its recorder ended it; else it may be taken up again."""
 
     @property
     def session_name(self) -> str:
@@ -153,36 +119,24 @@ class RecordingInfo:
 
 @dataclass(frozen=True, slots=True)
 class JournalTail:
-    """Where a recording stands, for a recorder that takes it up again.
-
-    Parameters
-    ----------
-    head : JournalHead
-        Of its first segment.
-    next_number : int
-        Of the next block.
-    t_ns : int
-        Latest time stamp; 0 if there is none.
-    frames : int
-        Recorded so far.
-    events : tuple of Event
-        All of them: the book is a fold over them.
-    ended : bool
-        Whether it was ended, so that nothing is to be added.
-    segments : tuple of Path
-        In order.
-    first_segment : int
-        Number of its first segment, which may have been deleted since to make room.
-    """
+    """Where a recording stands, for a recorder that takes it up again."""
 
     head: JournalHead
+    """Of its first segment."""
     next_number: int
+    """Of the next block."""
     t_ns: int
+    """Latest time stamp; 0 if there is none."""
     frames: int
+    """Recorded so far."""
     events: tuple[Event, ...]
+    """All of them: the book is a fold over them."""
     ended: bool
+    """Whether it was ended, so that nothing is to be added."""
     segments: tuple[Path, ...]
+    """In order."""
     first_segment: int
+    """Number of its first segment, which may have been deleted since to make room."""
 
     @property
     def session_name(self) -> str:
@@ -192,27 +146,18 @@ class JournalTail:
 
 @dataclass(frozen=True, slots=True)
 class JournalContents:
-    """A journal in memory: all of its frames, or those around the bumps.
-
-    Parameters
-    ----------
-    head : JournalHead
-        bench.toml, DBC, software and clocks.
-    frames : FrameBatch
-        In order of arrival.
-    events : tuple of Event
-        In order.
-    hops : HopCounts
-        Losses on the way to the journal.
-    lost : JournalLoss
-        What the files themselves have lost.
-    """
+    """A journal in memory: all of its frames, or those around the bumps."""
 
     head: JournalHead
+    """bench.toml, DBC, software and clocks."""
     frames: FrameBatch
+    """In order of arrival."""
     events: tuple[Event, ...]
+    """In order."""
     hops: HopCounts
+    """Losses on the way to the journal."""
     lost: JournalLoss
+    """What the files themselves have lost."""
 
     @property
     def bench_text(self) -> str:

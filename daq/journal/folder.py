@@ -7,7 +7,7 @@ from itertools import groupby
 from pathlib import Path
 
 from ..errors import InputError
-from ..recorder.book import Code
+from ..runlog.runlog import Code
 from ..runs import Event
 from .contents import JournalTail, RecordingInfo
 from .gaps import ENDED

@@ -35,31 +35,23 @@ BLOCK_HEAD = _CRC.size + _BLOCK.size
 
 @dataclass(frozen=True, slots=True)
 class JournalHead:
-    """What every segment of a recording begins with.
-
-    Parameters
-    ----------
-    bench_text, dbc_text : str
-        bench.toml and DBC in full.
-    software : str
-        Name and version of the writer.
-    wall_ns, monotonic_ns : int
-        The host's two clocks, read together when the recording began, or was taken up again.
-    recording : str
-        Identity of the recording (a uuid4 as 32 hex digits), kept when it is taken up again; empty
-        in journals of older versions, where the clocks are the identity.
-    first_segment : int
-        Number of the recording's first segment, which names the session file also when that
-        segment has been deleted to make room; 0 in journals of older versions.
-    """
+    """What every segment of a recording begins with."""
 
     bench_text: str
     dbc_text: str
+    """`bench_text`, `dbc_text`: bench.toml and DBC in full."""
     software: str
+    """Name and version of the writer."""
     wall_ns: int
     monotonic_ns: int
+    """`wall_ns`, `monotonic_ns`: the host's two clocks, read together when the recording began, or
+    was taken up again."""
     recording: str = ""
+    """Identity of the recording (a uuid4 as 32 hex digits), kept when it is taken up again; empty
+    in journals of older versions, where the clocks are the identity."""
     first_segment: int = 0
+    """Number of the recording's first segment, which names the session file also when that segment
+    has been deleted to make room; 0 in journals of older versions."""
 
     @property
     def identity(self) -> str:

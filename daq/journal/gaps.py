@@ -19,25 +19,17 @@ ENDED = "ended"
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A span of blocks that is not in the journal any more.
-
-    Parameters
-    ----------
-    recording : str
-        Identity of the recording that the blocks are missing from.
-    first, stop : int
-        Numbers of the first block and of the one after the last.
-    frames : int
-        In these blocks.
-    file : str
-        Name of the segment that held them; empty if none did.
-    """
+    """A span of blocks that is not in the journal any more."""
 
     recording: str
+    """Identity of the recording that the blocks are missing from."""
     first: int
     stop: int
+    """Numbers of the first block and of the one after the last."""
     frames: int
+    """In these blocks."""
     file: str = ""
+    """Name of the segment that held them; empty if none did."""
 
 
 def gap_event(code: str, t_ns: int, gap: Gap) -> Event:

@@ -13,9 +13,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..errors import InputError
-from ..recorder.book import Code
+from ..runlog.runlog import Code
 from ..runs import Event
-from .derived import derived_recordings
+from .built import derived_recordings
 from .folder import segments_in
 from .gaps import RETENTION, Gap, gap_event, parse_gap
 from .scan import SegmentInfo, scan

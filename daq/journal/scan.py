@@ -44,44 +44,30 @@ _CREDIBLE_STEP = 1 << 24
 
 @dataclass(frozen=True, slots=True)
 class SegmentInfo:
-    """A segment, without its frames.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    recording : str
-        Identity of the recording that it belongs to.
-    number : int
-        Of the segment in its folder.
-    first_segment : int
-        Number of the first segment of its recording.
-    bytes : int
-        Size of the file.
-    first, stop : int
-        Number of the first block and of the one after the last; equal if there is none.
-    frames : int
-        In all its blocks.
-    first_ns, last_ns : int
-        Time stamps of the first frame and the latest; 0 if there is none.
-    events : tuple of (int, Event)
-        In order, each with the number of its block.
-    sealed : bool
-        Whether it has its proper end.
-    """
+    """A segment, without its frames."""
 
     path: Path
+    """The file."""
     recording: str
+    """Identity of the recording that it belongs to."""
     number: int
+    """Of the segment in its folder."""
     first_segment: int
+    """Number of the first segment of its recording."""
     bytes: int
+    """Size of the file."""
     first: int
     stop: int
+    """Number of the first block and of the one after the last; equal if there is none."""
     frames: int
+    """In all its blocks."""
     first_ns: int
     last_ns: int
+    """`first_ns`, `last_ns`: time stamps of the first frame and the latest; 0 if there is none."""
     events: tuple[tuple[int, Event], ...]
+    """In order, each with the number of its block."""
     sealed: bool
+    """Whether it has its proper end."""
 
 
 def read_head(path: Path) -> tuple[JournalHead, int] | None:

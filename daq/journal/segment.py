@@ -65,27 +65,18 @@ class SyncedFile(FileIO):
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A message on its way to the disk.
-
-    Parameters
-    ----------
-    number : int
-        Its place in the recording.
-    topic : str
-        Of frames or of events.
-    t_ns : int
-        Latest time stamp up to it.
-    message : bytes
-        As packed.
-    frames : int
-        Frames in it.
-    """
+    """A message on its way to the disk."""
 
     number: int
+    """Its place in the recording."""
     topic: str
+    """Of frames or of events."""
     t_ns: int
+    """Latest time stamp up to it."""
     message: bytes
+    """As packed."""
     frames: int
+    """Frames in it."""
 
 
 class Segment:

@@ -32,26 +32,18 @@ _LARGEST_BYTES = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What is in a segment.
-
-    Parameters
-    ----------
-    first, stop : int
-        Number of the first block and of the one after the last; equal if there is none.
-    frames : int
-        In all its blocks.
-    first_ns, last_ns : int
-        Time stamps of the first frame and the latest; 0 if there is none.
-    events : tuple of (int, Event)
-        In order, each with the number of its block.
-    """
+    """What is in a segment."""
 
     first: int
     stop: int
+    """Number of the first block and of the one after the last; equal if there is none."""
     frames: int
+    """In all its blocks."""
     first_ns: int
     last_ns: int
+    """`first_ns`, `last_ns`: time stamps of the first frame and the latest; 0 if there is none."""
     events: tuple[tuple[int, Event], ...]
+    """In order, each with the number of its block."""
 
 
 def pack_summary(summary: Summary) -> dict[str, str]:

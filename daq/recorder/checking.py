@@ -10,7 +10,7 @@ from dbc.frames import FrameBatch
 from ..bench.config import Bench, bench_codec
 from ..check.check import check_bench
 from ..control.messages import CheckItem, Reply
-from .order_events import OrderError
+from .orders import OrderError
 
 MOST = 4
 """Each keeps the frames of some seconds until it is answered."""

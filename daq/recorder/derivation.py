@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..control.messages import SessionState, SessionStatus
+from ..derive.build_session import DONE, DONE_WITH_LOSS
 from ..errors import printable
-from ..journal.derive import DONE, DONE_WITH_LOSS
 
 PATIENCE_S = 600.0
 """A session file is given so long to be built, on a machine that has other things to do..."""
@@ -104,7 +104,7 @@ class Derivation:
         command = [
             sys.executable,
             "-m",
-            "daq.journal.derive",
+            "daq.derive.build_session",
             str(job.target),
             *map(str, job.segments),
         ]

@@ -9,9 +9,9 @@ from dbc import Codec
 from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..bench.message_rules import timed_messages
+from ..runlog.runlog import Finding, LoggedStatus, RunLog
 from ..runs import Losses
 from ..verdict import RunMeasure, RunWindow, judge, peak_left
-from .book import Book, BookStatus, Finding
 from .recent import Block, RecentLosses, RecentSamples
 
 UNJUDGED: Sequence[Finding] = (
@@ -53,7 +53,7 @@ class Judge:
         """Take in which channels are at the end of their range."""
         self._saturated.update(dict.fromkeys(channels, t_ns))
 
-    def verdict(self, step: Step, bump_ns: int, book: Book) -> tuple[Finding, ...]:
+    def verdict(self, step: Step, bump_ns: int, book: RunLog) -> tuple[Finding, ...]:
         """Judge the run of a step."""
         start_ns = bump_ns - round(self._bench.trigger.pre_s * 1e9)
         stop_ns = bump_ns + round(self._bench.trigger.post_s * 1e9)
@@ -64,7 +64,7 @@ class Judge:
         accepted = [
             self._measures[run.label]
             for run in book.of(step.mass_state, step.excitation)
-            if run.status is BookStatus.ACCEPTED and run.label in self._measures
+            if run.status is LoggedStatus.ACCEPTED and run.label in self._measures
         ]
         findings, self._measures[step.label] = judge(self._bench, step, window, accepted)
         return findings

@@ -1,407 +1,405 @@
-"""The engine of a recording: journal first, then decode, watch, find the bumps, judge them.
+"""A recorder with its threads: a reader for each bus, a bounded queue, one writer to the disk.
 
-`Recorder.step` does all of it for one block, without threads and without a clock;
-`daq.recorder.engine` feeds it.  Whatever fails after the journal costs no frame: it is
-told as `consumer_failed`.
+The writer, in the caller's thread, gathers what the readers have read ten times a second, hands it
+to `Recording.step`, carries out orders between two blocks and tells where it stands.  It ends when
+it is told to, never because of a bus or a disk.
 """
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Sequence
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
+from pathlib import Path
 
-from dbc import Codec
 from dbc.frames import FrameBatch
 
-from ..alarms import AlarmState, Turn, acknowledged, reconfigured, watch
-from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
+from ..bus.link import Link, OpenSource
 from ..bus.source import HopLosses, LinkFacts
-from ..control.messages import DiskStatus, Live, Phase, QueueStatus, Status
-from ..control.orders import Acknowledge, Arm, Choose, Configure, Order, Pause
-from ..runs import Event, Losses
-from ..verdict import RunMeasure
-from . import health, run_loop, trigger
-from .book import Book, Code, Finding, advance, next_step, parse_label, verdict_entry
-from .frame_store import FrameStore
-from .guard import Guard
-from .judging import UNJUDGED, Judge
-from .live import LiveRing
-from .now import Now
-from .order_events import OrderError, order_event
-from .preparation import configured, prepared
-from .recent import RecentFrames
-from .run_loop import LoopState, Surroundings
-from .standing import NO_DISK, NO_QUEUE, Host, due, redo_text, tallies, told_runs, undo_text
+from ..bus.steady_clock import HOST_AXIS
+from ..clocks import Now
+from ..control.heartbeat import Beats
+from ..control.messages import DiskStatus, Live, Reply, Status
+from ..control.orders import (
+    AskBench,
+    AskCheck,
+    AskHistory,
+    AskStatus,
+    Build,
+    Hello,
+    Order,
+    ShutDown,
+    Start,
+    Stop,
+)
+from ..journal.built import derived_revision
+from ..journal.contents import JournalTail
+from ..journal.segment import SyncedFile
+from ..journal.writer import JournalWriter
+from ..runlog.runlog import fold
+from ..samples.bench_mapping import bench_mapping
+from .bench_checks import configured
+from .checking import Checks
+from .derivation import Derivation
+from .fault_barrier import Guard
+from .frame_store import Nowhere
+from .open_recording import CreateFile, OpenRecording, begin, resumable, unfinished
+from .orders import OrderError
+from .readers import PieceQueue, Readers
+from .recording import Recording
+from .restart_measures import recall
+from .status import NO_DISK, Host
 
-RESTAMPED = "restamped"
-UNPLANNED = "unplanned_"
-"""Put before the code of a bump (and of its end) that nobody waited for."""
+BLOCK_S = 0.1
+"""The journal gets a block so often; what was not yet in one is lost to a power cut."""
+BLOCK_FRAMES = 65_536
+HALT_S = 2.0
+"""A reader that hangs in its driver is waited for so long at the end."""
+JOURNAL_FOLDER = "journal"
+
+Publish = Callable[[Status, Live | None], None]
+
+_log = logging.getLogger("recorder")
 
 
 class Recorder:
-    """One recording of a campaign.
+    """A recorder at work.
 
     Parameters
     ----------
     bench : Bench
-        Channels, campaign, trigger and procedure.
-    codec : Codec
-        The bench's DBC.
-    store : FrameStore
-        Where everything goes; the caller closes it.
-    book : Book
-        Of a recording that is taken up again.
-    guard : Guard
-        Told of whatever fails behind the journal.
+        What is on the bench.
+    folder : Path
+        Session files go there, segments into the folder `journal` in it.
+    open_source : callable
+        Opens a bus, given its description and its number; may raise whatever it likes.
+    software : str
+        Name and version, for the journal.
+    resume : bool
+        Take up the newest recording in the folder again if it was not ended.
+    create : callable
+        Creates a file of the journal.
+    pieces : PieceQueue
+        Between readers and writer.
 
     Raises
     ------
     InputError
-        If a channel and the DBC do not fit, or no channel can trigger.
+        If bench.toml and DBC do not fit together.
     """
 
     def __init__(
         self,
         bench: Bench,
-        codec: Codec,
-        store: FrameStore,
-        book: Book | None = None,
-        guard: Guard | None = None,
+        folder: Path,
+        open_source: OpenSource,
+        *,
+        software: str,
+        resume: bool = True,
+        create: CreateFile = SyncedFile,
+        pieces: PieceQueue | None = None,
     ) -> None:
-        self._store = store
-        self._book = book or Book()
-        self._hops = HopLosses()
-        self._loop = LoopState()
-        self._health = health.HealthState()
-        self._guard = guard or Guard()
-        self._frames = 0
-        self._t_ns = self._first_ns = 0
-        self._bump_ns = 0
-        self._raw = RecentFrames()
-        self.measures: dict[str, RunMeasure] = {}
-        self._alarms = AlarmState()
-        self.adopt(bench, codec)
+        bench_mapping(bench, bench_codec(bench))
+        self._bench = bench
+        self._folder = folder
+        self._journal = folder / JOURNAL_FOLDER
+        self._open_source = open_source
+        self._software = software
+        self._resume = resume
+        self._create = create
+        self._pieces = pieces or PieceQueue()
+        self._readers = Readers(self._pieces)
+        self._orders: deque[tuple[Order | Bench, str, Future[Reply]]] = deque()
+        self._wake = threading.Event()
+        self._lock = threading.Lock()
+        self._ended = False
+        self._guard = Guard()
+        self._derivation = Derivation()
+        self._checks = Checks()
+        self._recording: OpenRecording | None = None
+        self._recorder = Recording(bench, bench_codec(bench), Nowhere(), guard=self._guard)
+        self._hops_before = HopLosses()
+        self._idle_disk = NO_DISK
+        self._lag_s = 0.0
+        self._next_s = 0.0
+        self._beats = Beats((), time.monotonic(), 0.0)
 
-    def adopt(self, bench: Bench, codec: Codec) -> None:
-        """Go on with another bench.toml.
-
-        Raises
-        ------
-        InputError
-            As the constructor; nothing has changed then.
-        """
-        mapped, triggers = prepared(bench, codec)
-        self._bench, self._codec, self._mapped, self._triggers = bench, codec, mapped, triggers
-        self._live = LiveRing([m.channel.name for m in mapped])
-        self._judge = Judge(bench, codec, self.measures)
-        self._trigger = trigger.TriggerState()
-        self._alarms = reconfigured(self._alarms)
-        # One that was killed behind the last run, or that now plans fewer of them, is complete.
-        self._loop = run_loop.decided(self._loop, self._surroundings(self._t_ns))
-
-    @property
-    def bench(self) -> Bench:
-        """The bench in force."""
-        return self._bench
-
-    @property
-    def book(self) -> Book:
-        """The runs and what was decided."""
-        return self._book
-
-    @property
-    def running(self) -> str:
-        """Label of the run that is being recorded, also if it is rejected already; else empty."""
-        return self._loop.label if self._loop.running else ""
-
-    @property
-    def complete(self) -> bool:
-        """Whether every planned run is accepted and the operator's time to reject is over."""
-        return self._loop.phase is Phase.COMPLETE
-
-    @property
-    def revision(self) -> int:
-        """Of the book: changes so far of what a session file is made of."""
-        return self._book.revision
-
-    @property
-    def losses(self) -> Losses:
-        """What was lost so far, at all hops."""
-        hops = Losses(
-            bus_dropped=self._hops.bus_dropped,
-            bus_garbled=self._hops.bus_garbled,
-            queue_dropped=self._hops.queue_dropped,
-        )
-        return health.losses_added(self._health.losses, hops)
-
-    def step(
-        self,
-        batch: FrameBatch,
-        hops: HopLosses,
-        now: Now,
-        links: Sequence[LinkFacts] = (),
-        disk: DiskStatus = NO_DISK,
-        queue: QueueStatus = NO_QUEUE,
-    ) -> tuple[Event, ...]:
-        """Take in one block of frames; to be called in silence, too, for the alarms.
-
-        Parameters
-        ----------
-        batch : FrameBatch
-            In order of arrival; may be empty.
-        hops : HopLosses
-            Cumulative counts up to this block, since this recorder was started.
-        now : Now
-            The host's clocks.
-        links, disk, queue : sequence of LinkFacts, DiskStatus, QueueStatus
-            As they stand.
+    def submit(self, order: Order, by: str) -> Future[Reply]:
+        """Have an order carried out between two blocks; from any thread, never blocks.
 
         Returns
         -------
-        tuple of Event
-            What happened, as stored: `bump` and `run_end` carry the label of their run.
+        Future of Reply
+            Fails with `OrderError` if the order is refused.
+        """
+        return self._put(order, by)
+
+    def reload(self, bench: Bench) -> Future[Reply]:
+        """Go on with a bench that was checked: as `Configure`, but buses and DBC may change."""
+        return self._put(bench, "reload")
+
+    def beats(self) -> Beats:
+        """Return when each part was last seen at work."""
+        return self._beats
+
+    def run(self, stop: threading.Event, publish: Publish) -> None:
+        """Record until `stop` is set or the order comes to shut down.
+
+        On return the readers have ended, all that they read is in the journal, and its file is
+        sealed; the recording can be taken up again unless it was stopped.
+
+        Parameters
+        ----------
+        stop : threading.Event
+            Set by the caller.
+        publish : callable
+            Called in this thread about ten times a second; must not block.
 
         Raises
         ------
         JournalError
-            If the store raises it.  Nothing else has been done with the block then.
+            If there is no place for the journal.
         """
-        if len(batch) or hops != self._hops:
-            self._store.append(batch, hops)
-        restamped = hops.restamped and not self._hops.restamped
-        self._hops = hops
-        events: list[Event] = []
-        if len(batch):
-            self._frames += len(batch)
-            self._t_ns = int(batch.t_ns[-1])
-            self._first_ns = self._first_ns or int(batch.t_ns[0])
-            self._raw.add(batch)
-        if restamped:
-            text = "time stamps of another epoch: frames are stamped on arrival"
-            self._tell(Event(self._t_ns, RESTAMPED, hops.restamped, text), events)
-        turn = Turn(now, batch, None, self._health, links, hops, disk, queue)
-        turn = self._guard.value("decode", now, turn, lambda: self._decoded(turn))
-        if turn.decoded is not None:
-            self._guard.run("samples", now, lambda: self._take(turn, events))
-        self._guard.run("run loop", now, self._pass_time)
-        self._guard.run("alarms", now, lambda: self._watch(turn, events))
-        for event in self._guard.events(now, self._t_ns or now.wall_ns):
-            self._tell(event, events)
-        return tuple(events)
+        try:
+            self._open()
+            self._start_readers()
+            self._turn(publish)
+            while not (stop.is_set() or self._ended):
+                self._turn(publish)
+        finally:
+            self._finish(publish)
 
-    def carry_out(self, order: Order, by: str, now: Now) -> None:
-        """Carry out an order of the run loop or of the book; its event is stored first.
+    # The writer's thread -----------------------------------------------------------------------
 
-        Parameters
-        ----------
-        order : Order
-            Not one of those that begin or end a recording.
-        by : str
-            Who gave it.
-        now : Now
-            The host's clocks.
+    def _turn(self, publish: Publish) -> None:
+        """Wait for the next block, store it, carry out orders, tell."""
+        if not self._pieces.status.blocks or self._next_s > time.monotonic():
+            self._wake.wait(max(self._next_s - time.monotonic(), 0.0))
+        self._wake.clear()
+        self._next_s = max(self._next_s + BLOCK_S, time.monotonic())
+        self._store()
+        while self._orders:
+            self._carry_out(*self._orders.popleft())
+        self._derivation.poll()
+        self._publish(publish)
 
-        Raises
-        ------
-        OrderError
-            If it makes no sense now; nothing has changed then.
-        """
-        t_ns = self._t_ns or now.wall_ns
-        event = order_event(order, by, t_ns, self._book, self._bench)
-        if isinstance(order, Arm) and self._due is None:
-            raise OrderError("the campaign is complete: choose a run first")
-        bench = self._configured(order.bench_text) if isinstance(order, Configure) else None
-        if event is not None:
-            self._tell(event, [])
-        if bench is not None:
-            self.adopt(bench, bench_codec(bench))
-        here = self._surroundings(self._t_ns)
-        match order:
-            case Arm():
-                self._loop = run_loop.armed(self._loop, order.until, here)
-                self._tell(Event(t_ns, "arm", text=f"{order.until} {by}"), [])
-            case Pause():
-                self._loop = run_loop.paused(self._loop, here)
-                self._tell(Event(t_ns, "pause", text=by), [])
-            case Choose():
-                self._loop = run_loop.chosen(self._loop, here)
-            case Acknowledge():
-                self._alarms = acknowledged(self._alarms)
-            case _:
-                self._loop = run_loop.decided(self._loop, here)
-
-    def reconfigure(self, bench: Bench, now: Now) -> None:
-        """Go on with a bench that was checked, and store its text."""
-        self.note(Code.BENCH, 0.0, bench.text, now)
-        self.adopt(bench, bench_codec(bench))
-
-    def cut(self, why: str) -> None:
-        """End the run that is being recorded, if any: it cannot be brought to its end."""
-        if not self.running:
-            return
-        finding = Finding("cut", False, "", 0.0, 0.0, "", f"cut: {why}", "bump again")
-        self._tell(verdict_entry(self._t_ns, self.running, [finding]), [])
-        self._loop = run_loop.judged(self._loop, self._surroundings(self._t_ns))
-
-    def note(self, code: str, value: float, text: str, now: Now) -> None:
-        """Store an event that is not in the frames, at the time of the latest one."""
-        self._tell(Event(self._t_ns or now.wall_ns, code, value, text), [])
-
-    def status(self, now: Now, host: Host) -> Status:
-        """Return where the recording stands."""
-        bench, book, loop = self._bench, self._book, self._loop
-        waiting: tuple[str, ...] = ()
-        if loop.phase is Phase.WAITING:
-            waiting = trigger.not_at_rest(bench.trigger, self._trigger)
-        return Status(
-            wall_ns=now.wall_ns,
-            t_ns=self._t_ns,
-            recording=host.recording,
-            folder=host.folder,
-            vehicle=bench.vehicle.name,
-            bench_crc32=zlib.crc32(bench.text.encode()),
-            phase=loop.phase,
-            phase_s=max(self._t_ns - loop.since_ns, 0) * 1e-9,
-            countdown_s=loop.countdown_s(self._t_ns, bench.procedure.accept_after_s),
-            not_at_rest=waiting,
-            bump_ns=self._bump_ns,
-            peak_left=self._guard.value("verdict", now, None, self._peak_left),
-            halted=loop.halted,
-            due=due(bench, book),
-            tallies=tallies(bench, book),
-            runs=told_runs(book),
-            notes=book.notes,
-            overrides=book.overrides,
-            undo=undo_text(book),
-            redo=redo_text(book),
-            alarms=self._alarms.alarms,
-            overloaded=self._alarms.overloaded,
-            buses=self._alarms.buses,
-            sensors_alive=self._alarms.sensors_alive,
-            sensors_expected=self._alarms.sensors_expected,
-            losses=self.losses,
-            disk=host.disk,
-            queue=host.queue,
-            session=host.session,
-            software=host.software,
-            revision=book.revision,
+    def _store(self, links: Sequence[LinkFacts] | None = None) -> bool:
+        """Store what was read as one block; return whether there was anything."""
+        now = _now()
+        pieces = self._readers.take(BLOCK_FRAMES)
+        batch = FrameBatch.concatenate([piece.frames for piece in pieces])
+        facts, keeper = links or self._readers.facts(), self._keeper
+        hops, queue = self._readers.hops().since(self._hops_before), self._pieces.status
+        self._recorder.step(batch, hops, now, facts, self._disk(), queue)
+        if keeper is not None:
+            keeper.tend(now.monotonic_s)
+        disk = self._disk()
+        done_s = time.monotonic()
+        self._lag_s = max((done_s - piece.received_s for piece in pieces), default=0.0)
+        durable = not (disk.failed or disk.held_frames)
+        self._beats = Beats(
+            tuple((link.name, link.heartbeat_s) for link in facts),
+            done_s,
+            done_s if durable else self._beats.durable_s,
         )
+        return bool(pieces)
 
-    def recent(self, seconds: float) -> FrameBatch:
-        """Return the raw frames of the last seconds, at most ten."""
-        return self._raw.last(seconds)
+    def _publish(self, publish: Publish) -> None:
+        now = _now()
+        live = self._guard.value("live", now, None, self._recorder.live)
+        self._guard.run("publish", now, lambda: publish(self._status(now), live))
 
-    def live(self) -> Live | None:
-        """Return the samples that became complete since the last call."""
-        return self._live.fresh()
+    def _status(self, now: Now) -> Status:
+        recording = self._recording
+        disk = replace(self._disk(), lag_s=max(self._disk().lag_s, self._lag_s))
+        host = Host(
+            recording.identity if recording else "",
+            str(self._folder),
+            self._software,
+            disk,
+            self._pieces.status,
+            self._derivation.status,
+        )
+        return self._recorder.status(now, host)
 
-    def history(self, seconds: float) -> Live:
-        """Return the samples of the last seconds, at most sixty."""
-        return self._live.history(seconds)
+    def _disk(self) -> DiskStatus:
+        if self._recording is not None:
+            self._idle_disk = replace(self._recording.keeper.status, lag_s=0.0, failed="")
+            return self._recording.keeper.status
+        return self._idle_disk
+
+    def _carry_out(self, order: Order | Bench, by: str, answer: Future[Reply]) -> None:
+        if not answer.set_running_or_notify_cancel():
+            return
+        try:
+            reply = self._answer(order, by, answer)
+        except Exception as error:  # the one who asked is to hear of it; the recording goes on
+            answer.set_exception(error)
+            return
+        if reply is not None:
+            answer.set_result(reply)
+
+    def _answer(self, order: Order | Bench, by: str, answer: Future[Reply]) -> Reply | None:
+        """Carry out an order; None if the answer comes later."""
+        now = _now()
+        match order:
+            case Hello() | AskStatus():
+                pass
+            case AskHistory():
+                return Reply(0, live=self._recorder.history(order.seconds))
+            case AskBench():
+                return Reply(0, bench_text=self._recorder.bench.text)
+            case AskCheck():
+                frames = self._recorder.recent(order.seconds)
+                self._checks.begin(self._recorder.bench, frames, answer)
+                return None
+            case Start():
+                bench = configured(self._bench, order.bench_text or self._recorder.bench.text)
+                self._end("a new recording was begun")
+                self._begin(bench, now)
+            case Stop():
+                self._required()
+                self._end("the recording was ended")
+            case Build():
+                recording = self._required()
+                recording.keeper.cut()
+                self._derive(recording)
+            case ShutDown():
+                self._ended = True
+            case Bench():
+                self._reload(order, now)
+            case _:
+                recording = self._required()
+                self._recorder.carry_out(order, by, now)
+                recording.keeper.limits = self._recorder.bench.recorder
+        return Reply(0, status=self._status(now))
+
+    # Recordings --------------------------------------------------------------------------------
 
     @property
-    def _due(self) -> Step | None:
-        return next_step(self._bench.campaign, self._book)
+    def _keeper(self) -> JournalWriter | None:
+        return self._recording.keeper if self._recording else None
 
-    def _configured(self, text: str) -> Bench:
-        if self.running:
-            raise OrderError(f"{self.running} is being recorded: wait for its end")
-        return configured(self._bench, text)
+    def _required(self) -> OpenRecording:
+        if self._recording is None:
+            raise OrderError("nothing is being recorded: start a recording first")
+        return self._recording
 
-    def _tell(self, event: Event, events: list[Event]) -> None:
-        """Store an event, then let the book have it."""
-        self._store.append_events([event])
-        self._book = advance(self._book, event)
-        events.append(event)
-
-    def _surroundings(self, t_ns: int, ready: bool | None = None) -> Surroundings:
-        bench = self._bench
-        full = trigger.pre_trigger_full(bench.trigger, self._trigger, self._first_ns)
-        if ready is None:
-            ready = self._trigger.phase is trigger.Phase.ARMED
-        return Surroundings(
-            t_ns,
-            ready and full,
-            self._book,
-            self._due,
-            bench.bump_s,
-            bench.procedure.accept_after_s,
-        )
-
-    def _decoded(self, turn: Turn) -> Turn:
-        if not len(turn.batch):
-            return turn
-        decoded = self._codec.decode(turn.batch)
-        self._health = health.advance(self._codec.messages, self._health, decoded)
-        return replace(turn, decoded=decoded, health=self._health)
-
-    def _take(self, turn: Turn, events: list[Event]) -> None:
-        """Keep the samples, and go through the bumps found in them."""
-        assert turn.decoded is not None  # held by the caller
-        block = {
-            m.channel.name: (samples.t_ns, m.values(samples))
-            for m in self._mapped
-            if (samples := turn.decoded.samples.get(m.channel.signal)) is not None
-        }
-        self._judge.add(int(turn.batch.t_ns.min()), self._t_ns, block, self.losses)
-        self._live.add(block)
-        own = {name: piece for name, piece in block.items() if name in self._triggers}
-        self._trigger, found = trigger.advance(self._bench.trigger, self._trigger, own)
-        for event in found:
-            match event.code:
-                case trigger.BUMP:
-                    self._bumped(event, events)
-                case trigger.RUN_END:
-                    self._ended(event, turn, events)
-                case _:
-                    self._tell(event, events)
-                    if event.code == trigger.CLOCK_STEP:
-                        self._first_ns = event.t_ns
-                        self.cut("the time stamps fell back")
-
-    def _bumped(self, event: Event, events: list[Event]) -> None:
-        here = self._surroundings(event.t_ns, ready=True)  # it was
-        self._loop = run_loop.turned(self._loop, here)
-        due = self._due
-        if due is None or not self._loop.takes_bumps:
-            self._tell(replace(event, code=UNPLANNED + event.code), events)
+    def _open(self) -> None:
+        """Take up the last recording, or see to its session file and begin a new one."""
+        now = _now()
+        found = resumable(self._journal, self._bench) if self._resume else None
+        if found is not None:
+            tail, bench = found
+            HOST_AXIS.begin(tail.t_ns)
+            recording = self._opened(bench, now, tail)
+            self._use(recording)
+            revision = derived_revision(self._journal, recording.identity)
+            if revision is not None:
+                self._derivation.recall(recording.session, recording.identity, revision)
+            recall(tail, bench, self._recorder.measures.update)
             return
-        self._tell(replace(event, text=due.label), events)
-        self._loop = run_loop.bumped(self._loop, due.label, event.t_ns)
-        self._bump_ns = event.t_ns
+        if (left := unfinished(self._journal)) is not None:
+            session, last = left
+            revision = fold(last.events).revision
+            self._derivation.begin(session, last.segments, last.head.identity, revision)
+        self._begin(self._bench, now)
 
-    def _ended(self, event: Event, turn: Turn, events: list[Event]) -> None:
-        if not self._loop.running:
-            self._tell(replace(event, code=UNPLANNED + event.code), events)
+    def _begin(self, bench: Bench, now: Now) -> None:
+        HOST_AXIS.begin()  # within a recording no clock that is set may move the axis
+        self._use(self._opened(bench, now))
+
+    def _use(self, recording: OpenRecording) -> None:
+        self._recording, self._recorder = recording, recording.recorder
+        self._bench = recording.recorder.bench
+        self._hops_before = self._readers.hops()  # what was lost before is not lost from this one
+
+    def _opened(self, bench: Bench, now: Now, tail: JournalTail | None = None) -> OpenRecording:
+        return begin(self._journal, bench, self._software, now, self._guard, self._create, tail)
+
+    def _end(self, why: str) -> None:
+        """End the recording and have its session file built."""
+        recording = self._recording
+        if recording is None:
             return
-        label = self._loop.label
-        self._tell(replace(event, text=label), events)
-        findings = self._guard.value("verdict", turn.now, UNJUDGED, lambda: self._findings(label))
-        self._tell(verdict_entry(event.t_ns, label, findings), events)
-        seen_ns = max(event.t_ns, int(turn.batch.t_ns[0]))  # a bus may have paused meanwhile
-        self._loop = run_loop.judged(self._loop, self._surroundings(seen_ns))
+        self._store()
+        recording.end(why)
+        self._recording = None
+        bench = recording.recorder.bench
+        self._recorder = Recording(bench, bench_codec(bench), Nowhere(), guard=self._guard)
+        self._hops_before = self._readers.hops()
+        self._derive(recording)
 
-    def _findings(self, label: str) -> Sequence[Finding]:
-        step = parse_label(label)
-        assert step is not None  # the recorder gave it
-        return self._judge.verdict(step, self._bump_ns, self._book)
+    def _derive(self, recording: OpenRecording) -> None:
+        revision = recording.recorder.revision
+        self._derivation.begin(recording.session, recording.segments, recording.identity, revision)
 
-    def _peak_left(self) -> float | None:
-        if self._loop.phase is not Phase.DECAY:
-            return None
-        return self._judge.peak_left(self._bump_ns, self._t_ns)
+    def _reload(self, bench: Bench, now: Now) -> None:
+        bench_mapping(bench, bench_codec(bench))
+        if self._recorder.running:
+            raise OrderError(f"{self._recorder.running} is being recorded: try again")
+        before = self._recorder.bench
+        rewired = bench.buses != before.buses
+        if rewired:
+            self._stop_readers()
+        try:
+            if bench.dbc_text != before.dbc_text and self._recording is not None:
+                self._end("the DBC was changed")
+                self._begin(bench, now)
+            else:
+                self._recorder.reconfigure(bench, now)
+            if self._keeper is not None:
+                self._keeper.limits = bench.recorder
+            self._bench = bench
+        finally:
+            if rewired:  # the old ones, if the new bench could not be taken over
+                self._start_readers()
 
-    def _pass_time(self) -> None:
-        self._loop = run_loop.turned(self._loop, self._surroundings(self._t_ns))
+    # Readers -----------------------------------------------------------------------------------
 
-    def _watch(self, turn: Turn, events: list[Event]) -> None:
-        turn = replace(turn, failed=self._guard.failed(turn.now))
-        self._alarms, told = watch(
-            self._bench.recorder, self._codec, self._mapped, self._alarms, turn
-        )
-        at_end = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
-        self._judge.saw_saturated(self._t_ns, at_end)
-        for event in told:
-            self._tell(event, events)
+    def _start_readers(self) -> None:
+        buses = enumerate(self._bench.buses)
+        self._readers.start([Link(bus, n, self._open_source) for n, bus in buses])
+
+    def _stop_readers(self) -> None:
+        """End the readers and store all that they have read."""
+        links = self._readers.facts()  # that they end now is no fault of theirs
+        self._readers.halt(HALT_S)
+        while self._store(links):
+            pass
+        self._readers.settle()
+        self._store(links)
+
+    def _finish(self, publish: Publish) -> None:
+        with self._lock:
+            self._ended = True
+        self._stop_readers()
+        while self._orders:
+            self._orders.popleft()[2].cancel()
+        if self._keeper is not None:
+            self._keeper.close()
+            if held := self._keeper.status.held_frames:
+                _log.error("%d frames were in memory, and the disk did not take them", held)
+        self._derivation.poll()
+        self._publish(publish)
+        self._derivation.close()
+        self._checks.close()
+
+    def _put(self, order: Order | Bench, by: str) -> Future[Reply]:
+        answer: Future[Reply] = Future()
+        with self._lock:
+            if self._ended:
+                answer.set_exception(OrderError("the recorder is ending"))
+                return answer
+            self._orders.append((order, by, answer))
+        self._wake.set()
+        return answer
+
+
+def _now() -> Now:
+    return Now(time.time_ns(), time.monotonic())

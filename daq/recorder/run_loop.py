@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from ..bench.campaign import Step
 from ..control.messages import Phase
 from ..control.orders import Until
+from ..runlog.runlog import LoggedRun, LoggedStatus, RunLog
 from ..runs import Excitation
-from .book import Book, BookRun, BookStatus
 
 LIKE_REJECTS = 3
 """After so many runs in a row that failed for the same reason, a person has to look."""
@@ -23,33 +23,22 @@ _JUDGED = (Phase.ACCEPTED, Phase.REJECTED)
 
 @dataclass(frozen=True, slots=True)
 class LoopState:
-    """Where the run loop stands; the default is that of a new recording.
-
-    Parameters
-    ----------
-    phase : Phase
-        Where it is.
-    since_ns : int
-        Data time since when.
-    until : Until or None
-        How far the order to arm carries; None if it does not carry any further.
-    kind : (str, Excitation) or None
-        Mass state and excitation that were due when it was armed.
-    runs_before : int
-        Runs in the book when it was armed: earlier rejects do not halt it.
-    label : str
-        The run that is recorded, or was just judged.
-    halted : str
-        The failing code of the like rejects that stopped it.
-    """
+    """Where the run loop stands; the default is that of a new recording."""
 
     phase: Phase = Phase.IDLE
+    """Where it is."""
     since_ns: int = 0
+    """Data time since when."""
     until: Until | None = None
+    """How far the order to arm carries; None if it does not carry any further."""
     kind: tuple[str, Excitation] | None = None
+    """Mass state and excitation that were due when it was armed."""
     runs_before: int = 0
+    """Runs in the book when it was armed: earlier rejects do not halt it."""
     label: str = ""
+    """The run that is recorded, or was just judged."""
     halted: str = ""
+    """The failing code of the like rejects that stopped it."""
 
     @property
     def running(self) -> bool:
@@ -70,28 +59,19 @@ class LoopState:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What the loop has to know of the rest of the recorder at a time.
-
-    Parameters
-    ----------
-    t_ns : int
-        Data time.
-    ready : bool
-        The car is at rest and the pre-trigger is full.
-    book : Book
-        The runs so far.
-    due : Step or None
-        `daq.recorder.book.next_step`.
-    bump_s, accept_after_s : float
-        Duration of a bump; the operator's time to reject.
-    """
+    """What the loop has to know of the rest of the recorder at a time."""
 
     t_ns: int
+    """Data time."""
     ready: bool
-    book: Book
+    """The car is at rest and the pre-trigger is full."""
+    book: RunLog
+    """The runs so far."""
     due: Step | None
+    """`daq.runlog.runlog.next_step`."""
     bump_s: float
     accept_after_s: float
+    """`bump_s`, `accept_after_s`: duration of a bump; the operator's time to reject."""
 
 
 def armed(state: LoopState, until: Until, now: Surroundings) -> LoopState:
@@ -142,7 +122,7 @@ def bumped(state: LoopState, label: str, bump_ns: int) -> LoopState:
 def judged(state: LoopState, now: Surroundings) -> LoopState:
     """Return the loop after the verdict on the run that was being recorded."""
     run = now.book.run(state.label)
-    accepted = run is not None and run.status is BookStatus.ACCEPTED
+    accepted = run is not None and run.status is LoggedStatus.ACCEPTED
     state = _entered(state, Phase.ACCEPTED if accepted else Phase.REJECTED, now.t_ns)
     if state.until is not Until.COMPLETE:
         code = like_rejects(now.book.runs[state.runs_before :])
@@ -159,7 +139,7 @@ def decided(state: LoopState, now: Surroundings) -> LoopState:
     """
     run = now.book.run(state.label)
     if state.phase in _JUDGED and run is not None:
-        accepted = run.status is BookStatus.ACCEPTED
+        accepted = run.status is LoggedStatus.ACCEPTED
         phase = Phase.ACCEPTED if accepted else Phase.REJECTED
         return state if phase is state.phase else _entered(state, phase, now.t_ns)
     if state.phase is Phase.COMPLETE and now.due is not None:
@@ -169,15 +149,15 @@ def decided(state: LoopState, now: Surroundings) -> LoopState:
     return _stopped_if_strayed(state, now)
 
 
-def like_rejects(runs: tuple[BookRun, ...]) -> str:
+def like_rejects(runs: tuple[LoggedRun, ...]) -> str:
     """Return the code for which the last runs were all rejected; empty if they were not."""
     last = runs[-LIKE_REJECTS:]
     codes = {_failing(run) for run in last}
     return codes.pop() if len(last) == LIKE_REJECTS and len(codes) == 1 else ""
 
 
-def _failing(run: BookRun) -> str:
-    if run.status is not BookStatus.REJECTED or run.by:
+def _failing(run: LoggedRun) -> str:
+    if run.status is not LoggedStatus.REJECTED or run.by:
         return ""
     return next((finding.code for finding in run.findings if not finding.passed), "")
 

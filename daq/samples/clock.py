@@ -43,19 +43,14 @@ _WINDOW_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class SensorTimes:
-    """Times of the samples of one message.
-
-    Parameters
-    ----------
-    time_s : (n,) float64
-        Time of each sample since the given origin, strictly increasing; NaN for repeated ones.
-    step : (n,) int64
-        Samples taken since the frame before: 1 where none is missing, 0 for a repeated frame,
-        which is no new sample.
-    """
+    """Times of the samples of one message."""
 
     time_s: NDArray[np.float64]
+    """Time of each sample since the given origin, strictly increasing, shape (n,); NaN for repeated
+    ones."""
     step: NDArray[np.int64]
+    """Samples taken since the frame before: 1 where none is missing, 0 for a repeated frame, which
+    is no new sample, shape (n,)."""
 
 
 def arrival_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:

@@ -21,22 +21,15 @@ _SLACK_FRAMES = 2.0
 
 @dataclass(frozen=True, slots=True)
 class CounterSteps:
-    """Frames sent from each frame to the next.
-
-    Parameters
-    ----------
-    step : (n - 1,) int64
-        1 where nothing is missing, 0 for a frame that was repeated.
-    restarted : (n - 1,) bool
-        The sensor began to count anew: more frames than can have been sent in the time.  The step
-        there is what the time says, at least 1.
-    late_s : float
-        How late the last frame arrived, compared with the most punctual one; s.
-    """
+    """Frames sent from each frame to the next."""
 
     step: NDArray[np.int64]
+    """1 where nothing is missing, 0 for a frame that was repeated, shape (n - 1,)."""
     restarted: NDArray[np.bool_]
+    """The sensor began to count anew: more frames than can have been sent in the time, shape (n -
+    1,).  The step there is what the time says, at least 1."""
     late_s: float
+    """How late the last frame arrived, compared with the most punctual one; s."""
 
     @property
     def missing(self) -> int:

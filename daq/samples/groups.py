@@ -8,33 +8,28 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.codec import Codec
 from dbc.layout import MessageLayout
 from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 
-from ..bench.message_rules import SampleSet, SensorClock
+from ..bench.config import Bench
+from ..bench.message_rules import SampleSet, SensorClock, sensor_clocks
 from ..runs import SampleGroup
-from .binding import bind, bind_counted
 from .clock import SensorTimes, arrival_times, sensor_times, stamped_times
 from .mapping import MappedChannel
+from .sample_sets import bind, bind_counted
 
 
 @dataclass(frozen=True, slots=True)
 class Timekeeping:
-    """How the samples of a bench get their times.
-
-    Parameters
-    ----------
-    messages : mapping of name to MessageLayout
-        Of the bench's codec.
-    clocks : mapping of message name to SensorClock
-        Messages with a time stamp.
-    sets : sequence of SampleSet
-        Messages that carry a sample together.
-    """
+    """How the samples of a bench get their times."""
 
     messages: Mapping[str, MessageLayout]
+    """Of the bench's codec."""
     clocks: Mapping[str, SensorClock]
+    """Messages with a time stamp."""
     sets: Sequence[SampleSet]
+    """Messages that carry a sample together."""
 
 
 def sample_groups(
@@ -196,4 +191,13 @@ def _set_group(
                 arrived[place] = np.minimum(arrived[place], samples.t_ns[rows])
     return SampleGroup(
         sample_set.name, np.interp(numbers, number, time_s), arrived, values, quality
+    )
+
+
+def timekeeping(bench: Bench, codec: Codec) -> Timekeeping:
+    """Return how the samples of a bench get their times."""
+    return Timekeeping(
+        {message.name: message for message in codec.messages},
+        sensor_clocks(codec, bench.message_rules),
+        bench.sample_sets,
     )

@@ -18,22 +18,15 @@ from ..errors import InputError
 
 @dataclass(frozen=True, slots=True)
 class MappedChannel:
-    """A channel and how its values follow from the signal.
-
-    Parameters
-    ----------
-    channel : Channel
-        With the unit filled in.
-    message : MessageLayout
-        The message that carries it.
-    factor, offset : float
-        SI value = factor * signal + offset, before sign, gain and tare.
-    """
+    """A channel and how its values follow from the signal."""
 
     channel: Channel
+    """With the unit filled in."""
     message: MessageLayout
+    """The message that carries it."""
     factor: float
     offset: float
+    """SI value = factor * signal + offset, before sign, gain and tare."""
 
     @property
     def is_multiplexed(self) -> bool:

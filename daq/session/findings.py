@@ -20,21 +20,14 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is to be said of a session file.
-
-    Parameters
-    ----------
-    severity : Severity
-        How bad it is.
-    where : str
-        Path in the file.
-    what : str
-        What is wrong, in one line.
-    """
+    """One thing that is to be said of a session file."""
 
     severity: Severity
+    """How bad it is."""
     where: str
+    """Path in the file."""
     what: str
+    """What is wrong, in one line."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "where", printable(self.where))

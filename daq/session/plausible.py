@@ -12,7 +12,8 @@ from dbc.frames import FrameBatch, FrameFlag
 from dbc.samples import UNUSABLE
 
 from ..channels import SI_UNITS, Channel, Quantity
-from ..runs import Run, RunStatus, SampleGroup, Session
+from ..runs import Run, RunStatus, SampleGroup
+from ..sessions import Session
 from .findings import Finding, Severity
 
 _YEAR_2000_NS = 946_684_800_000_000_000

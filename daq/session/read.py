@@ -13,7 +13,8 @@ from dbc.frames import FrameBatch
 
 from ..channels import Channel, Quantity
 from ..errors import InputError
-from ..runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup, Session
+from ..runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
+from ..sessions import Session
 from ..vehicle import (
     AddedMass,
     BodyWeight,
@@ -25,8 +26,8 @@ from ..vehicle import (
     Vehicle,
     VehicleGeometry,
 )
-from .guard import load_guarded
 from .load import DAMAGED_ADVICE, load_tree
+from .sandbox.guard import load_guarded
 from .schema import CHANNEL_COLUMNS, EVENT_COLUMNS, FACT_COLUMNS, FRAME_COLUMNS, WEIGHT_COLUMNS
 from .tree import Attribute, Group
 

@@ -13,35 +13,23 @@ Attribute = str | int | float | tuple[str, ...] | tuple[int, ...] | tuple[float,
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """One dataset.
-
-    Parameters
-    ----------
-    values : (n,) or (n, m) array
-        Integers, floats or fixed bytes.
-    attributes : mapping of str to Attribute
-        Those of a simple type.
-    """
+    """One dataset."""
 
     values: NDArray[Any]
+    """Integers, floats or fixed bytes."""
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
+    """Those of a simple type."""
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """One group, with all that is in it.
-
-    Parameters
-    ----------
-    attributes : mapping of str to Attribute
-        Those of a simple type.
-    groups, datasets : mapping of str to Group, mapping of str to Dataset
-        In order of their names.
-    """
+    """One group, with all that is in it."""
 
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
+    """Those of a simple type."""
     groups: Mapping[str, Group] = field(default_factory=dict)
     datasets: Mapping[str, Dataset] = field(default_factory=dict)
+    """`groups`, `datasets`: in order of their names."""
 
     def group(self, name: str) -> Group:
         """Return a group in this one.

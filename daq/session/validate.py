@@ -6,9 +6,9 @@ from pathlib import Path
 
 from ..errors import InputError
 from .findings import Finding, Severity
-from .guard import load_guarded
 from .plausible import check_session
 from .read import session_of
+from .sandbox.guard import load_guarded
 from .structure import check_structure
 
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch
 
 from ..errors import InputError
-from ..runs import Event, Run, SampleGroup, Session
+from ..runs import Event, Run, SampleGroup
+from ..sessions import Session
 from ..vehicle import BodyWeight, MassState
 from .schema import (
     CHANNEL_COLUMNS,

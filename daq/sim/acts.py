@@ -12,8 +12,8 @@ import numpy as np
 from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..channels import Channel
-from ..recorder.trigger import trigger_channels
 from ..runs import Excitation
+from ..samples.trigger import trigger_channels
 from ..vehicle import Corner
 from .ecu import Rig, Scene, scene_of
 from .excitation import Bump
@@ -35,24 +35,16 @@ _SEEN_S = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Act:
-    """Something that the car does.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its motion, beginning at 0.
-    length_s : float
-        After which the car is at rest.
-    bump_s : float
-        When the bump comes.
-    limits : mapping of channel name to float
-        Sensors that saturate, SI.
-    """
+    """Something that the car does."""
 
     scene: Scene
+    """Its motion, beginning at 0."""
     length_s: float
+    """After which the car is at rest."""
     bump_s: float
+    """When the bump comes."""
     limits: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Sensors that saturate, SI."""
 
 
 class Acts:

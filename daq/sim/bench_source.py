@@ -16,7 +16,7 @@ from ..bench.config import Bench
 from ..bus.source import SourceLosses
 from ..control.messages import Phase, Status
 from ..errors import BusError
-from ..recorder.book import Remark
+from ..runlog.runlog import Remark
 from ..runs import BASELINE
 from ..vehicle import Corner
 from .acts import Act, Acts

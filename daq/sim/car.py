@@ -24,23 +24,18 @@ from .imperfections import NONE, Imperfections
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Standard deviations of an error, by kind of sensor.
-
-    Parameters
-    ----------
-    body_acceleration_m_s2, hub_acceleration_m_s2 : float
-        Accelerometers on the body and on the hubs.
-    rate_rad_s, angular_acceleration_rad_s2 : float
-        Gyroscopes, and angular accelerometers where there are any.
-    displacement_m : float
-        Suspension travel and other displacements.
-    """
+    """Standard deviations of an error, by kind of sensor."""
 
     body_acceleration_m_s2: float
     hub_acceleration_m_s2: float
+    """`body_acceleration_m_s2`, `hub_acceleration_m_s2`: accelerometers on the body and on the
+    hubs."""
     rate_rad_s: float
     angular_acceleration_rad_s2: float
+    """`rate_rad_s`, `angular_acceleration_rad_s2`: gyroscopes, and angular accelerometers where
+    there are any."""
     displacement_m: float
+    """Suspension travel and other displacements."""
 
     def of(self, quantity: Quantity) -> float:
         """Return the standard deviation for a sensor of `quantity`, SI; 0 for an unused one."""
@@ -66,38 +61,27 @@ BIAS = Spread(0.05, 0.2, math.radians(0.2), 0.02, 0.005)
 
 @dataclass(frozen=True, slots=True)
 class SimulatedCar:
-    """A car, its bump and its bench, as they are in truth or up to a draw.
-
-    Parameters
-    ----------
-    parameters : VehicleParameters
-        The unloaded car.
-    bump_height_m : float
-        Height of the half-sine bump.
-    noise, bias : Spread
-        Errors of the sensors beyond those that bench.toml states.
-    clock_error : float
-        Standard deviation of the relative rate error of each message's clock.
-    jitter_s : float
-        Mean time by which a frame is released late (exponential), s.
-    lead_s, tail_s : float
-        Rest before the bump, and time from the beginning of the bump to the end of the run.
-    imperfections : Imperfections
-        What the car has beyond its parameters.
-    faults : tuple of SensorFault
-        What is wrong with sensors, at most one entry a channel.
-    """
+    """A car, its bump and its bench, as they are in truth or up to a draw."""
 
     parameters: VehicleParameters = FORD_GRANADA
+    """The unloaded car."""
     bump_height_m: float = 0.05
+    """Height of the half-sine bump."""
     noise: Spread = NOISE
     bias: Spread = BIAS
+    """`noise`, `bias`: errors of the sensors beyond those that bench.toml states."""
     clock_error: float = 10e-6
+    """Standard deviation of the relative rate error of each message's clock."""
     jitter_s: float = 50e-6
+    """Mean time by which a frame is released late (exponential), s."""
     lead_s: float = 1.3
     tail_s: float = 2.8
+    """`lead_s`, `tail_s`: rest before the bump, and time from the beginning of the bump to the end
+    of the run."""
     imperfections: Imperfections = NONE
+    """What the car has beyond its parameters."""
     faults: tuple[SensorFault, ...] = ()
+    """What is wrong with sensors, at most one entry a channel."""
 
     @property
     def run_s(self) -> float:
@@ -107,70 +91,47 @@ class SimulatedCar:
 
 @dataclass(frozen=True, slots=True)
 class SensorTruth:
-    """A sensor as it really is mounted.
-
-    Parameters
-    ----------
-    x_m, y_m : float
-        True position from the middle of the front axle; NaN where a position says nothing.
-    delay_s : float
-        True lateness: a frame released at t carries the value at t - delay_s.
-    bias : float
-        Constant error in the channel's SI unit, before gain, sign and tare.
-    low_pass_hz, low_pass_order : float, int
-        Its Butterworth low-pass; 0 Hz means none.
-    gain : float
-        Factor between what it measures and what it says, 1 for a sound one.
-    limit : float
-        It saturates at plus and minus this, SI.
-    """
+    """A sensor as it really is mounted."""
 
     x_m: float
     y_m: float
+    """`x_m`, `y_m`: true position from the middle of the front axle; NaN where a position says
+    nothing."""
     delay_s: float
+    """True lateness: a frame released at t carries the value at t - delay_s."""
     bias: float
+    """Constant error in the channel's SI unit, before gain, sign and tare."""
     low_pass_hz: float = 0.0
     low_pass_order: int = 2
+    """`low_pass_hz`, `low_pass_order`: its Butterworth low-pass; 0 Hz means none."""
     gain: float = 1.0
+    """Factor between what it measures and what it says, 1 for a sound one."""
     limit: float = math.inf
+    """It saturates at plus and minus this, SI."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockTruth:
-    """The sampling clock of one message: tick k is at ``phase_s + k cycle_s (1 + error)``.
-
-    Parameters
-    ----------
-    phase : float
-        Time of tick 0 after the start of the campaign, in cycles, 0..1.
-    error : float
-        Relative error of its rate.
-    """
+    """The sampling clock of one message: tick k is at ``phase_s + k cycle_s (1 + error)``."""
 
     phase: float
+    """Time of tick 0 after the start of the campaign, in cycles, 0..1."""
     error: float
+    """Relative error of its rate."""
 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """All that was drawn for one campaign: what the identification never sees.
-
-    Parameters
-    ----------
-    parameters : VehicleParameters
-        The unloaded car.
-    mass_states : mapping of str to AddedMass
-        The weights as they really are.
-    sensors : mapping of channel name to SensorTruth
-        Of every channel.
-    clocks : mapping of message name to ClockTruth
-        Of every message that carries a channel.
-    """
+    """All that was drawn for one campaign: what the identification never sees."""
 
     parameters: VehicleParameters
+    """The unloaded car."""
     mass_states: Mapping[str, AddedMass]
+    """The weights as they really are."""
     sensors: Mapping[str, SensorTruth]
+    """Of every channel."""
     clocks: Mapping[str, ClockTruth]
+    """Of every message that carries a channel."""
 
 
 def message_of(channel: Channel) -> str:

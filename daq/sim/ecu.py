@@ -27,24 +27,16 @@ _MAX_CLASSIC_BYTES = 8
 
 @dataclass(frozen=True, slots=True)
 class Sender:
-    """A message of the bench, the channels in it, and the clock that samples them.
-
-    Parameters
-    ----------
-    message : MessageLayout
-        What is sent.
-    cycle_s : float
-        Its cycle time as the DBC states it, s.
-    clock : ClockTruth
-        Phase and rate error of its clock.
-    channels : tuple of Channel
-        Its signals, as far as they are channels.
-    """
+    """A message of the bench, the channels in it, and the clock that samples them."""
 
     message: MessageLayout
+    """What is sent."""
     cycle_s: float
+    """Its cycle time as the DBC states it, s."""
     clock: ClockTruth
+    """Phase and rate error of its clock."""
     channels: tuple[Channel, ...]
+    """Its signals, as far as they are channels."""
 
     def ticks(self, start_s: float, end_s: float) -> tuple[int, NDArray[np.float64]]:
         """Return the number of the first tick in start_s..end_s, and the times of all of them."""
@@ -56,47 +48,31 @@ class Sender:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """What stays the same through a campaign.
-
-    Parameters
-    ----------
-    codec : Codec
-        The bench's DBC.
-    car, drawn : SimulatedCar, Truth
-        The car and what was drawn for it.
-    installation : Installation
-        How the sensors were put on it.
-    senders : tuple of Sender
-        Who sends what.
-    plants : mapping of mass state to Plant
-        The car in each state of loading.
-    """
+    """What stays the same through a campaign."""
 
     codec: Codec
+    """The bench's DBC."""
     car: SimulatedCar
     drawn: Truth
+    """The car and what was drawn for it."""
     installation: Installation
+    """How the sensors were put on it."""
     senders: tuple[Sender, ...]
+    """Who sends what."""
     plants: Mapping[str, Plant]
+    """The car in each state of loading."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What the car does for a while.
-
-    Parameters
-    ----------
-    motion : Moving
-        Its motion.
-    begins_s : float
-        When the motion's time 0 is, s since the start of the campaign.
-    low_passed : mapping of channel name to (t_s, value)
-        What sensors with a low-pass make of it, on the motion's time (`sensors.low_passed`).
-    """
+    """What the car does for a while."""
 
     motion: Moving
+    """Its motion."""
     begins_s: float
+    """When the motion's time 0 is, s since the start of the campaign."""
     low_passed: Mapping[str, tuple[Array, Array]]
+    """What sensors with a low-pass make of it, on the motion's time (`sensors.low_passed`)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,22 +25,15 @@ _SHARE = {
 
 @dataclass(frozen=True, slots=True)
 class Bump:
-    """A half-sine bump that the chosen wheels pass at the same time.
-
-    Parameters
-    ----------
-    excitation : Excitation
-        Which wheels: all, front, left, or front left and rear right.
-    height_m : float
-        Height of the bump.
-    start_s, duration_s : float
-        When the wheels meet it and how long they are on it.
-    """
+    """A half-sine bump that the chosen wheels pass at the same time."""
 
     excitation: Excitation
+    """Which wheels: all, front, left, or front left and rear right."""
     height_m: float
+    """Height of the bump."""
     start_s: float
     duration_s: float
+    """`start_s`, `duration_s`: when the wheels meet it and how long they are on it."""
 
     @property
     def end_s(self) -> float:

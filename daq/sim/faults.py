@@ -16,33 +16,23 @@ class SensorFault:
 
     The order is that of the chain: the motion is seen late, passes the low-pass, gets its offset
     and noise, saturates, and is multiplied by the gain.
-
-    Parameters
-    ----------
-    channel : str
-        Name of the channel.
-    gain : float
-        Factor on the value: 1.02 for a wrong calibration, -1 for a sensor mounted upside down,
-        1 / 9.80665 for g where m/s2 are stated.
-    late_s : float
-        Lateness beyond the channel's own delay, s.
-    offset : float
-        Constant added, in the channel's SI unit.
-    low_pass_hz : float
-        Cut-off (-3 dB) of a Butterworth low-pass; 0 leaves what the channel states.
-    low_pass_order : int
-        Its order.
-    limit : float
-        The sensor saturates at plus and minus this, SI, gravity included.
     """
 
     channel: str
+    """Name of the channel."""
     gain: float = 1.0
+    """Factor on the value: 1.02 for a wrong calibration, -1 for a sensor mounted upside down, 1 /
+    9.80665 for g where m/s2 are stated."""
     late_s: float = 0.0
+    """Lateness beyond the channel's own delay, s."""
     offset: float = 0.0
+    """Constant added, in the channel's SI unit."""
     low_pass_hz: float = 0.0
+    """Cut-off (-3 dB) of a Butterworth low-pass; 0 leaves what the channel states."""
     low_pass_order: int = 2
+    """Its order."""
     limit: float = math.inf
+    """The sensor saturates at plus and minus this, SI, gravity included."""
 
 
 def low_pass(values: Array, step_s: float, cutoff_hz: float, order: int) -> Array:

@@ -36,17 +36,13 @@ Solution = Callable[[Array], Array]
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """The motion at chosen instants.
-
-    Parameters
-    ----------
-    pose, velocity, acceleration : (7, n) float64
-        In the order `daq.vehicle.DOF`; the pose is counted from free springs (`plant`).
-    """
+    """The motion at chosen instants."""
 
     pose: Array
     velocity: Array
     acceleration: Array
+    """In the order `daq.vehicle.DOF`, shape (7, n); the pose is counted from free springs
+    (`plant`)."""
 
 
 class Moving(Protocol):
@@ -58,23 +54,16 @@ class Moving(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """One run, solved: at rest, over the bump, free decay.
-
-    Parameters
-    ----------
-    plant, bump : Plant, Bump
-        What moves and why.
-    rest : (7, 1) float64
-        The pose before the bump.
-    on_bump, decay : callable
-        The state on the bump and after it.
-    """
+    """One run, solved: at rest, over the bump, free decay."""
 
     plant: Plant
     bump: Bump
+    """`plant`, `bump`: what moves and why."""
     rest: Array
+    """The pose before the bump, shape (7, 1)."""
     on_bump: Solution
     decay: Solution
+    """`on_bump`, `decay`: the state on the bump and after it."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s.
@@ -98,16 +87,11 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class TwoBumps:
-    """A car that meets a second bump before it has come to rest.
-
-    Parameters
-    ----------
-    first, second : Motion
-        On the same axis of time; the second takes over when its bump begins.
-    """
+    """A car that meets a second bump before it has come to rest."""
 
     first: Motion
     second: Motion
+    """On the same axis of time; the second takes over when its bump begins."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
@@ -122,21 +106,14 @@ class TwoBumps:
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """A hand that presses the body down, so slowly that every spring follows, and lets go again.
-
-    Parameters
-    ----------
-    rest : (7, 1) float64
-        The pose before and after.
-    sink : (7, 1) float64
-        What is added to it at the lowest point.
-    length_s : float
-        How long it takes, s.
-    """
+    """A hand that presses the body down, so slowly that every spring follows, and lets go again."""
 
     rest: Array
+    """The pose before and after, shape (7, 1)."""
     sink: Array
+    """What is added to it at the lowest point, shape (7, 1)."""
     length_s: float
+    """How long it takes, s."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s; at rest outside the push."""

@@ -1,11 +1,12 @@
 """The simulated car: seven degrees of freedom by force balance, spring by spring.
 
-Nothing here is a matrix of Eqs. 3-10; those are assembled in `identify.model`, and a test holds
-that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.  Displacements are counted
-from the pose in which every spring and tyre has its free length, so the loads under gravity come
-out of the balance instead of being put in.  Rotations are small: lever arms are those of the level
-car.  A tyre can only push: where it would have to pull, the wheel is off the ground.  Friction,
-bars, one-sided dampers and other departures from the linear car are those of `imperfections`.
+Nothing here is a matrix of Eqs. 3-10; those are assembled in `identify.model.matrices`, and a test
+holds that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.  Displacements are
+counted from the pose in which every spring and tyre has its free length, so the loads under gravity
+come out of the balance instead of being put in.  Rotations are small: lever arms are those of the
+level car.  A tyre can only push: where it would have to pull, the wheel is off the ground.
+Friction, bars, one-sided dampers and other departures from the linear car are those of
+`imperfections`.
 
 Within the arrays of the balance axis 0 is the degree of freedom or the corner and axis 1 is time,
 so that one function serves a single instant and a whole record.
@@ -30,41 +31,33 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """A car in one state of loading, ready for the force balance.
-
-    Parameters
-    ----------
-    corner_x_m, corner_y_m : (4, 1) float64
-        Where suspension and body meet, from the CG of the baseline body.
-    suspension_n_m, bar_n_m : (4, 1) float64
-        Stiffness of each corner's spring and of its axle's anti-roll bar, N/m.
-    compression_ns_m, rebound_ns_m : (4, 1) float64
-        Damping of each corner as the wheel approaches the body and as it leaves it, N s/m.
-    friction_n, friction_speed_m_s : float
-        As in `Imperfections`.
-    tyre_n_m, tyre_damping_ns_m : (4, 1) float64
-        Stiffness and damping of each tyre.
-    weight_n : (7, 1) float64
-        Gravity on each degree of freedom: N, and N m about the baseline CG.
-    inertia : (7, 7) float64
-        Minus the inertia forces of unit accelerations, one column each; kg, kg m, kg m2.
-    mobility : (7, 7) float64
-        Accelerations from forces, the inverse of `inertia`.
-    """
+    """A car in one state of loading, ready for the force balance."""
 
     corner_x_m: Array
     corner_y_m: Array
+    """`corner_x_m`, `corner_y_m`: where suspension and body meet, from the CG of the baseline body,
+    shape (4, 1)."""
     suspension_n_m: Array
     bar_n_m: Array
+    """`suspension_n_m`, `bar_n_m`: stiffness of each corner's spring and of its axle's anti-roll
+    bar, N/m, shape (4, 1)."""
     compression_ns_m: Array
     rebound_ns_m: Array
+    """`compression_ns_m`, `rebound_ns_m`: damping of each corner as the wheel approaches the body
+    and as it leaves it, N s/m, shape (4, 1)."""
     friction_n: float
     friction_speed_m_s: float
+    """`friction_n`, `friction_speed_m_s`: as in `Imperfections`."""
     tyre_n_m: Array
     tyre_damping_ns_m: Array
+    """`tyre_n_m`, `tyre_damping_ns_m`: stiffness and damping of each tyre, shape (4, 1)."""
     weight_n: Array
+    """Gravity on each degree of freedom: N, and N m about the baseline CG, shape (7, 1)."""
     inertia: Array
+    """Minus the inertia forces of unit accelerations, one column each, shape (7, 7); kg, kg m, kg
+    m2."""
     mobility: Array
+    """Accelerations from forces, the inverse of `inertia`, shape (7, 7)."""
 
     @property
     def smooth(self) -> bool:
@@ -74,18 +67,13 @@ class Plant:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """What acts between the parts of the car, each (4, n) in the order of `Corner`.
-
-    Parameters
-    ----------
-    suspension_n : (4, n) float64
-        Force of spring, damper, bar and friction: up on the body, down on the wheel.
-    tyre_n : (4, n) float64
-        Force of the road on the wheel, never negative.
-    """
+    """What acts between the parts of the car, each (4, n) in the order of `Corner`."""
 
     suspension_n: Array
+    """Force of spring, damper, bar and friction: up on the body, down on the wheel, shape (4,
+    n)."""
     tyre_n: Array
+    """Force of the road on the wheel, never negative, shape (4, n)."""
 
 
 def load_car(

@@ -23,25 +23,17 @@ _FINE_S = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Installation:
-    """The car as the sensors were put on it.
-
-    Parameters
-    ----------
-    plant : Plant
-        Where its corners are.
-    a_m : float
-        Distance from the CG to the front axle, from which positions are counted.
-    design_pose : (7, 1) float64
-        The pose in which the IMU was levelled and the displacements were zeroed: the unloaded
-        car at rest.  Any other loading therefore shows as a constant offset.
-    cg_y_m : float
-        How far the CG lies to the left of the middle, from which positions are counted.
-    """
+    """The car as the sensors were put on it."""
 
     plant: Plant
+    """Where its corners are."""
     a_m: float
+    """Distance from the CG to the front axle, from which positions are counted."""
     design_pose: Array
+    """The pose in which the IMU was levelled and the displacements were zeroed: the unloaded car at
+    rest, shape (7, 1).  Any other loading therefore shows as a constant offset."""
     cg_y_m: float = 0.0
+    """How far the CG lies to the left of the middle, from which positions are counted."""
 
 
 def install(unloaded: Plant, car: SimulatedCar) -> Installation:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..recorder.book import Finding
+from ..runlog.runlog import Finding
 from .words import WORDS
 
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..channels import TIME_DERIVATIVE, Quantity
-from ..recorder.book import Finding
+from ..runlog.runlog import Finding
 from . import motion, traffic
 from .finding import finding
 from .pattern import Pattern, patterns, wrong_mode

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..bench.config import Bench
 from ..bench.procedure import Method
 from ..channels import Channel, Quantity
-from ..recorder.book import Finding
-from ..recorder.trigger import trigger_channels
+from ..runlog.runlog import Finding
+from ..samples.trigger import trigger_channels
 from .finding import finding
 from .window import Column, RunWindow, Trace, kin, traces
 

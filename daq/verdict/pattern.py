@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..bench.config import Bench
 from ..bench.procedure import Method
 from ..channels import Quantity
-from ..recorder.book import Finding
+from ..runlog.runlog import Finding
 from ..runs import Excitation
 from ..vehicle import Corner
 from .finding import finding
@@ -74,27 +74,18 @@ STRIKES = (
 
 
 class Pattern(NamedTuple):
-    """What was seen.
-
-    Parameters
-    ----------
-    shares : mapping of pattern to float
-        Of the corners' motion, 0..1; empty if unknown.
-    likeness : mapping of Excitation to float
-        To each kind of bump, 0..1; kinds that cannot be told apart are alike.
-    words : str
-        What it looks like.
-    by : str
-        By which sensors.
-    limit : float
-        Least likeness to the kind that is due.
-    """
+    """What was seen."""
 
     shares: Mapping[str, float]
+    """Of the corners' motion, 0..1; empty if unknown."""
     likeness: Mapping[Excitation, float]
+    """To each kind of bump, 0..1; kinds that cannot be told apart are alike."""
     words: str
+    """What it looks like."""
     by: str
+    """By which sensors."""
     limit: float
+    """Least likeness to the kind that is due."""
 
 
 def patterns(bench: Bench, seen: tuple[Trace, ...]) -> tuple[Pattern, ...]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dbc.frames import read_only
 
 from ..channels import Quantity
-from ..recorder.book import Finding
+from ..runlog.runlog import Finding
 from .finding import finding
 from .window import RunMeasure, Trace, kin
 

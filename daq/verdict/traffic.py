@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..bench.config import Bench
 from ..channels import Channel, Quantity
-from ..recorder.book import Finding
+from ..runlog.runlog import Finding
 from ..samples.counter import FASTEST
 from .finding import finding
 from .window import RunWindow, Trace
@@ -196,15 +196,5 @@ def _flat(value: NDArray[np.float64], noise: float, sure: bool) -> NDArray[np.bo
             beside = np.concatenate([value[max(first - 1, 0) : first], value[stop : stop + 1]])
             steep = np.all(np.abs(beside - extreme) > STEEP * step)
             if sure or (stop - first >= fewest and steep):
-                flat[first:stop] = True
-    return flat
-    for extreme in (value.max(), value.min()):
-        change = np.diff(np.concatenate([[0], (value == extreme).astype(np.int8), [0]]))
-        for first, stop in zip(
-            np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True
-        ):
-            beside = np.concatenate([value[max(first - 1, 0) : first], value[stop : stop + 1]])
-            steep = np.all(np.abs(beside - extreme) > STEEP * levels.min())
-            if stop - first >= fewest and (fewest < FLAT_SAMPLES or steep):
                 flat[first:stop] = True
     return flat

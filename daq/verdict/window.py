@@ -34,88 +34,63 @@ ANGULAR = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class RunWindow:
-    """A run as it was received: `pre_s` before to `post_s` after the bump.
-
-    Parameters
-    ----------
-    bump_ns : int
-        Time stamp of the bump.
-    channels : mapping of channel name to (t_ns (n,) int64, value (n,) float64)
-        SI, NaN where a sample cannot be used; channels may be empty or absent.
-    losses : Losses
-        Within the run.
-    stale : tuple of str
-        Messages that were silent for long during it, where that is known otherwise than by the
-        samples.
-    saturated : tuple of str
-        Channels of which samples touched the end of the signal's range.
-    timed : frozenset of str
-        Messages whose counter or time stamp tells when a sample was taken: their frames may come
-        late, in a bunch, and nothing is lost.
-    """
+    """A run as it was received: `pre_s` before to `post_s` after the bump."""
 
     bump_ns: int
+    """Time stamp of the bump."""
     channels: Mapping[str, Column]
+    """SI, NaN where a sample cannot be used, each shape (t_ns (n,); channels may be empty or absent
+    (value (n,) float64))."""
     losses: Losses = field(default_factory=Losses)
+    """Within the run."""
     stale: tuple[str, ...] = ()
+    """Messages that were silent for long during it, where that is known otherwise than by the
+    samples."""
     saturated: tuple[str, ...] = ()
+    """Channels of which samples touched the end of the signal's range."""
     timed: frozenset[str] = frozenset()
+    """Messages whose counter or time stamp tells when a sample was taken: their frames may come
+    late, in a bunch, and nothing is lost."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunMeasure:
-    """What was measured of a run: for the operator's eyes, and to compare later runs with.
-
-    Parameters
-    ----------
-    peak_m_s2, peak_m : float or None
-        Largest deviation from rest of any acceleration and any displacement; None without such.
-    frequency_hz, damping : float or None
-        Of the body's motion after the bump, taken as one damped wave; None if it shows none.
-    shares : mapping of pattern to float
-        Share of bounce, pitch, roll and warp in what the corners did, 0..1; empty if unknown.
-    purity : float or None
-        How well the corners moved as this excitation should move them, 0..1.
-    peaks : mapping of channel name to float
-        Largest deviation from rest, SI.
-    waves : mapping of channel name to (n,) float64
-        The slow motion after the bump on a common time axis (`daq.verdict.repeats`), SI.
-    """
+    """What was measured of a run: for the operator's eyes, and to compare later runs with."""
 
     peak_m_s2: float | None = None
     peak_m: float | None = None
+    """`peak_m_s2`, `peak_m`: largest deviation from rest of any acceleration and any displacement;
+    None without such."""
     frequency_hz: float | None = None
     damping: float | None = None
+    """`frequency_hz`, `damping`: of the body's motion after the bump, taken as one damped wave;
+    None if it shows none."""
     shares: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Share of bounce, pitch, roll and warp in what the corners did, 0..1; empty if unknown."""
     purity: float | None = None
+    """How well the corners moved as this excitation should move them, 0..1."""
     peaks: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Largest deviation from rest, SI."""
     waves: Mapping[str, NDArray[np.float64]] = field(default_factory=lambda: MappingProxyType({}))
+    """The slow motion after the bump on a common time axis (`daq.verdict.repeats`), SI, each shape
+    (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One channel of a run, as deviation from rest.
-
-    Parameters
-    ----------
-    channel : Channel
-        What it measures.
-    time_s : (n,) float64
-        Since the bump.
-    value : (n,) float64
-        Deviation from the level before the bump, SI.
-    noise : float
-        Standard deviation of white noise, told from neighbouring samples before the bump: slow
-        motion does not show in it.
-    moved : float
-        RMS before the bump.
-    """
+    """One channel of a run, as deviation from rest."""
 
     channel: Channel
+    """What it measures."""
     time_s: NDArray[np.float64]
+    """Since the bump, shape (n,)."""
     value: NDArray[np.float64]
+    """Deviation from the level before the bump, SI, shape (n,)."""
     noise: float
+    """Standard deviation of white noise, told from neighbouring samples before the bump: slow
+    motion does not show in it."""
     moved: float
+    """RMS before the bump."""
 
     def part(self, start_s: float, stop_s: float) -> NDArray[np.float64]:
         """Return the values between two times."""

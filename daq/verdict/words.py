@@ -8,21 +8,14 @@ from typing import NamedTuple
 
 
 class Words(NamedTuple):
-    """A finding in plain words.
-
-    Parameters
-    ----------
-    title : str
-        Its name.
-    meaning : str
-        What is wrong with the run then, and why it matters.
-    advice : str
-        What to do, in one line.
-    """
+    """A finding in plain words."""
 
     title: str
+    """Its name."""
     meaning: str
+    """What is wrong with the run then, and why it matters."""
     advice: str
+    """What to do, in one line."""
 
 
 WORDS: Mapping[str, Words] = MappingProxyType(

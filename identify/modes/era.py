@@ -47,7 +47,7 @@ def realised_modes(
     Raises
     ------
     InputError
-        As `identify.modes.stabilisation.identify_modes`.
+        As `identify.modes.mode_selection.identify_modes`.
     """
     decays = checked_records(records, rate_hz)
     size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))

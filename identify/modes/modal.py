@@ -7,36 +7,32 @@ undamped natural frequency and the damping ratio of a single oscillator with tha
 
 from __future__ import annotations
 
+from cmath import phase
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import degrees, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE, Channel
+from daq.html_tables import html_table
 from daq.vehicle import DOF, VehicleGeometry
 from dbc.errors import InputError
 from dbc.frames import read_only
 
-from ..display import modal_html
-from ..low_pass import low_pass_of
-from ..model import N_DOF, motion_row
+from ..model.low_pass import low_pass_of
+from ..model.matrices import N_DOF, motion_row
 
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """One mode of vibration.
-
-    Parameters
-    ----------
-    pole : complex
-        Eigenvalue lambda, rad/s.
-    shape : (n_channels,) complex128
-        Its entry in each channel; the scale is arbitrary.
-    """
+    """One mode of vibration."""
 
     pole: complex
+    """Eigenvalue lambda, rad/s."""
     shape: NDArray[np.complex128]
+    """Its entry in each channel, shape (n_channels,); the scale is arbitrary."""
 
     @property
     def frequency_hz(self) -> float:
@@ -54,22 +50,17 @@ class ModalModel:
     """The modes of a structure, in order of frequency.
 
     Each shape is scaled so that its largest entry is 1.
-
-    Parameters
-    ----------
-    poles : (m,) complex128
-        Eigenvalues with positive imaginary part, rad/s.
-    shapes : (n_channels, m) complex128
-        One column a mode.
-    frequency_std_hz, damping_ratio_std : (m,) float64
-        Standard deviations by the noise of the records (Cramer-Rao bound); 0 from records without
-        noise, NaN where nothing was said of it, as for the modes of a matrix.
     """
 
     poles: NDArray[np.complex128]
+    """Eigenvalues with positive imaginary part, rad/s, shape (m,)."""
     shapes: NDArray[np.complex128]
+    """One column a mode, shape (n_channels, m)."""
     frequency_std_hz: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     damping_ratio_std: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    """`frequency_std_hz`, `damping_ratio_std`: standard deviations by the noise of the records
+    (Cramer-Rao bound), shape (m,); 0 from records without noise, NaN where nothing was said of it,
+    as for the modes of a matrix."""
 
     def __post_init__(self) -> None:
         if self.shapes.ndim != 2 or self.poles.shape != self.shapes.shape[1:]:
@@ -112,7 +103,7 @@ class ModalModel:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        return modal_html(self)
+        return _html(self)
 
 
 def modes_of(A: NDArray[np.float64]) -> ModalModel:
@@ -251,3 +242,30 @@ def displacement_shapes(
         sensed.frequency_std_hz,
         sensed.damping_ratio_std,
     )
+
+
+def _html(model: ModalModel) -> str:
+    """Return frequencies, damping ratios and shapes of modes as HTML."""
+    n = len(model.shapes)
+    rows = [
+        [
+            str(number),
+            f"{mode.frequency_hz:.4f}",
+            _std(float(model.frequency_std_hz[number - 1])),
+            f"{mode.damping_ratio:.4f}",
+            _std(float(model.damping_ratio_std[number - 1])),
+            *(f"{abs(entry):.2f} ∠ {_degrees(entry):.0f}°" for entry in mode.shape),
+        ]
+        for number, mode in enumerate(model.modes, start=1)
+    ]
+    channels = [f"entry {i}" for i in range(1, n + 1)]  # of channels, or of degrees of freedom
+    columns = ["mode", "frequency, Hz", "std", "damping ratio", "std", *channels]
+    return html_table(f"{len(model)} modes", columns, rows)
+
+
+def _std(value: float) -> str:
+    return f"{value:.2g}" if isfinite(value) else ""
+
+
+def _degrees(entry: complex) -> float:
+    return degrees(phase(entry)) + 0.0 if abs(entry) > 1e-9 else 0.0

@@ -19,25 +19,17 @@ from .modal import ModalModel, mac
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """Modes of two mass states, paired.
-
-    Parameters
-    ----------
-    baseline, added : (k,) intp
-        Indices of the paired modes in either model, the baseline's ascending.
-    mac : (k,) float64
-        Likeness of each pair, 0 to 1.
-    margin : (k,) float64
-        How much more alike the pair is than either of its modes is to any third.
-    swapped : tuple of (int, int)
-        Pairs of baseline modes whose partners stand in the opposite order of frequency.
-    """
+    """Modes of two mass states, paired."""
 
     baseline: NDArray[np.intp]
     added: NDArray[np.intp]
+    """Indices of the paired modes in either model, the baseline's ascending."""
     mac: NDArray[np.float64]
+    """Likeness of each pair, 0 to 1, shape (k,)."""
     margin: NDArray[np.float64]
+    """How much more alike the pair is than either of its modes is to any third, shape (k,)."""
     swapped: tuple[tuple[int, int], ...]
+    """Pairs of baseline modes whose partners stand in the opposite order of frequency."""
 
     def __post_init__(self) -> None:
         for name in ("baseline", "added", "mac", "margin"):

@@ -1,8 +1,8 @@
 """Sums of exponentials against samples: what a fit of modes needs of the data.
 
-The poles of a fit are its own (not those of a vehicle, see `identify.exponentials`), and their
-waves are kept complex: the products ``conj(f) g`` and ``f g`` summed over the samples give every
-block of the normal equations by elementwise multiplication.
+The poles of a fit are its own (not those of a vehicle, see `identify.model.exponentials`),
+and their waves are kept complex: the products ``conj(f) g`` and ``f g`` summed over the
+samples give every block of the normal equations by elementwise multiplication.
 """
 
 from __future__ import annotations
@@ -15,33 +15,24 @@ from numpy.typing import NDArray
 
 from dbc.frames import read_only
 
-from .. import exponentials
+from ..model import exponentials
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Series sampled at the same instants.
-
-    Parameters
-    ----------
-    time_s : (n,) float64
-        Times since the start of the decay, s.
-    values : (n, k) float64
-        One column a series.
-    run, channel : (k,) intp
-        To which run and channel each series belongs; each pair occurs in one block only.
-    free_level : bool
-        Whether each series stands on a constant of its own, which is not known.
-    deviations : (n, k) float64
-        The values, from their mean if their level is unknown.
-    """
+    """Series sampled at the same instants."""
 
     time_s: NDArray[np.float64]
+    """Times since the start of the decay, s, shape (n,)."""
     values: NDArray[np.float64]
+    """One column a series, shape (n, k)."""
     run: NDArray[np.intp]
     channel: NDArray[np.intp]
+    """To which run and channel each series belongs; each pair occurs in one block only."""
     free_level: bool = False
+    """Whether each series stands on a constant of its own, which is not known."""
     deviations: NDArray[np.float64] = field(init=False)
+    """The values, from their mean if their level is unknown, shape (n, k)."""
 
     def __post_init__(self) -> None:
         level = self.values.mean(axis=0) if self.free_level else 0.0
@@ -70,23 +61,17 @@ def even_blocks(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[
 
 @dataclass(frozen=True, slots=True)
 class Waves:
-    """The functions ``exp(pole t)`` and ``t exp(pole t)`` at the samples of all blocks.
-
-    Parameters
-    ----------
-    poles : (m,) complex128
-        rad/s.
-    functions : tuple of (n, 4 m) float64
-        For each block the real parts and then the imaginary parts of the 2 m functions.
-    mixed, plain : (n_runs, n_channels, 2 m, 2 m) complex128
-        Sums of ``conj(f) g`` and of ``f g`` over the samples of each series; zero where there is
-        none.
-    """
+    """The functions ``exp(pole t)`` and ``t exp(pole t)`` at the samples of all blocks."""
 
     poles: NDArray[np.complex128]
+    """rad/s, shape (m,)."""
     functions: tuple[NDArray[np.float64], ...]
+    """For each block the real parts and then the imaginary parts of the 2 m functions, each shape
+    (n, 4 m)."""
     mixed: NDArray[np.complex128]
     plain: NDArray[np.complex128]
+    """`mixed`, `plain`: sums of ``conj(f) g`` and of ``f g`` over the samples of each series, shape
+    (n_runs, n_channels, 2 m, 2 m); zero where there is none."""
 
 
 def waves(blocks: Sequence[Block], place: NDArray[np.intp], poles: NDArray[np.complex128]) -> Waves:

@@ -1,53 +1,65 @@
-"""Which poles are modes: the choice without an oracle.
+"""Stabilisation: which poles of the State Variable Method come again when its rank is raised.
 
-Noise-free records say it themselves: behind the last mode the singular values drop to rounding.
-From noisy ones the State Variable Method gives as many poles as it is asked for.  A mode is then
-what
-
-- is a conjugate pair that decays and oscillates (a damping ratio up to critical: a vehicle's modes
-  have 24 to 36 %, so the usual limit of 20 % would leave none),
-- comes again, pole and shape (MAC), at the next higher ranks (`identify.modes.stable_poles`), or
-  parts from one that does under maximum likelihood (`identify.modes.search`),
-- explains so much of the records that noise would feign as much in one of 1000 records.
-
-Phase collinearity is no criterion here: the channels may be accelerations, rates and displacements
-at once, and a vehicle's dampers make its shapes complex anyway.
+A pole of the structure is found at every rank above its own; a pole that follows noise moves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .fit import ModalFit, fit_modes
-from .modal import ModalModel
-from .products import even_blocks
-from .search import likely_modes
-from .stable_poles import Poles, diagram_of, seen_in
+from dbc.frames import read_only
+
+from .modal import mac
 from .svm import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
 
-_GAP = 100.0
-_ROUNDING = 1e-11
-"""Noise-free: singular values drop by `_GAP` to below `_ROUNDING` of the largest."""
+_SAME_POLE = 0.05
+_SAME_SHAPE = 0.9
+_SEEN_AGAIN = 2
+"""Ranks at which a pole must come again."""
+_MORE_RANKS = 12
+"""Ranks to try beyond the singular values that stand out from the noise."""
+_MAX_GROWTH = 0.5
+"""Nepers in the longest record: noise makes a mode that hardly decays seem to grow a little."""
 
-_SAME_POLE_CLEAN = 1e-4
-_MAX_DAMPING = 0.98
-
-_LIKE = 0.003
-"""Sets of poles that differ by no more, relative, lead to the same optimum."""
-_TRIAL_SWEEPS = 2
-"""A set with one pole less begins near its optimum; two sweeps rank the sets."""
+Poles = tuple[NDArray[np.complex128], NDArray[np.complex128]]
+"""Poles (m,) and their shapes (n_channels, m)."""
 
 
-def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
-    """Identify the modes of a structure from its free decays.
+@dataclass(frozen=True, slots=True)
+class StabilisationDiagram:
+    """Poles found at each rank, ready to be drawn: frequency across, rank upwards."""
 
-    Nothing is assumed of the structure: any number of modes, seen by any channels (accelerations,
-    rates and displacements may be mixed, each in its own unit).  All records go into one
-    regression; each has its own initial state.  Noisy records are fitted by maximum likelihood from
-    there, which gives the standard deviations.
+    rank: NDArray[np.intp]
+    """Rank at which the pole was found."""
+    poles: NDArray[np.complex128]
+    """One of each conjugate pair, and real ones, rad/s, shape (n,)."""
+    shapes: NDArray[np.complex128]
+    """Entries in the channels, shape (n_channels, n)."""
+    stable: NDArray[np.bool_]
+    """Whether pole and shape come again at the next ranks, shape (n,)."""
+
+    def __post_init__(self) -> None:
+        for name in ("rank", "poles", "shapes", "stable"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def stable_sets(self) -> list[Poles]:
+        """The stable poles of each rank that has some, in order of frequency."""
+        ranks = np.unique(self.rank[self.stable])
+        found = []
+        for rank in ranks:
+            which = np.flatnonzero(self.stable & (self.rank == rank))
+            which = which[np.argsort(np.abs(self.poles[which]))]
+            found.append((self.poles[which], self.shapes[:, which]))
+        return found
+
+
+def stabilisation_diagram(records: Sequence[ArrayLike], rate_hz: float) -> StabilisationDiagram:
+    """Return the poles of the State Variable Method over its rank.
 
     Parameters
     ----------
@@ -56,165 +68,60 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
     rate_hz : float
         Samples a second.
 
-    Returns
-    -------
-    ModalModel
-        Poles in rad/s and shapes in the channels' own quantities.  Empty if the records show no
-        mode that stands out from their noise.
-
     Raises
     ------
     InputError
-        No record, different numbers of channels, fewer than 8 samples, values that are not finite,
-        or a rate that is not positive.
+        As `identify.modes.mode_selection.identify_modes`.
     """
-    return _modes(records, rate_hz, noisy_modes)
-
-
-def regression_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
-    """Return what regression alone says, to start a fit from; with noise, real poles as well.
-
-    Parameters and Raises are those of `identify_modes`.
-    """
-    return _modes(records, rate_hz, noisy_start)
-
-
-def _modes(
-    records: Sequence[ArrayLike],
-    rate_hz: float,
-    noisy: Callable[
-        [Sequence[DelaySpace], Sequence[NDArray[np.float64]], float],
-        ModalModel,
-    ],
-) -> ModalModel:
     decays = checked_records(records, rate_hz)
     size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
-    alive = size > 0.0
-    shapes = np.zeros((len(size), 0), dtype=complex)
-    if not np.any(alive):
-        return ModalModel(np.zeros(0, dtype=complex), shapes)
-    scaled = [decay[:, alive] / size[alive] for decay in decays]
-    spaces = [delay_space(scaled, rate_hz, delays) for delays in layouts(scaled, rate_hz)]
-    found = clean_modes(spaces)
-    if found is None:
-        found = noisy(spaces, scaled, rate_hz)
-    shapes = np.zeros((len(size), len(found)), dtype=complex)
-    shapes[alive] = found.shapes * size[alive, None]
-    return ModalModel(found.poles, shapes, found.frequency_std_hz, found.damping_ratio_std)
+    size[size == 0.0] = 1.0
+    scaled = [decay / size for decay in decays]
+    space = delay_space(scaled, rate_hz, layouts(scaled, rate_hz)[0])
+    diagram = diagram_of(space, max(len(decay) for decay in decays) / rate_hz)
+    shapes = diagram.shapes * size[:, None]
+    return StabilisationDiagram(diagram.rank, diagram.poles, shapes, diagram.stable)
 
 
-def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
-    """Return the modes of noise-free records, or None if the records are noisy.
+def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
+    """Return the poles of one layout of delays over its rank.
 
-    They are taken from the layout that shows most, and must come again in another one.
+    Real poles are kept: they are no modes, but an offset or a filter's transient has one, and left
+    out of a fit it would pass for a mode.
 
     Parameters
     ----------
-    spaces : sequence of DelaySpace
-        The records in several layouts, the preferred first.
+    space : DelaySpace
+        The records.
+    duration_s : float
+        Of the longest, s.
     """
+    highest = space.directions.shape[1] - space.n_channels - 1
+    standing_out = int(np.sum(space.strength > 2.0 * np.median(space.strength)))
+    highest = min(highest, standing_out + _MORE_RANKS)
     found = []
-    for space in spaces:
-        rank = _numerical_rank(space.strength)
-        if rank is not None:
-            poles, shapes = poles_of_rank(space, rank)
-            modes = vibrates(poles)
-            found.append((poles[modes], shapes[:, modes]))
-    if not found:
-        return None
-    poles, shapes = most = max(found, key=lambda layout: len(layout[0]))
-    tolerance = _SAME_POLE_CLEAN * np.abs(poles)
-    again = [seen_in(most, other, tolerance) for other in found if other is not most]
-    confirmed = np.any(again, axis=0) if again else np.ones(len(poles), dtype=bool)
-    exact = np.zeros(int(confirmed.sum()))
-    return ModalModel(poles[confirmed], shapes[:, confirmed], exact, exact)
-
-
-def noisy_modes(
-    spaces: Sequence[DelaySpace], decays: Sequence[NDArray[np.float64]], rate_hz: float
-) -> ModalModel:
-    """Return the modes of noisy records; none if there are none to be sure of.
-
-    Parameters
-    ----------
-    spaces : sequence of DelaySpace
-        The records in several layouts.
-    decays : sequence of (n_i, n_channels) float64
-        The records, scaled as in `spaces`.
-    rate_hz : float
-        Samples a second.
-    """
-    start = noisy_start(spaces, decays, rate_hz)
-    if not len(start):
-        return start
-    likely = likely_modes(even_blocks(decays, rate_hz), start.poles, start.shapes)
-    modes = vibrates(likely.poles)
-    return ModalModel(
-        likely.poles[modes],
-        likely.shapes[:, modes],
-        likely.frequency_std_hz[modes],
-        likely.damping_ratio_std[modes],
+    for rank in range(1, highest + 1):
+        poles, shapes = poles_of_rank(space, rank)
+        upper = poles.imag >= 0.0
+        found.append((poles[upper], shapes[:, upper]))
+    stable = []
+    for number, (poles, shapes) in enumerate(found):
+        keep = poles.real * duration_s < _MAX_GROWTH
+        tolerance = _SAME_POLE * np.maximum(np.abs(poles), 1.0 / duration_s)
+        following = found[number + 1 : number + 1 + _SEEN_AGAIN]
+        keep &= len(following) == _SEEN_AGAIN
+        for again in following:
+            keep &= seen_in((poles, shapes), again, tolerance)
+        stable.append(keep)
+    return StabilisationDiagram(
+        np.repeat(np.arange(1, len(found) + 1), [len(poles) for poles, _ in found]),
+        np.concatenate([np.zeros(0, complex), *(poles for poles, _ in found)]),
+        np.hstack([np.zeros((space.n_channels, 0), complex), *(shapes for _, shapes in found)]),
+        np.concatenate([np.zeros(0, bool), *stable]),
     )
 
 
-def noisy_start(
-    spaces: Sequence[DelaySpace], decays: Sequence[NDArray[np.float64]], rate_hz: float
-) -> ModalModel:
-    """Return the best founded set of stable poles, real ones among them; none if there are none.
-
-    Parameters are those of `noisy_modes`.
-    """
-    duration_s = max(len(decay) for decay in decays) / rate_hz
-    stable = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
-    fits = [
-        fit_modes(decays, rate_hz, poles, shapes, _TRIAL_SWEEPS)
-        for poles, shapes in _worth_trying(stable)
-    ]
-    if not fits:
-        return ModalModel(np.zeros(0, complex), np.zeros((decays[0].shape[1], 0), complex))
-    best = _without_needless(max(fits, key=lambda fit: fit.merit), decays, rate_hz)
-    return ModalModel(best.poles, best.shapes)
-
-
-def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:
-    """Return the sets without those that are like one before, or much smaller than another."""
-    most = max((len(poles) for poles, _ in sets), default=0)
-    chosen: list[Poles] = []
-    for poles, shapes in sets:
-        like = any(
-            len(poles) == len(other) and np.all(np.abs(poles - other) < _LIKE * np.abs(other))
-            for other, _ in chosen
-        )
-        if 2 * len(poles) >= most and not like:
-            chosen.append((poles, shapes))
-    return chosen
-
-
-def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Tell which poles stand for a mode; of a pair, the one with positive imaginary part."""
-    return np.asarray((poles.imag > 0.0) & (-poles.real < _MAX_DAMPING * np.abs(poles)))
-
-
-def _without_needless(
-    fit: ModalFit, decays: Sequence[NDArray[np.float64]], rate_hz: float
-) -> ModalFit:
-    """Take out one pole after the other as long as that raises the merit."""
-    while len(fit.poles):
-        fewer = (np.delete(np.arange(len(fit.poles)), leave) for leave in range(len(fit.poles)))
-        trials = [
-            fit_modes(decays, rate_hz, fit.poles[i], fit.shapes[:, i], _TRIAL_SWEEPS) for i in fewer
-        ]
-        ahead = max(trials, key=lambda trial: trial.merit)
-        best = fit_modes(decays, rate_hz, ahead.poles, ahead.shapes)
-        if best.merit <= fit.merit:
-            break
-        fit = best
-    return fit
-
-
-def _numerical_rank(strength: NDArray[np.float64]) -> int | None:
-    """Return the number of singular values before the drop to rounding, None without a drop."""
-    relative = np.maximum(strength / strength[0], np.finfo(float).eps / 16.0)
-    drop = np.where(relative[1:] < _ROUNDING, relative[:-1] / relative[1:], 0.0)
-    rank = int(np.argmax(drop)) + 1 if len(drop) else 0
-    return rank if rank and drop[rank - 1] > _GAP else None
+def seen_in(candidates: Poles, others: Poles, tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which candidates are among the others, by pole and by shape, (m,)."""
+    near = np.abs(candidates[0][:, None] - others[0]) < tolerance[:, None]
+    return np.asarray(np.any(near & (mac(candidates[1], others[1]) > _SAME_SHAPE), axis=1))

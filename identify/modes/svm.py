@@ -7,7 +7,7 @@ that is singular for noise-free data), which also takes out most of the noise.  
 sampling is much faster than the motion, delays step over several samples, whose mean they take:
 a sum of exponentials stays one under any filter, so poles and shapes are untouched.
 
-Which of the poles are modes is decided in `identify.modes.stabilisation`.
+Which of the poles are modes is decided in `identify.modes.mode_selection`.
 """
 
 from __future__ import annotations
@@ -32,48 +32,32 @@ _WHERE = "free-decay records"
 
 @dataclass(frozen=True, slots=True)
 class Delays:
-    """How delay vectors are laid out.
-
-    Parameters
-    ----------
-    blocks : int
-        Number of delays, p + 2 for the p of Eq. 17: the regression is between the first and the
-        last ``blocks - 1`` of them.
-    step : int
-        Samples from one delay to the next; each is the mean of as many samples.
-    """
+    """How delay vectors are laid out."""
 
     blocks: int
+    """Number of delays, p + 2 for the p of Eq. 17: the regression is between the first and the last
+    ``blocks - 1`` of them."""
     step: int
+    """Samples from one delay to the next; each is the mean of as many samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class DelaySpace:
-    """The directions in which the delay vectors of all records lie.
-
-    Parameters
-    ----------
-    delays : Delays
-        Layout of the rows.
-    rate_hz : float
-        Samples a second of the records.
-    directions : (blocks * n_channels, r) float64
-        Left singular vectors, the strongest first.
-    strength : (r,) float64
-        Singular values.
-    coordinates : tuple of (n_i, r) float64
-        The delay vectors of each record, one a sample, in these directions; none are needed
-        where the step is one sample.
-    n_channels : int
-        Channels of the records.
-    """
+    """The directions in which the delay vectors of all records lie."""
 
     delays: Delays
+    """Layout of the rows."""
     rate_hz: float
+    """Samples a second of the records."""
     directions: NDArray[np.float64]
+    """Left singular vectors, the strongest first, shape (blocks * n_channels, r)."""
     strength: NDArray[np.float64]
+    """Singular values, shape (r,)."""
     coordinates: tuple[NDArray[np.float64], ...]
+    """The delay vectors of each record, one a sample, in these directions, each shape (n_i, r);
+    none are needed where the step is one sample."""
     n_channels: int
+    """Channels of the records."""
 
     def __post_init__(self) -> None:
         for name in ("directions", "strength"):

@@ -3,7 +3,7 @@
 A vehicle that is its own mirror image has symmetric modes (heave, pitch, axles in parallel) and
 antisymmetric ones (roll, axles in opposition), and neither kind moves the other.  Sums and
 differences of mirrored sensors then each show one kind, and wheel modes of nearly one pole are told
-apart.  Whether the vehicle is so is for the data to say (`identify.modes.sensed`).
+apart.  Whether the vehicle is so is for the data to say (`identify.modes.vehicle_modes`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from daq.channels import AT_CORNER, ON_BODY, Channel, Quantity
 from dbc.frames import read_only
 
-from .problem import Ties
+from .normal_equations import Ties
 
 _SAME_PLACE_M = 0.005
 """Two sensors are each other's mirror image, or one is its own, to this distance."""
@@ -27,18 +27,12 @@ _ROLL = frozenset({Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION})
 
 @dataclass(frozen=True, slots=True)
 class Mirror:
-    """What becomes of each channel in a mirror.
-
-    Parameters
-    ----------
-    image : (n_channels,) intp
-        The channel that is its mirror image, itself perhaps; -1 if there is none.
-    sign : (n_channels,) float64
-        -1 if the mirror turns its sign (roll), else 1.
-    """
+    """What becomes of each channel in a mirror."""
 
     image: NDArray[np.intp]
+    """The channel that is its mirror image, itself perhaps; -1 if there is none."""
     sign: NDArray[np.float64]
+    """-1 if the mirror turns its sign (roll), else 1, shape (n_channels,)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", read_only(self.image))

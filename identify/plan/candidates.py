@@ -9,7 +9,7 @@ from daq.channels import SI_UNITS, Channel, Quantity
 from daq.runs import ADDED, Excitation
 from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, FactQuantity, HubWeight, MassState
 
-from ..model import FULL_NAMES
+from ..model.matrices import FULL_NAMES
 from .design import Plan, Runs, Sensor, sensor
 
 HIGHEST_BUMP_M = 0.05
@@ -32,18 +32,12 @@ _CORNER_LOADS = {
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One thing that could be done.
-
-    Parameters
-    ----------
-    action : str
-        What to do.
-    plan : Plan
-        The plan with it done.
-    """
+    """One thing that could be done."""
 
     action: str
+    """What to do."""
     plan: Plan
+    """The plan with it done."""
 
 
 def candidates(plan: Plan) -> tuple[Candidate, ...]:

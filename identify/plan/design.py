@@ -15,8 +15,8 @@ from daq.vehicle import Fact, MassState, Structure, VehicleGeometry
 from dbc.errors import InputError
 from dbc.frames import read_only
 
-from ..model import FULL_NAMES, SYMMETRIC
-from ..simulate import Bump
+from ..model.matrices import FULL_NAMES, SYMMETRIC
+from ..model.response import Bump
 
 TYPICAL_NOISE: Mapping[Quantity, float] = MappingProxyType(
     {
@@ -39,21 +39,14 @@ _RATES_HZ = (40.0, 5_000.0)  # four times the wheel modes; more than any sensor 
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A channel with what its samples are worth.
-
-    Parameters
-    ----------
-    channel : Channel
-        What is measured, and where.
-    noise : float
-        Standard deviation of the white noise of one sample, SI.
-    rate_hz : float
-        Samples a second.
-    """
+    """A channel with what its samples are worth."""
 
     channel: Channel
+    """What is measured, and where."""
     noise: float
+    """Standard deviation of the white noise of one sample, SI."""
     rate_hz: float
+    """Samples a second."""
 
     def __post_init__(self) -> None:
         where = f"channel {self.channel.name}"
@@ -86,48 +79,19 @@ def sensors_of(channels: Iterable[Channel], rate_hz: float) -> tuple[Sensor, ...
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """Some runs that are alike.
-
-    Parameters
-    ----------
-    mass_state : str
-        Name of the mass state.
-    excitation : Excitation
-        How the vehicle is bumped.
-    repeats : int
-        How often.
-    """
+    """Some runs that are alike."""
 
     mass_state: str
+    """Name of the mass state."""
     excitation: Excitation
+    """How the vehicle is bumped."""
     repeats: int = 1
+    """How often."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
     """A bench session before it is held.
-
-    Parameters
-    ----------
-    vehicle : (15,) or (28,) float64
-        Expected parameters: those of the symmetric vehicle in the order of
-        `daq.vehicle.PARAMETER_NAMES`, or all of `identify.model.FULL_NAMES`; stored as the latter.
-    sensors : tuple of Sensor
-        What is measured in every run.
-    mass_states : tuple of MassState
-        Loading of the vehicle, with the weights.
-    runs : tuple of Runs
-        What is driven.
-    bump : Bump
-        Height and duration; its start is of no account.
-    decay_s : float
-        How long each free decay is recorded, from the end of the bump, s.
-    geometry : VehicleGeometry or None
-        The four lengths where they are measured beforehand; their values are those of `vehicle`.
-    structure : Structure
-        Which parameters are to be identified.
-    facts : tuple of Fact
-        What scales and tape measure tell; only their uncertainty counts.
 
     Raises
     ------
@@ -137,14 +101,25 @@ class Plan:
     """
 
     vehicle: NDArray[np.float64]
+    """Expected parameters: those of the symmetric vehicle in the order of
+    `daq.vehicle.PARAMETER_NAMES`, or all of `identify.model.matrices.FULL_NAMES`; stored as the
+    latter."""
     sensors: tuple[Sensor, ...]
+    """What is measured in every run."""
     mass_states: tuple[MassState, ...]
+    """Loading of the vehicle, with the weights."""
     runs: tuple[Runs, ...]
+    """What is driven."""
     bump: Bump = field(default_factory=lambda: Bump(height_m=0.05))
+    """Height and duration; its start is of no account."""
     decay_s: float = 2.5
+    """How long each free decay is recorded, from the end of the bump, s."""
     geometry: VehicleGeometry | None = None
+    """The four lengths where they are measured beforehand; their values are those of `vehicle`."""
     structure: Structure = field(default_factory=Structure)
+    """Which parameters are to be identified."""
     facts: tuple[Fact, ...] = ()
+    """What scales and tape measure tell; only their uncertainty counts."""
 
     def __post_init__(self) -> None:
         given = np.array(self.vehicle, dtype=float)

@@ -19,33 +19,26 @@ from daq.channels import Channel
 from daq.runs import Excitation
 from daq.vehicle import MassState
 
-from ..decay import Clock, FreeDecay, Recording
-from ..facts import CORNERS
-from ..greybox import GreyBox
-from ..likelihood import shares
-from ..model import loaded_model
-from ..projection import Point, linear_coefficients, point, share
-from ..simulate import Bump, exact_response
+from ..decays.decay import ChannelGroup, FreeDecay, Recording
+from ..fit.grey_box import GreyBox
+from ..fit.likelihood import shares
+from ..fit.varpro import Evaluated, linear_coefficients, point, share
+from ..model.facts import CORNERS
+from ..model.matrices import loaded_model
+from ..model.response import Bump, exact_response
 from .design import Plan, Runs
 
 
 @dataclass(frozen=True, slots=True)
 class Fisher:
-    """The information of a plan.
-
-    Parameters
-    ----------
-    box : GreyBox
-        What is unknown.
-    eta : (P,) float64
-        The unknowns at the expected vehicle.
-    information : (P, P) float64
-        Inverse of the covariance that an efficient estimate will have.
-    """
+    """The information of a plan."""
 
     box: GreyBox
+    """What is unknown."""
     eta: NDArray[np.float64]
+    """The unknowns at the expected vehicle, shape (P,)."""
     information: NDArray[np.float64]
+    """Inverse of the covariance that an efficient estimate will have, shape (P, P)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +59,7 @@ class KnownRuns:
         for runs in plan.runs:
             per_state[runs.mass_state].append(runs)
         for state in plan.mass_states:
-            at: Point | None = None
+            at: Evaluated | None = None
             for runs in per_state[state.name]:
                 added = state.added
                 key = (common, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
@@ -99,19 +92,19 @@ def _common(plan: Plan) -> tuple[Any, ...]:
     )
 
 
-def _clocks(plan: Plan) -> tuple[dict[Clock, float], tuple[Clock, ...]]:
+def _clocks(plan: Plan) -> tuple[dict[ChannelGroup, float], tuple[ChannelGroup, ...]]:
     """Return the sample clocks, as a session would have them, and the rate of each."""
     groups: defaultdict[tuple[Any, ...], list[Channel]] = defaultdict(list)
     for sensor in plan.sensors:
         c = sensor.channel
         alike = (c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order)
         groups[(c.signal.partition(".")[0], sensor.rate_hz, *alike)].append(c)
-    rates = {Clock(key[0], tuple(cs)): key[1] for key, cs in groups.items()}
+    rates = {ChannelGroup(key[0], tuple(cs)): key[1] for key, cs in groups.items()}
     return rates, tuple(rates)
 
 
 def _start(
-    at: Point,
+    at: Evaluated,
     eta: NDArray[np.float64],
     state: MassState,
     excitation: Excitation,
@@ -124,10 +117,10 @@ def _start(
 
 
 def _decay(
-    at: Point,
+    at: Evaluated,
     start: NDArray[np.float64],
     mass_state: str,
-    rates: dict[Clock, float],
+    rates: dict[ChannelGroup, float],
     decay_s: float,
 ) -> FreeDecay:
     """Return the free decay from a state, without noise, as the sensors sample it."""

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from daq.vehicle import parameter_unit
 
-from ..greybox import SIGNED
-from ..projection import pseudo_inverse
-from ..uncertainty import COVERAGE_95, Estimate
+from ..fit.grey_box import SIGNED
+from ..fit.uncertainty import COVERAGE_95, Estimate
+from ..fit.varpro import pseudo_inverse
 from .information import Fisher
 
 LARGEST_SHARE = 0.25
@@ -25,34 +25,24 @@ _OPEN = 1.0  # standard deviation of a logarithm (or of a unit) in an undetermin
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """The expected result of a plan.
-
-    Parameters
-    ----------
-    parameters : mapping of str to Estimate
-        Expected value, standard deviation (infinite where undetermined) and 95 % interval; a
-        length that is known beforehand has none.
-    relative : mapping of str to float
-        Half the 95 % interval as a share of the value, of each parameter that is to be identified
-        and cannot be zero; infinite where undetermined.
-    undetermined : tuple of str
-        Parameters that the plan leaves undetermined.
-    reasons : tuple of str
-        Why they are.
-    worst, mean : float
-        Largest and mean of `relative` over the parameters that are determined; infinite if none
-        is.
-    open_directions : int
-        How many independent combinations of parameters are undetermined.
-    """
+    """The expected result of a plan."""
 
     parameters: Mapping[str, Estimate]
+    """Expected value, standard deviation (infinite where undetermined) and 95 % interval; a length
+    that is known beforehand has none."""
     relative: Mapping[str, float]
+    """Half the 95 % interval as a share of the value, of each parameter that is to be identified
+    and cannot be zero; infinite where undetermined."""
     undetermined: tuple[str, ...]
+    """Parameters that the plan leaves undetermined."""
     reasons: tuple[str, ...]
+    """Why they are."""
     worst: float
     mean: float
+    """Largest and mean of `relative` over the parameters that are determined; infinite if none
+    is."""
     open_directions: int
+    """How many independent combinations of parameters are undetermined."""
 
 
 def expected(fisher: Fisher) -> Outlook:

@@ -16,37 +16,25 @@ _NOTICEABLE = 0.995  # of worst times mean; a step that leaves more is not worth
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """Something to do next, and what it is good for.
-
-    Parameters
-    ----------
-    action : str
-        In the operator's words.
-    outlook : Outlook
-        What the plan will tell with it done.
-    """
+    """Something to do next, and what it is good for."""
 
     action: str
+    """In the operator's words."""
     outlook: Outlook
+    """What the plan will tell with it done."""
 
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """The planner's answer.
-
-    Parameters
-    ----------
-    outlook : Outlook
-        What the plan as it is will tell.
-    steps : tuple of NextStep
-        At most a dozen, each by itself added to the plan, the most useful first.
-    remedies : tuple of str
-        What to do, all of it, to determine what the plan leaves undetermined; empty if nothing is.
-    """
+    """The planner's answer."""
 
     outlook: Outlook
+    """What the plan as it is will tell."""
     steps: tuple[NextStep, ...]
+    """At most a dozen, each by itself added to the plan, the most useful first."""
     remedies: tuple[str, ...]
+    """What to do, all of it, to determine what the plan leaves undetermined; empty if nothing
+    is."""
 
 
 def outlook(plan: Plan) -> Outlook:

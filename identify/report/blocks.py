@@ -12,60 +12,39 @@ from .shapes import Shape
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """An entry of a table.
-
-    Parameters
-    ----------
-    text : str
-        As it is read.
-    source : str
-        Path of its number in the JSON document, by slashes: ``parameters/m_s/value``.
-    """
+    """An entry of a table."""
 
     text: str
+    """As it is read."""
     source: str = ""
+    """Path of its number in the JSON document, by slashes: ``parameters/m_s/value``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows under a header.
-
-    Parameters
-    ----------
-    title : str
-        What it shows.
-    columns : tuple of str
-        Their names; a name that begins with ``#`` heads numbers, which stand to the right.
-    rows : tuple of tuple of Cell
-        As long as `columns`.
-    note : str
-        What a reader must know.
-    """
+    """Rows under a header."""
 
     title: str
+    """What it shows."""
     columns: tuple[str, ...]
+    """Their names; a name that begins with ``#`` heads numbers, which stand to the right."""
     rows: tuple[tuple[Cell, ...], ...]
+    """As long as `columns`."""
     note: str = ""
+    """What a reader must know."""
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One figure.
-
-    Parameters
-    ----------
-    key : str
-        Name of its file.
-    title, caption : str
-        What it shows, and how to read it.
-    panel : Panel
-        What is drawn.
-    """
+    """One figure."""
 
     key: str
+    """Name of its file."""
     title: str
     caption: str
+    """`title`, `caption`: what it shows, and how to read it."""
     panel: Panel
+    """What is drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,56 +92,37 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where the numbers come from.
-
-    Parameters
-    ----------
-    name : str
-        Of the session file.
-    sha256 : str
-        Of its bytes.
-    version : str
-        Of the program that identified it.
-    libraries : mapping of str to str
-        Versions of what it computes with.
-    """
+    """Where the numbers come from."""
 
     name: str
+    """Of the session file."""
     sha256: str
+    """Of its bytes."""
     version: str
+    """Of the program that identified it."""
     libraries: Mapping[str, str]
+    """Versions of what it computes with."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What is said of a session.
-
-    Parameters
-    ----------
-    vehicle, created : str
-        Whose, and when it was recorded.
-    source : Source
-        Of what.
-    verdict : Verdict
-        Whether the parameters may be used.
-    findings : tuple of Finding
-        The worst first.
-    highlights : tuple of (str, Cell)
-        The few numbers that are read first.
-    sections : tuple of Section
-        In order.
-    data : mapping of str to object
-        Numbers that are shown and are not part of the identification's JSON document.
-    """
+    """What is said of a session."""
 
     vehicle: str
     created: str
+    """`vehicle`, `created`: whose, and when it was recorded."""
     source: Source
+    """Of what."""
     verdict: Verdict
+    """Whether the parameters may be used."""
     findings: tuple[Finding, ...]
+    """The worst first."""
     highlights: tuple[tuple[str, Cell], ...]
+    """The few numbers that are read first."""
     sections: tuple[Section, ...]
+    """In order."""
     data: Mapping[str, object]
+    """Numbers that are shown and are not part of the identification's JSON document."""
 
     @property
     def pictures(self) -> tuple[Picture, ...]:

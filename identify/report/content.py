@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq.runs import RunStatus, Session
+from daq.runs import RunStatus
+from daq.sessions import Session
 
-from ..leave_out import Prediction, leave_one_out
-from ..pipeline import Identification
+from ..fit.cross_validation import Prediction, leave_one_out
+from ..identification import Identification
 from .blocks import Cell, Report, Section, Source
 from .decays import decay_section
 from .evidence import closed_form_section, correlation_section, information_section

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 
-from ..decay import FreeDecay, Record, Recording
-from ..estimation import Estimation
-from ..likelihood import Residuals
-from ..window import onset_s
+from ..decays.decay import FreeDecay, Record, Recording
+from ..decays.onset import onset_s
+from ..fit.estimation import Estimation
+from ..fit.likelihood import Residuals
 from .blocks import Block, Gallery, Picture, Section
 from .envelope import envelope
 from .panels import DecayPanel, Trace

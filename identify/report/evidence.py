@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..pipeline import Identification
+from ..identification import Identification
 from ..trust.excitation import SNR_LIMIT_DB
 from .blocks import Block, Cell, Picture, Section, Table
 from .numbers import number

@@ -113,7 +113,7 @@ def _kind(block: Block) -> str:
 
 def drawing(picture: Picture) -> Markup:
     """Draw a picture for a page that holds others: no prologue, no rule for all, own names."""
-    from ..figures.panels import panel_svg  # matplotlib, which others may have loaded instead
+    from .figures.panels import panel_svg  # matplotlib, which others may have loaded instead
 
     svg = panel_svg(picture.panel, picture.title)
     svg = svg[svg.index("<svg") :]

@@ -6,10 +6,10 @@ import numpy as np
 
 from daq.vehicle import VehicleGeometry
 
-from ..estimation import Estimation
-from ..modes.sensed import on_grid
-from ..modes.stable_poles import stabilisation_diagram
-from ..pipeline import Identification
+from ..fit.estimation import Estimation
+from ..identification import Identification
+from ..modes.stabilisation import stabilisation_diagram
+from ..modes.vehicle_modes import on_grid
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table
 from .numbers import number
 from .panels import StabilisationPanel

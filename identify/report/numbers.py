@@ -21,7 +21,7 @@ def by_kind(shares: Mapping[str, float]) -> dict[str, float]:
     Parameters
     ----------
     shares : mapping of source to float
-        As in `identify.uncertainty.drivers`: run labels, facts, stated uncertainties.
+        As in `identify.fit.uncertainty.drivers`: run labels, facts, stated uncertainties.
     """
     kinds: dict[str, float] = {}
     for source, share in shares.items():

@@ -14,100 +14,68 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class IntervalPanel:
-    """Relative intervals of the parameters, and what each rests on.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters.
-    half_percent : (n,) float64
-        Half of each 95 % interval, % of the value.
-    kinds : tuple of str
-        What a parameter may rest on.
-    shares : (n, n_kinds) float64
-        Shares of one.
-    """
+    """Relative intervals of the parameters, and what each rests on."""
 
     names: tuple[str, ...]
+    """Parameters."""
     half_percent: Floats
+    """Half of each 95 % interval, % of the value, shape (n,)."""
     kinds: tuple[str, ...]
+    """What a parameter may rest on."""
     shares: Floats
+    """Shares of one, shape (n, n_kinds)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClosedFormPanel:
-    """Closed form beside likelihood.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters.
-    half_percent : (n,) float64
-        Half of each 95 % interval, %.
-    apart_percent : (n,) float64
-        Closed form less likelihood, % of the likelihood's.
-    """
+    """Closed form beside likelihood."""
 
     names: tuple[str, ...]
+    """Parameters."""
     half_percent: Floats
+    """Half of each 95 % interval, %, shape (n,)."""
     apart_percent: Floats
+    """Closed form less likelihood, % of the likelihood's, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """A channel measured and fitted, each thinned so that no spike is lost.
-
-    Parameters
-    ----------
-    channel, unit : str
-        What it is.
-    measured, fitted, residual : (2, n) float64
-        Time within the run, s, over the value in `unit`; the residual in units of the noise.
-    """
+    """A channel measured and fitted, each thinned so that no spike is lost."""
 
     channel: str
     unit: str
+    """`channel`, `unit`: what it is."""
     measured: Floats
     fitted: Floats
     residual: Floats
+    """Time within the run, s, over the value in `unit`, shape (2, n); the residual in units of the
+    noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class DecayPanel:
-    """One run: measured against fitted.
-
-    Parameters
-    ----------
-    traces : tuple of Trace
-        Channels shown.
-    onset_s, start_s, end_s : float
-        When motion begins (NaN if the record begins in motion), and the window that is fitted.
-    """
+    """One run: measured against fitted."""
 
     traces: tuple[Trace, ...]
+    """Channels shown."""
     onset_s: float
     start_s: float
     end_s: float
+    """`onset_s`, `start_s`, `end_s`: when motion begins (NaN if the record begins in motion), and
+    the window that is fitted."""
 
 
 @dataclass(frozen=True, slots=True)
 class StabilisationPanel:
-    """Poles over the rank of the State Variable Method, of one mass state.
-
-    Parameters
-    ----------
-    frequency_hz, rank : (n,) float64
-        Of each pole.
-    stable : (n,) bool
-        Whether it comes again.
-    modes_hz : (m,) float64
-        Modes of the identified vehicle.
-    """
+    """Poles over the rank of the State Variable Method, of one mass state."""
 
     frequency_hz: Floats
     rank: Floats
+    """`frequency_hz`, `rank`: of each pole, shape (n,)."""
     stable: NDArray[np.bool_]
+    """Whether it comes again, shape (n,)."""
     modes_hz: Floats
+    """Modes of the identified vehicle, shape (m,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,80 +88,54 @@ class CorrelationPanel:
 
 @dataclass(frozen=True, slots=True)
 class SnrPanel:
-    """How far each mode stands out of the noise in each run.
-
-    Parameters
-    ----------
-    runs, modes : tuple of str
-        Rows and columns.
-    decibel : (n_runs, n_modes) float64
-        NaN where there is no such mode.
-    limit_db : float
-        What all runs of a mass state together need.
-    """
+    """How far each mode stands out of the noise in each run."""
 
     runs: tuple[str, ...]
     modes: tuple[str, ...]
+    """`runs`, `modes`: rows and columns."""
     decibel: Floats
+    """NaN where there is no such mode, shape (n_runs, n_modes)."""
     limit_db: float
+    """What all runs of a mass state together need."""
 
 
 @dataclass(frozen=True, slots=True)
 class PredictionPanel:
-    """chi2/n of each run, fitted with all and predicted from the others.
-
-    Parameters
-    ----------
-    runs : tuple of str
-        Labels.
-    fitted, predicted, limit : (n,) float64
-        NaN where the others say nothing.
-    """
+    """chi2/n of each run, fitted with all and predicted from the others."""
 
     runs: tuple[str, ...]
+    """Labels."""
     fitted: Floats
     predicted: Floats
     limit: Floats
+    """`fitted`, `predicted`, `limit`: naN where the others say nothing, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class DifferencePanel:
-    """Differences between two sessions.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Quantities.
-    percent, half_percent : (n,) float64
-        Difference and half of its 95 % interval, % of the first session's value.
-    significant : (n,) bool
-        Whether it stands among all.
-    """
+    """Differences between two sessions."""
 
     names: tuple[str, ...]
+    """Quantities."""
     percent: Floats
     half_percent: Floats
+    """`percent`, `half_percent`: difference and half of its 95 % interval, % of the first session's
+    value, shape (n,)."""
     significant: NDArray[np.bool_]
+    """Whether it stands among all, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrendPanel:
-    """A quantity over the sessions.
-
-    Parameters
-    ----------
-    values, half : (n,) float64
-        Value and half of its 95 % interval in each session.
-    slope : float
-        Of the weighted line, a session.
-    unit : str
-        Of the values.
-    """
+    """A quantity over the sessions."""
 
     values: Floats
     half: Floats
+    """Value and half of its 95 % interval in each session, shape (n,)."""
     slope: float
+    """Of the weighted line, a session."""
     unit: str
+    """Of the values."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..pipeline import Identification
-from ..uncertainty import Estimate
+from ..fit.uncertainty import Estimate
+from ..identification import Identification
 from .blocks import Block, Cell, Picture, Section, Table
 from .numbers import by_kind, half_width_percent, largest_share, number
 from .panels import IntervalPanel

@@ -8,8 +8,8 @@ from io import BytesIO
 import matplotlib
 from matplotlib.backends.backend_pdf import PdfPages
 
-from ..figures.panels import WIDTH_IN, look, size_in
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Report, Section, Table
+from .figures.panels import WIDTH_IN, look, size_in
 from .panels import ShapePanel
 from .sheets import LEADING_IN, Sheets, Style, em_in
 from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..leave_out import Prediction
+from ..fit.cross_validation import Prediction
 from .blocks import Block, Cell, Picture, Section, Table
 from .numbers import number
 from .panels import PredictionPanel

@@ -8,11 +8,12 @@ from dataclasses import asdict
 import numpy as np
 
 from daq.channels import Quantity
-from daq.recorder.trigger import BUMP
 from daq.remarks import notes_of, overrides_of
-from daq.runs import Run, RunStatus, Session
+from daq.runs import Run, RunStatus
+from daq.samples.trigger import BUMP
+from daq.sessions import Session
 
-from ..pipeline import Identification
+from ..identification import Identification
 from .blocks import Block, Cell, Section, Source, Table
 from .numbers import number
 from .words import plain

@@ -20,45 +20,30 @@ _COILS = 5
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A mode of the vehicle, ready to be drawn.
-
-    Parameters
-    ----------
-    title, numbers : str
-        Its name; its frequency and damping.
-    frequency_hz : float
-        How fast it moves in truth.
-    motion : (7,) complex128
-        Displacements of `daq.vehicle.DOF`, turned so that most of it is real, m.
-    geometry : VehicleGeometry
-        Of the vehicle.
-    """
+    """A mode of the vehicle, ready to be drawn."""
 
     title: str
     numbers: str
+    """`title`, `numbers`: its name; its frequency and damping."""
     frequency_hz: float
+    """How fast it moves in truth."""
     motion: NDArray[np.complex128]
+    """Displacements of `daq.vehicle.DOF`, turned so that most of it is real, m, shape (7,)."""
     geometry: VehicleGeometry
+    """Of the vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """The car at one instant, projected; x to the right, y down, m at the distance of the car.
-
-    Parameters
-    ----------
-    deck, roof : (4, 2) float64
-        Corners of two plates of the body, around.
-    springs : (4, k, 2) float64
-        From body to hub at each wheel.
-    wheels : (4, k, 2) float64
-        Their rims.
-    """
+    """The car at one instant, projected; x to the right, y down, m at the distance of the car."""
 
     deck: NDArray[np.float64]
     roof: NDArray[np.float64]
+    """`deck`, `roof`: corners of two plates of the body, around, shape (4, 2)."""
     springs: NDArray[np.float64]
+    """From body to hub at each wheel, shape (4, k, 2)."""
     wheels: NDArray[np.float64]
+    """Their rims, shape (4, k, 2)."""
 
 
 def shape_of(

@@ -10,7 +10,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..figures.panels import WIDTH_IN, draw
+from .figures.panels import WIDTH_IN, draw
 from .panels import Panel
 
 _PAGE_IN = (8.27, 11.69)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq.runs import Session
+from daq.sessions import Session
 from daq.vehicle import BodyWeight, MassState, Structure
 
-from ..estimation import Estimation
+from ..fit.estimation import Estimation
 from .blocks import Block, Cell, Section, Table
 from .numbers import number
 from .words import plain

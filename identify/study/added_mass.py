@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 
-from ..model import delta_mass, physical_model
+from ..model.matrices import delta_mass, physical_model
 from ..modes.modal import modes_of
 from ..modes.pairing import pair_modes
-from ..physical import physical_matrices, state_matrix_of
-from ..sequential import sequential_vehicle
+from ..paper.physical import physical_matrices, state_matrix_of
+from ..paper.sequential import sequential_vehicle
 from .campaign import PAPER_ADDED_MASS
 from .result import Column, Curve, CurvePanel, Study, percent
 
@@ -29,21 +29,14 @@ _GEOMETRY = PARAMETER_NAMES[11:]
 
 @dataclass(frozen=True, slots=True)
 class MassError:
-    """One of Figs. 3 to 7.
-
-    Parameters
-    ----------
-    quantity : str
-        Which added inertia is wrong.
-    dofs : tuple of int
-        Its places on the diagonal of the added mass.
-    says : tuple of str
-        What the paper reads off its figure, and how ours compares.
-    """
+    """One of Figs. 3 to 7."""
 
     quantity: str
+    """Which added inertia is wrong."""
     dofs: tuple[int, ...]
+    """Its places on the diagonal of the added mass."""
     says: tuple[str, ...]
+    """What the paper reads off its figure, and how ours compares."""
 
 
 _ONE_AXIS = (

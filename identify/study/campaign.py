@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE
-from daq.runs import ADDED, BASELINE, Excitation, Session
+from daq.runs import ADDED, BASELINE, Excitation
+from daq.sessions import Session
 from daq.vehicle import (
     FORD_GRANADA,
     AddedMass,
@@ -28,12 +29,12 @@ from daq.vehicle import (
 )
 from dbc.errors import InputError
 
-from ..decay import Clock, Record, Recording
-from ..greybox import GreyBox
-from ..model import delta_mass, physical_model
+from ..decays.decay import ChannelGroup, Record, Recording
+from ..fit.grey_box import GreyBox
+from ..model.matrices import delta_mass, physical_model
+from ..model.response import Bump, exact_response
 from ..modes.modal import sensor_rows
 from ..pipeline import grey_box
-from ..simulate import Bump, exact_response
 from .sensors import SENSOR_SETS
 
 PAPER_ADDED_MASS = AddedMass(matrix=np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]))
@@ -52,34 +53,23 @@ _LEAST_NOISE_DB = 100.0
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Runs of the paper's vehicle: each case in each mass state, 3 s with the bump at 0.1..0.3 s.
-
-    Parameters
-    ----------
-    rate_hz : float
-        Samples a second of every sensor, 40 (four times the wheel modes) to 20,000.
-    noise_db : float
-        Distance from signal to noise; infinite for none.
-    cases : tuple of Excitation
-        How the vehicle is bumped, each once in a mass state.
-    clocks : tuple of Clock
-        The sensors, such as one of `SENSOR_SETS`.
-    mass_states : tuple of MassState
-        Loading of the vehicle.
-    geometry : VehicleGeometry or None
-        The four lengths as the identification is told them; None leaves them to be identified.
-    scales_sigma_kg : float
-        Standard uncertainty of the scales that show total mass and front axle load; 0 if the
-        vehicle is not weighed.
-    """
+    """Runs of the paper's vehicle: each case in each mass state, 3 s, the bump at 0.1..0.3 s."""
 
     rate_hz: float = 200.0
+    """Samples a second of every sensor, 40 (four times the wheel modes) to 20,000."""
     noise_db: float = 30.0
+    """Distance from signal to noise; infinite for none."""
     cases: tuple[Excitation, ...] = PAPER_CASES
-    clocks: tuple[Clock, ...] = SENSOR_SETS["paper"]
+    """How the vehicle is bumped, each once in a mass state."""
+    clocks: tuple[ChannelGroup, ...] = SENSOR_SETS["paper"]
+    """The sensors, such as one of `SENSOR_SETS`."""
     mass_states: tuple[MassState, ...] = PAPER_MASS_STATES
+    """Loading of the vehicle."""
     geometry: VehicleGeometry | None = None
+    """The four lengths as the identification is told them; None leaves them to be identified."""
     scales_sigma_kg: float = 0.0
+    """Standard uncertainty of the scales that show total mass and front axle load; 0 if the vehicle
+    is not weighed."""
 
     def __post_init__(self) -> None:
         lowest, highest = _RATES_HZ
@@ -183,7 +173,7 @@ def _clean(
 
 
 def _columns(
-    clock: Clock, motion: tuple[NDArray[np.float64], ...]
+    clock: ChannelGroup, motion: tuple[NDArray[np.float64], ...]
 ) -> Iterator[NDArray[np.float64]]:
     rows = sensor_rows(clock.channels, FORD_GRANADA.geometry)
     for channel, row in zip(clock.channels, rows, strict=True):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 
-from ..model import physical_model
+from ..model.matrices import physical_model
 from .added_mass import ERRORS_PERCENT, error_panel
 from .measured_geometry import vehicle_of_geometry
 from .result import Column, Study, percent

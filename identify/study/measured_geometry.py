@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from daq.vehicle import VehicleGeometry, VehicleParameters
 
-from ..model import PhysicalModel, matrices
+from ..model.matrices import PhysicalModel, matrices
 
 _STIFFNESS = slice(5, 9)  # positions among the 15 parameters
 _DAMPING = slice(9, 11)

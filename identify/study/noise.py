@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.frames import read_only
 
-from ..estimation import estimate, generic_vehicles
-from ..likelihood import fit
-from ..uncertainty import COVERAGE_95, Estimate, estimates
+from ..fit.estimation import estimate, generic_vehicles
+from ..fit.likelihood import fit
+from ..fit.uncertainty import COVERAGE_95, Estimate, estimates
 from .campaign import BUMP, Campaign, box_of, noise_levels, records_of, require_noise
 from .result import Column, DotPanel, Dots, Study, percent
 
@@ -31,23 +31,16 @@ _UNDETERMINED_PERCENT = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One campaign identified.
-
-    Parameters
-    ----------
-    errors_percent, stds_percent : (15,) float64
-        Error and stated standard deviation in per cent of the true value; both are zero for a
-        length that was given.
-    chi2_per_n : float
-        Goodness of fit; 1 if the model holds.
-    converged : bool
-        Whether the fit settled.
-    """
+    """One campaign identified."""
 
     errors_percent: NDArray[np.float64]
     stds_percent: NDArray[np.float64]
+    """`errors_percent`, `stds_percent`: error and stated standard deviation in per cent of the true
+    value, shape (15,); both are zero for a length that was given."""
     chi2_per_n: float
+    """Goodness of fit; 1 if the model holds."""
     converged: bool
+    """Whether the fit settled."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "errors_percent", read_only(self.errors_percent))

@@ -1,6 +1,6 @@
 """What every study returns: a table, what must be said about it, and what a figure shows.
 
-A study computes and describes; `tui` prints the table and `identify.figures` draws the panels.
+A study computes and describes; `tui` prints the table, `identify.study.figures` draws the panels.
 """
 
 from __future__ import annotations
@@ -16,44 +16,29 @@ from dbc.frames import read_only
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of the table.
-
-    Parameters
-    ----------
-    key : str
-        Name of its values in JSON.
-    heading : str
-        Name for people, with the unit.
-    form : str
-        How a number is written, a format specification.
-    """
+    """One column of the table."""
 
     key: str
+    """Name of its values in JSON."""
     heading: str
+    """Name for people, with the unit."""
     form: str = "+z.2f"
+    """How a number is written, a format specification."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A line in a diagram, labelled at its end.
-
-    Parameters
-    ----------
-    label : str
-        Its name.
-    x, y : (n,) float64
-        Its points.
-    hue : int
-        Which colour of the palette; kin share one.
-    dashed : bool
-        Tells kin apart.
-    """
+    """A line in a diagram, labelled at its end."""
 
     label: str
+    """Its name."""
     x: NDArray[np.float64]
     y: NDArray[np.float64]
+    """`x`, `y`: its points, shape (n,)."""
     hue: int = 0
+    """Which colour of the palette; kin share one."""
     dashed: bool = False
+    """Tells kin apart."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x", read_only(np.asarray(self.x, dtype=np.float64)))
@@ -72,24 +57,16 @@ class CurvePanel:
 
 @dataclass(frozen=True, slots=True)
 class Dots:
-    """One value for each item of a list, and how far it may reach.
-
-    Parameters
-    ----------
-    label : str
-        What the values are.
-    values : (n,) float64
-        In the order of the items; NaN leaves a place empty.
-    hue : int
-        Which colour of the palette.
-    reach : (n,) float64 or None
-        Other end of a whisker from each value.
-    """
+    """One value for each item of a list, and how far it may reach."""
 
     label: str
+    """What the values are."""
     values: NDArray[np.float64]
+    """In the order of the items, shape (n,); NaN leaves a place empty."""
     hue: int
+    """Which colour of the palette."""
     reach: NDArray[np.float64] | None = None
+    """Other end of a whisker from each value, shape (n,) (or None)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(np.asarray(self.values, dtype=np.float64)))
@@ -99,28 +76,19 @@ class Dots:
 
 @dataclass(frozen=True, slots=True)
 class DotPanel:
-    """A list of items downwards, each with its values across.
-
-    Parameters
-    ----------
-    title, x_label : str
-        What is shown, with the unit.
-    items : tuple of str
-        From top to bottom.
-    series : tuple of Dots
-        The values.
-    logarithmic : bool
-        Whether the values span decades.
-    expected : (float, float) or None
-        Where the values should lie.
-    """
+    """A list of items downwards, each with its values across."""
 
     title: str
     x_label: str
+    """`title`, `x_label`: what is shown, with the unit."""
     items: tuple[str, ...]
+    """From top to bottom."""
     series: tuple[Dots, ...]
+    """The values."""
     logarithmic: bool = False
+    """Whether the values span decades."""
     expected: tuple[float, float] | None = None
+    """Where the values should lie."""
 
 
 Panel = CurvePanel | DotPanel
@@ -129,27 +97,18 @@ Cell = str | float
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """The result of a study.
-
-    Parameters
-    ----------
-    title : str
-        What was done.
-    columns : tuple of Column
-        Of the table.
-    rows : tuple of tuple of (str or float)
-        One value a column; NaN where there is none.
-    notes : tuple of str
-        What a reader should know: where it differs from the paper, and why.
-    panels : tuple of tuple of Panel
-        Rows of diagrams.
-    """
+    """The result of a study."""
 
     title: str
+    """What was done."""
     columns: tuple[Column, ...]
+    """Of the table."""
     rows: tuple[tuple[Cell, ...], ...]
+    """One value a column; NaN where there is none."""
     notes: tuple[str, ...]
+    """What a reader should know: where it differs from the paper, and why."""
     panels: tuple[tuple[Panel, ...], ...]
+    """Rows of diagrams."""
 
     def __post_init__(self) -> None:
         for row in self.rows:

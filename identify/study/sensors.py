@@ -8,9 +8,9 @@ from types import MappingProxyType
 from daq.channels import Channel, Quantity, paper_channels
 from daq.vehicle import Corner
 
-from ..decay import Clock
+from ..decays.decay import ChannelGroup
 
-_IMU = Clock(
+_IMU = ChannelGroup(
     "imu",
     (
         Channel("imu_z", Quantity.BODY_ACCELERATION, "m/s2", x_m=-1.05, y_m=0.0),
@@ -20,18 +20,18 @@ _IMU = Clock(
 )
 """On the tunnel, 0.2 m before the CG, as on the shipped bench."""
 
-_HUBS = Clock(
+_HUBS = ChannelGroup(
     "hubs",
     tuple(Channel(f"hub_{c}", Quantity.HUB_ACCELERATION, "m/s2", corner=c) for c in Corner),
 )
-_TRAVELS = Clock(
+_TRAVELS = ChannelGroup(
     "travels",
     tuple(Channel(f"travel_{c}", Quantity.SUSPENSION_TRAVEL, "m", corner=c) for c in Corner),
 )
 
-SENSOR_SETS: Mapping[str, tuple[Clock, ...]] = MappingProxyType(
+SENSOR_SETS: Mapping[str, tuple[ChannelGroup, ...]] = MappingProxyType(
     {
-        "paper": (Clock("acceleration", paper_channels()),),
+        "paper": (ChannelGroup("acceleration", paper_channels()),),
         "imu+hubs": (_IMU, _HUBS),
         "imu+travels": (_IMU, _TRAVELS),
         "all": (_IMU, _HUBS, _TRAVELS),

@@ -18,11 +18,11 @@ from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.errors import InputError
 from dbc.frames import read_only
 
-from ..decay import Record
-from ..model import N_DOF
+from ..decays.decay import Record
+from ..model.matrices import N_DOF
 from ..modes.modal import ModalModel, displacement_shapes
 from ..modes.svm import Delays, delay_space, poles_of_rank
-from ..physical import physical_matrices, state_matrix_of
+from ..paper.physical import physical_matrices, state_matrix_of
 from .campaign import BUMP, PAPER_ADDED_MASS, Campaign, records_of
 from .fir import PASS_HZ, filtered, taps
 from .measured_geometry import vehicle_of_geometry
@@ -52,19 +52,14 @@ def table3_campaign(rate_hz: float, noise_db: float) -> Campaign:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One noisy campaign identified in three ways.
-
-    Parameters
-    ----------
-    filtered, unfiltered : (11,) float64
-        Errors of the paper's chain, %, with and without the low-pass; NaN if it has no answer.
-    likelihood : (11,) float64
-        Errors of the maximum-likelihood estimate, %; NaN if it refuses.
-    """
+    """One noisy campaign identified in three ways."""
 
     filtered: NDArray[np.float64]
     unfiltered: NDArray[np.float64]
+    """`filtered`, `unfiltered`: errors of the paper's chain, %, with and without the low-pass,
+    shape (11,); NaN if it has no answer."""
     likelihood: NDArray[np.float64]
+    """Errors of the maximum-likelihood estimate, %, shape (11,); NaN if it refuses."""
 
     def __post_init__(self) -> None:
         for name in ("filtered", "unfiltered", "likelihood"):

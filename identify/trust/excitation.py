@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from daq.runs import Excitation
 from daq.vehicle import MassState, VehicleGeometry
 
-from ..decay import FreeDecay
-from ..estimation import Estimation
-from ..model import N_DOF, PhysicalModel, loaded_model
+from ..decays.decay import FreeDecay
+from ..fit.estimation import Estimation
+from ..fit.varpro import Evaluated, linear_part, point, pseudo_inverse
+from ..model.matrices import N_DOF, PhysicalModel, loaded_model
+from ..model.response import WHEELS
 from ..modes.modal import modes_of
-from ..modes.names import mode_names
-from ..projection import Point, linear_part, point, pseudo_inverse
-from ..simulate import WHEELS
+from ..modes.mode_names import mode_names
 from .finding import Finding, Verdict
 
 SNR_LIMIT_DB = 20.0
@@ -119,13 +119,13 @@ def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64])
     return next(run for run in Excitation if gain[run] >= _AS_GOOD * strongest)
 
 
-def _points(estimation: Estimation) -> dict[str, Point]:
+def _points(estimation: Estimation) -> dict[str, Evaluated]:
     states = dict.fromkeys(decay.mass_state for decay in estimation.decays)
     noise = estimation.noise
     return {s: point(estimation.box, estimation.fit.eta, s, noise) for s in states}
 
 
-def _energies(at: Point, decay: FreeDecay) -> NDArray[np.float64]:
+def _energies(at: Evaluated, decay: FreeDecay) -> NDArray[np.float64]:
     """Return the energy of each oscillating mode in units of the noise, in order of frequency."""
     linear = linear_part(at, decay)
     size = len(linear.solution)

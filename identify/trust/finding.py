@@ -22,44 +22,30 @@ _ORDER = (Verdict.REFUSED, Verdict.DOUBTFUL, Verdict.OK)
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that a gate found.
-
-    Parameters
-    ----------
-    gate : str
-        Which gate: a word or two with underscores (`chi2`, `anti_roll_bars`, `saturation`).
-    severity : Verdict
-        What it makes of the result at least; `ok` for what should merely be known.
-    text : str
-        What was found, its value and limit, and what to do, in one line.
-    """
+    """One thing that a gate found."""
 
     gate: str
+    """Which gate: a word or two with underscores (`chi2`, `anti_roll_bars`, `saturation`)."""
     severity: Verdict
+    """What it makes of the result at least; `ok` for what should merely be known."""
     text: str
+    """What was found, its value and limit, and what to do, in one line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How far an identification can be trusted.
-
-    Parameters
-    ----------
-    findings : tuple of Finding
-        The worst first.
-    chi2_per_n : float
-        Mean square residual in units of the noise; 1 if the linear model holds, NaN without a fit.
-    chi2_by_run : mapping of run label to mapping of channel name to float
-        The same for each run and channel.
-    snr_db : mapping of run label to tuple of float
-        Energy of each mode in the run over the noise, in the order of the modes of the run's mass
-        state, dB.
-    """
+    """How far an identification can be trusted."""
 
     findings: tuple[Finding, ...]
+    """The worst first."""
     chi2_per_n: float
+    """Mean square residual in units of the noise; 1 if the linear model holds, NaN without a
+    fit."""
     chi2_by_run: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """The same for each run and channel."""
     snr_db: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """Energy of each mode in the run over the noise, in the order of the modes of the run's mass
+    state, dB."""
 
     def __post_init__(self) -> None:
         ranked = sorted(self.findings, key=lambda finding: _ORDER.index(finding.severity))

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from daq.runs import Session
+from daq.sessions import Session
 
-from ..estimation import Estimation
-from .causes import rank_causes
+from ..fit.estimation import Estimation
 from .excitation import excitation_findings, mode_snr_db
-from .explain import cause_findings
 from .finding import Finding, Quality
 from .lift_off import lift_off_findings
 from .misfit import chi2_by_run, misfit_findings
 from .parameters import parameter_findings, undetermined
+from .ranking import rank_causes
 from .repeats import repeat_findings
 from .sampling import sampling_findings
 from .saturation import saturation_findings
+from .texts import cause_findings
 from .whiteness import whiteness_findings
 
 _NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_in_compression"}

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from daq.vehicle import Corner
 
-from ..decay import FreeDecay, Record
-from ..estimation import Estimation
-from ..model import N_DOF, PhysicalModel, loaded_model
-from ..projection import Point, linear_part, point
-from ..window import onset_s
+from ..decays.decay import FreeDecay, Record
+from ..decays.onset import onset_s
+from ..fit.estimation import Estimation
+from ..fit.varpro import Evaluated, linear_part, point
+from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from .finding import Finding, Verdict
-from .places import listed
+from .format import listed
 
 GRAVITY_M_S2 = 9.80665
 PULL_LIMIT = 0.1
@@ -38,22 +38,15 @@ _LONGEST_S = 1.0  # wheels that have not lifted by then will not
 
 @dataclass(frozen=True, slots=True)
 class _Light:
-    """A wheel that is nearly or wholly relieved in a run.
-
-    Parameters
-    ----------
-    place : str
-        Wheel and run.
-    load_n, static_n : float
-        Its least load in the decay, and the one at rest, N.
-    late_s : float
-        How long after the stated end of the bump the decay starts; NaN if that is not known.
-    """
+    """A wheel that is nearly or wholly relieved in a run."""
 
     place: str
+    """Wheel and run."""
     load_n: float
     static_n: float
+    """`load_n`, `static_n`: its least load in the decay, and the one at rest, N."""
     late_s: float
+    """How long after the stated end of the bump the decay starts; NaN if that is not known."""
 
     @property
     def in_the_air(self) -> bool:
@@ -132,7 +125,7 @@ def static_loads_n(model: PhysicalModel, tyre_n_m: NDArray[np.float64]) -> NDArr
 
 
 def least_loads_n(
-    at: Point, decay: FreeDecay, static_n: NDArray[np.float64], tyre_n_m: NDArray[np.float64]
+    at: Evaluated, decay: FreeDecay, static_n: NDArray[np.float64], tyre_n_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the least load of each wheel and its standard deviation by the noise, (4,) N each."""
     linear = linear_part(at, decay)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..estimation import Estimation
-from ..window import onset_s
+from ..decays.onset import onset_s
+from ..fit.estimation import Estimation
 from .finding import Finding, Verdict
 
 CHI2_LIMIT = 1.5

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..derived import derived_quantities
-from ..estimation import Estimation
-from ..greybox import SIGNED
-from ..uncertainty import estimates
+from ..fit.estimation import Estimation
+from ..fit.grey_box import SIGNED
+from ..fit.uncertainty import estimates
+from ..model.derived import derived_quantities
 from .finding import Finding, Verdict
 
 LARGEST_SHARE = 0.25

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..decay import FreeDecay
-from ..estimation import Estimation
-from ..likelihood import fit, residuals, shares
-from ..projection import Share
+from ..decays.decay import FreeDecay
+from ..fit.estimation import Estimation
+from ..fit.likelihood import fit, residuals, shares
+from ..fit.varpro import NormalBlock
 from .finding import Finding, Verdict
 
 _LARGE_S = 0.4
@@ -30,21 +30,14 @@ _RATE_HZ = 250.0
 
 @dataclass(frozen=True, slots=True)
 class Pull:
-    """How hard a part of the data pulls away from the common optimum.
-
-    Parameters
-    ----------
-    strength : float
-        Square of the pull in units of what chance would give; noise stays below 1.
-    parameter : str
-        The parameter on which it pulls hardest.
-    change : float
-        Relative change of that parameter that the part asks for, the others kept.
-    """
+    """How hard a part of the data pulls away from the common optimum."""
 
     strength: float
+    """Square of the pull in units of what chance would give; noise stays below 1."""
     parameter: str
+    """The parameter on which it pulls hardest."""
     change: float
+    """Relative change of that parameter that the part asks for, the others kept."""
 
 
 def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]:
@@ -67,7 +60,7 @@ def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]
     return (*_small_motion(estimation), *_two_heights(estimation, runs))
 
 
-def pull_of(estimation: Estimation, parts: Iterable[Share]) -> Pull:
+def pull_of(estimation: Estimation, parts: Iterable[NormalBlock]) -> Pull:
     """Return the pull of some shares of the data."""
     chosen = tuple(parts)
     H = np.sum([part.information for part in chosen], axis=0)
@@ -131,7 +124,7 @@ def _small_motion(estimation: Estimation) -> tuple[Finding, ...]:
     return _amplitude(estimation, [parts[d.label] for d in late], "the small motion after 0.4 s")
 
 
-def _two_heights(estimation: Estimation, runs: Mapping[str, Share]) -> tuple[Finding, ...]:
+def _two_heights(estimation: Estimation, runs: Mapping[str, NormalBlock]) -> tuple[Finding, ...]:
     """Compare runs over low bumps with the others, where there are two heights."""
     size = {d.label: _size(d) for d in estimation.decays}
     kinds: dict[str, list[str]] = {}
@@ -152,7 +145,7 @@ def _size(decay: FreeDecay) -> float:
     return float(np.sqrt(np.mean([np.mean(np.var(r.values, axis=0)) for r in decay.recordings])))
 
 
-def _amplitude(estimation: Estimation, parts: list[Share], which: str) -> tuple[Finding, ...]:
+def _amplitude(estimation: Estimation, parts: list[NormalBlock], which: str) -> tuple[Finding, ...]:
     pull = pull_of(estimation, parts)
     if pull.strength <= 1.0 or abs(pull.change) < _MATTERS:
         return ()

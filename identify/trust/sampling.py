@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Quantity
-from daq.runs import Run, RunStatus, Session
+from daq.runs import Run, RunStatus
+from daq.sessions import Session
 
-from ..decay import Recording, record_of
-from ..window import decay_start_s
+from ..decays.decay import Recording, record_of
+from ..decays.onset import decay_start_s
 from .finding import Finding, Verdict
-from .places import listed
+from .format import listed
 from .stuck import stuck_findings
 
 WHEEL_MOTION_S = 0.2
@@ -58,21 +59,14 @@ def sampling_findings(session: Session) -> tuple[Finding, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """The sampling of one clock during one free decay.
-
-    Parameters
-    ----------
-    place : str
-        Message and run.
-    time_s : (n,) float64
-        Usable samples from just before the decay on, s since the decay's start.
-    period_s : float
-        The clock's median interval over all runs.
-    """
+    """The sampling of one clock during one free decay."""
 
     place: str
+    """Message and run."""
     time_s: NDArray[np.float64]
+    """Usable samples from just before the decay on, s since the decay's start, shape (n,)."""
     period_s: float
+    """The clock's median interval over all runs."""
 
     @property
     def intervals_s(self) -> NDArray[np.float64]:

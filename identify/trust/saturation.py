@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Quantity
-from daq.runs import Run, RunStatus, Session
+from daq.runs import Run, RunStatus
+from daq.sessions import Session
 from dbc.samples import Quality
 
-from ..decay import Record, record_of
-from ..window import GUARD_S, decay_start_s
+from ..decays.decay import Record, record_of
+from ..decays.onset import GUARD_S, decay_start_s
 from .finding import Finding, Verdict
-from .places import listed
+from .format import listed
 
 FLAT_SAMPLES = 3
 """So many equal samples at the extreme of a run are a flat top."""

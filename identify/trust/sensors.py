@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from daq.channels import Channel
 
-from ..decay import FreeDecay, with_channels
-from ..estimation import Estimation
-from ..greybox import SIGNED, GreyBox
-from ..likelihood import Fit, fit, residuals
+from ..decays.decay import FreeDecay, with_channels
+from ..fit.estimation import Estimation
+from ..fit.grey_box import SIGNED, GreyBox
+from ..fit.likelihood import Fit, fit, residuals
 
 _RATE_HZ = 250.0
 _LENGTH_S = 1.0
@@ -37,28 +37,19 @@ _FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """A likely cause.
-
-    Parameters
-    ----------
-    name : str
-        What is wrong.
-    sizes, advice : str
-        How much, and what to do.
-    explained : float
-        Share of the excess of the squared residuals that it explains.
-    shift : float
-        Largest relative change of a parameter that it means.
-    shifted : str
-        Which parameter that is.
-    """
+    """A likely cause."""
 
     name: str
+    """What is wrong."""
     sizes: str
     advice: str
+    """`sizes`, `advice`: how much, and what to do."""
     explained: float
+    """Share of the excess of the squared residuals that it explains."""
     shift: float
+    """Largest relative change of a parameter that it means."""
     shifted: str
+    """Which parameter that is."""
 
 
 @dataclass(frozen=True, slots=True)

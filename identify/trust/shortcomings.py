@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from daq.channels import Quantity
-from daq.runs import Session
+from daq.sessions import Session
 from daq.vehicle import MassState, Vehicle, parameter_names, parameter_unit
 
-from ..decay import Record
-from ..facts import SCALED
-from ..model import delta_mass
-from ..physical import MASS_ADVICE, massless_motions
+from ..decays.decay import Record
+from ..model.facts import SCALED
+from ..model.matrices import delta_mass
+from ..paper.physical import MASS_ADVICE, massless_motions
 from .finding import Finding, Verdict
 
 _ANY_CG_M = 1.3

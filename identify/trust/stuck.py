@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from daq.channels import Channel
 from daq.runs import Run
 
-from ..decay import Record, record_of
-from ..window import decay_start_s, onset_s
+from ..decays.decay import Record, record_of
+from ..decays.onset import decay_start_s, onset_s
 from .finding import Finding, Verdict
-from .places import listed
+from .format import listed
 
 FROZEN_S = 0.2
 """Two periods of the wheels, and too long for a saturated top."""
@@ -26,31 +26,22 @@ _FEWEST = 20  # samples that show how often a channel changes
 
 @dataclass(frozen=True, slots=True)
 class _Hold:
-    """How long one channel held one value in one run, and how often it changes otherwise.
-
-    Parameters
-    ----------
-    channel, run, kind : str
-        Name, label, and the label without the number of the repeat.
-    held_s : float
-        The longest hold that begins in the first half second of the decay, s.
-    held : int
-        Its number of samples.
-    rest_rate, decay_rate : float
-        Share of samples that differ from the one before, before the decay and in it; NaN where
-        there are too few samples.
-    constant : bool
-        Whether it has one value in the whole run.
-    """
+    """How long one channel held one value in one run, and how often it changes otherwise."""
 
     channel: str
     run: str
     kind: str
+    """`channel`, `run`, `kind`: name, label, and the label without the number of the repeat."""
     held_s: float
+    """The longest hold that begins in the first half second of the decay, s."""
     held: int
+    """Its number of samples."""
     rest_rate: float
     decay_rate: float
+    """`rest_rate`, `decay_rate`: share of samples that differ from the one before, before the decay
+    and in it; NaN where there are too few samples."""
     constant: bool
+    """Whether it has one value in the whole run."""
 
 
 def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[Finding, ...]:

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimation import Estimation
-from ..window import onset_s
+from ..decays.onset import onset_s
+from ..fit.estimation import Estimation
 from .finding import Finding, Verdict
-from .places import listed
+from .format import listed
 
 Z_LIMIT = 4.5
 """Normal deviate of a correlation: one false alarm in 20,000 campaigns of seven channels."""

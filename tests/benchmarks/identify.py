@@ -6,10 +6,10 @@ import time
 
 import numpy as np
 
-from identify.decay import FreeDecay
-from identify.estimation import generic_vehicles
-from identify.greybox import GreyBox
-from identify.likelihood import HOLD, fit
+from identify.decays.decay import FreeDecay
+from identify.fit.estimation import generic_vehicles
+from identify.fit.grey_box import GreyBox
+from identify.fit.likelihood import HOLD, fit
 
 from ..identify.bumps import CLOCK, MASS_STATES, TRUTH, noise_of, paper_records
 

@@ -31,18 +31,18 @@ from cantools.database import Database, load_string
 
 from daq.alarms import AlarmState, Turn, watch
 from daq.bench.config import Bench, BusConfig, bench_codec, load_bench
-from daq.bus.socketcan import SocketCanSource
+from daq.bus.socketcan.reader import SocketCanSource
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
+from daq.clocks import Now
 from daq.control.messages import Live, Status
 from daq.control.orders import Arm, Until
 from daq.journal.format import JournalHead
-from daq.journal.keeper import Keeper
-from daq.recorder.engine import Engine
+from daq.journal.writer import JournalWriter
 from daq.recorder.frame_store import Nowhere
-from daq.recorder.health import HealthState, advance
-from daq.recorder.now import Now
 from daq.recorder.recorder import Recorder
-from daq.recorder.standing import NO_DISK, NO_QUEUE
+from daq.recorder.recording import Recording
+from daq.recorder.status import NO_DISK, NO_QUEUE
+from daq.samples.health import HealthState, advance
 from daq.samples.mapping import MappedChannel, map_channels
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
@@ -81,23 +81,16 @@ print(sent * len(sockets))
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What a recorder under load has done.
-
-    Parameters
-    ----------
-    seconds : float
-        Wall time.
-    share : float
-        CPU time of the process over it.
-    sent, recorded, high : int
-        Frames; most blocks that waited between readers and writer.
-    """
+    """What a recorder under load has done."""
 
     seconds: float
+    """Wall time."""
     share: float
+    """CPU time of the process over it."""
     sent: int
     recorded: int
     high: int
+    """`sent`, `recorded`, `high`: frames; most blocks that waited between readers and writer."""
 
 
 def main() -> None:
@@ -153,7 +146,7 @@ def load(seconds: float) -> Load:
         return SocketCanSource(receiving[number], config.channel, number)
 
     with TemporaryDirectory() as folder, _wire_file(_frames()) as wire:
-        engine = Engine(bench, Path(folder), open_one, software="benchmark")
+        engine = Recorder(bench, Path(folder), open_one, software="benchmark")
         writer = threading.Thread(target=engine.run, args=(stop, publish))
         writer.start()
         engine.submit(Arm(Until.COMPLETE), "benchmark").result()
@@ -273,13 +266,13 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
     count = sum(map(len, blocks))
     with TemporaryDirectory() as folder:
         head = JournalHead(bench.text, bench.dbc_text, "benchmark", START_NS, 0, "0" * 32)
-        with Keeper(Path(folder), head, bench.recorder) as keeper:
+        with JournalWriter(Path(folder), head, bench.recorder) as keeper:
             journal_us = _us(blocks, lambda k, block: _keep(keeper, k, block))
     decode_us = _us(blocks, lambda _, block: codec.decode(block))
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     states: list[object] = [AlarmState(), HealthState()]
     watch_us = _us(blocks, partial(_watch, bench, codec, mapped, states))
-    recorder = Recorder(bench, codec, Nowhere())
+    recorder = Recording(bench, codec, Nowhere())
     recorder.carry_out(Arm(Until.COMPLETE), "benchmark", _now(0))
     links = _links()
 
@@ -307,7 +300,7 @@ def _hops(measured: dict[str, float]) -> dict[str, float]:
     }
 
 
-def _keep(keeper: Keeper, k: int, block: FrameBatch) -> None:
+def _keep(keeper: JournalWriter, k: int, block: FrameBatch) -> None:
     keeper.append(block, HopLosses())
     keeper.tend(k * BLOCK_S)
 

@@ -72,7 +72,7 @@ class _Feed:
 def child() -> None:
     """Run the terminal until killed."""
     from tui.terminal.app import BenchApp
-    from tui.terminal.glyphs import GlyphSet, choose_glyphs
+    from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 
     glyphs = choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8")
     BenchApp(_Feed(), Path(), glyphs, "MK").run()  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ import pytest
 
 from daq.bench.config import Bench
 from daq.journal.format import JournalHead
-from daq.journal.keeper import Keeper
+from daq.journal.writer import JournalWriter
 from dbc import Codec
 
 from .small_campaign import START_NS, small_bench, small_codec
@@ -26,7 +26,7 @@ def codec() -> Codec:
 
 
 @pytest.fixture
-def journal(bench: Bench, tmp_path: Path) -> Iterator[Keeper]:
+def journal(bench: Bench, tmp_path: Path) -> Iterator[JournalWriter]:
     head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0)
-    with Keeper(tmp_path, head) as journal:
+    with JournalWriter(tmp_path, head) as journal:
         yield journal

@@ -16,10 +16,10 @@ import numpy as np
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.derive import derive
+from daq.derive.build_session import derive
 from daq.journal.format import JournalHead
-from daq.journal.keeper import Keeper
 from daq.journal.reader import JournalReader
+from daq.journal.writer import JournalWriter
 from daq.runs import Event
 from dbc.frames import FrameBatch
 
@@ -36,7 +36,7 @@ def journal_of_runs(folder: Path, frames: int, recording: str = "ab" * 16) -> tu
     one = bumps(small_codec(), 10)
     head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0, recording)
     places = [round(frames * (k + 0.5) / len(LABELS)) for k in range(len(LABELS))]
-    keeper = Keeper(folder, head, RecorderConfig(segment_bytes=frames * 10.0), QuickFile)
+    keeper = JournalWriter(folder, head, RecorderConfig(segment_bytes=frames * 10.0), QuickFile)
     for first in range(0, frames, _BLOCK_FRAMES):
         n = np.arange(first, min(first + _BLOCK_FRAMES, frames))
         part = one.select(n % len(one))
@@ -56,7 +56,7 @@ def journal_of_runs(folder: Path, frames: int, recording: str = "ab" * 16) -> tu
 
 def run_derive(target: Path, segments: Sequence[Path]) -> subprocess.Popen[str]:
     """Start the derivation as the recorder does."""
-    command = [sys.executable, "-m", "daq.journal.derive", str(target), *map(str, segments)]
+    command = [sys.executable, "-m", "daq.derive.build_session", str(target), *map(str, segments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
 
-from daq.journal.room import Room
+from daq.journal.disk_space import Room
 from daq.journal.segment import JournalFile
 
 
@@ -28,19 +28,13 @@ class QuickFile(FileIO):
 
 @dataclass
 class FailingDisk:
-    """A disk whose operation number `nth` of one kind fails, once.
-
-    Parameters
-    ----------
-    kind : str
-        `eio` or `enospc` (any operation), `short` (a write takes half, then there is no room),
-        `sync` (fdatasync fails; the data may be there or not).
-    nth : int
-        Counted from 1 among the operations that can fail so.
-    """
+    """A disk whose operation number `nth` of one kind fails, once."""
 
     kind: str
+    """`eio` or `enospc` (any operation), `short` (a write takes half, then there is no room),
+    `sync` (fdatasync fails; the data may be there or not)."""
     nth: int
+    """Counted from 1 among the operations that can fail so."""
     count: int = 0
     failed: bool = False
 
@@ -122,15 +116,10 @@ class _SmallFile(QuickFile):
 
 @dataclass
 class LoggedDisk:
-    """A disk that writes down every write and barrier, for images of what a crash may leave.
-
-    Parameters
-    ----------
-    log : list
-        `("write", name, offset, bytes)` and `("sync", name)`, in order.
-    """
+    """A disk that writes down every write and barrier, for images of what a crash may leave."""
 
     log: list[tuple[str, str, int, bytes]] = field(default_factory=list)
+    """`("write", name, offset, bytes)` and `("sync", name)`, in order."""
 
     def create(self, path: Path) -> JournalFile:
         """Create a file."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.keeper import Keeper
 from daq.journal.reader import read_journal
+from daq.journal.writer import JournalWriter
 
 from .crash_disk import FailingDisk
 from .crash_frames import HEAD, block, numbers
@@ -31,7 +31,7 @@ def fail_once(folder: Path, kind: str, nth: int) -> bool:
     """
     disk = FailingDisk(kind, nth)
     limits = RecorderConfig(segment_bytes=6_000.0, reserve_bytes=0.0)
-    keeper = Keeper(folder, HEAD, limits, disk.create)
+    keeper = JournalWriter(folder, HEAD, limits, disk.create)
     n, k, noticed = 0, 0, bool(keeper.status.failed)
     while not disk.failed or k < 15:
         if k > 400:

@@ -13,10 +13,10 @@ import numpy as np
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.keeper import Keeper
+from daq.journal.disk_space import Room, room_on
 from daq.journal.reader import read_journal
-from daq.journal.room import Room, room_on
 from daq.journal.segment import JournalFile, SyncedFile
+from daq.journal.writer import JournalWriter
 
 from .crash_disk import SmallDisk
 from .crash_frames import BLOCK_FRAMES, HEAD, block, numbers
@@ -87,7 +87,7 @@ def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
         If a recorded frame cannot be read, the gap is not told exactly, or nothing is said.
     """
     limits = RecorderConfig(segment_bytes=2e6, reserve_bytes=reserve_bytes)
-    keeper = Keeper(disk.folder, HEAD, limits, disk.create, room=disk.room)
+    keeper = JournalWriter(disk.folder, HEAD, limits, disk.create, room=disk.room)
     clock = _Clock(keeper)
     before = _resident_bytes()
     while not keeper.status.held_frames:
@@ -128,7 +128,7 @@ def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
 class _Clock:
     """Offers a block each tenth of a second of the recorder's clock, as fast as can be."""
 
-    def __init__(self, keeper: Keeper) -> None:
+    def __init__(self, keeper: JournalWriter) -> None:
         self._keeper = keeper
         self.block = 0
         self.now_s = 0.0

@@ -15,7 +15,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.errors import InputError
 from daq.journal.folder import last_recording, segments_in
-from daq.journal.keeper import Keeper
+from daq.journal.writer import JournalWriter
 from daq.runs import Event
 
 from .crash_disk import LoggedDisk, QuickFile
@@ -38,7 +38,7 @@ def history(folder: Path, blocks: int, rng: np.random.Generator) -> History:
     """Record blocks, with changes of segment in between, and write everything down."""
     disk = LoggedDisk()
     acknowledged: list[int] = []
-    keeper = Keeper(folder, HEAD, RecorderConfig(segment_bytes=12_000.0), disk.create)
+    keeper = JournalWriter(folder, HEAD, RecorderConfig(segment_bytes=12_000.0), disk.create)
     n = 0
     for k in range(blocks):
         acknowledged += [n] * (len(disk.log) - len(acknowledged))
@@ -127,7 +127,7 @@ def _check(place: Path, acknowledged: int) -> bool:
         read = 0
     tail = last_recording(place)
     head = replace(HEAD, wall_ns=HEAD.wall_ns + 5)
-    with Keeper(place, head, RecorderConfig(), QuickFile, tail) as keeper:
+    with JournalWriter(place, head, RecorderConfig(), QuickFile, tail) as keeper:
         keeper.append(block(10**9, 7), HopLosses())
         again = read_numbers(segments_in(place))
     assert len(again) == read + 7, "taken up again, the recording lost frames"

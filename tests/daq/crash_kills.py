@@ -17,7 +17,7 @@ import numpy as np
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.folder import last_recording, segments_in
-from daq.journal.keeper import Keeper
+from daq.journal.writer import JournalWriter
 
 from .crash_frames import BLOCK_FRAMES, HEAD, RATE_HZ, block, read_numbers
 
@@ -38,7 +38,7 @@ class Kill:
 
 def write_forever(folder: Path, hot: bool) -> None:
     """Write numbered blocks and tell after each how many frames are acknowledged."""
-    keeper = Keeper(folder, HEAD, RecorderConfig(segment_bytes=SEGMENT_BYTES))
+    keeper = JournalWriter(folder, HEAD, RecorderConfig(segment_bytes=SEGMENT_BYTES))
     n, start_s = 0, time.monotonic()
     os.write(1, f"start {start_s!r}\n".encode())
     while True:

@@ -15,9 +15,9 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.folder import segments_in
 from daq.journal.gaps import FILE_GONE
-from daq.journal.keeper import Keeper
 from daq.journal.reader import read_journal
 from daq.journal.segment import JournalFile
+from daq.journal.writer import JournalWriter
 
 from .crash_disk import QuickFile
 from .crash_frames import HEAD, block, numbers
@@ -61,7 +61,7 @@ def take_away(folder: Path, how: Callable[[Path], object]) -> float:
     """
     # What was recorded before falls into two segments: the first is whole, the second is taken.
     limits = RecorderConfig(segment_bytes=15_000.0, reserve_bytes=0.0)
-    keeper = Keeper(folder, HEAD, limits, QuickFile)
+    keeper = JournalWriter(folder, HEAD, limits, QuickFile)
     for k in range(20):
         keeper.append(block(k * _FRAMES, _FRAMES), HopLosses())
         keeper.tend(0.1 * k)
@@ -116,11 +116,11 @@ def read_only(folder: Path) -> None:
         _refuse()
         return ReadOnlyFile(path)
 
-    keeper = Keeper(folder, HEAD, RecorderConfig(reserve_bytes=0.0), create)
+    keeper = JournalWriter(folder, HEAD, RecorderConfig(reserve_bytes=0.0), create)
     _refused(keeper, lambda: refuse.__setitem__(0, True), lambda: refuse.__setitem__(0, False))
 
 
-def _refused(keeper: Keeper, begin: Callable[[], object], end: Callable[[], object]) -> None:
+def _refused(keeper: JournalWriter, begin: Callable[[], object], end: Callable[[], object]) -> None:
     for k in range(80):
         if k == 20:
             begin()

@@ -14,7 +14,7 @@ from daq.bench.config import Bench, BusConfig
 from daq.bus.source import FrameSource, SourceLosses
 from daq.control.messages import Live, Reply, SessionState, Status
 from daq.control.orders import Order
-from daq.recorder.engine import Engine
+from daq.recorder.recorder import Recorder
 from dbc import FrameBatch
 
 PATIENCE_S = 30.0
@@ -87,7 +87,7 @@ class Running:
         open_source: Callable[[BusConfig, int], FrameSource],
         **options: Any,
     ) -> None:
-        self.engine = Engine(bench, folder, open_source, software="test", **options)
+        self.engine = Recorder(bench, folder, open_source, software="test", **options)
         self.folder = folder
         self.told: list[Status] = []
         self.live: list[Live] = []

@@ -31,24 +31,16 @@ _NUMBERS = (0, 1, 0x7F, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**45, 2**63 - 1, 
 
 @dataclass(slots=True)
 class Outcome:
-    """What a campaign has shown.
-
-    Parameters
-    ----------
-    codes : Counter of int
-        How often each exit code came.
-    faults : list of str
-        What must not be: tracebacks, more than one line, too long.
-    slowest_s : float
-        Of all files.
-    child_bytes : int
-        Memory of the largest child process.
-    """
+    """What a campaign has shown."""
 
     codes: Counter[int] = field(default_factory=Counter)
+    """How often each exit code came."""
     faults: list[str] = field(default_factory=list)
+    """What must not be: tracebacks, more than one line, too long."""
     slowest_s: float = 0.0
+    """Of all files."""
     child_bytes: int = 0
+    """Memory of the largest child process."""
 
 
 def mutants(count: int, folder: Path, seed: int) -> Iterator[bytes]:

@@ -16,27 +16,18 @@ from daq.errors import BusError
 
 @dataclass
 class Device:
-    """What is plugged in.
-
-    Parameters
-    ----------
-    fault : exception or None
-        What every `recv` raises.
-    open_fault : exception or None
-        What opening raises.
-    swallows : bool
-        The driver swallows the error of a device that has gone: opened before, it is silent.
-    sent : deque
-        What comes next: messages, or exceptions that are raised once.
-    opened : int
-        How often it was opened.
-    """
+    """What is plugged in."""
 
     fault: Exception | None = None
+    """What every `recv` raises."""
     open_fault: Exception | None = None
+    """What opening raises."""
     swallows: bool = False
+    """The driver swallows the error of a device that has gone: opened before, it is silent."""
     sent: deque[can.Message | Exception] = field(default_factory=deque)
+    """What comes next: messages, or exceptions that are raised once."""
     opened: int = 0
+    """How often it was opened."""
 
 
 class SickBus(can.BusABC):

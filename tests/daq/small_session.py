@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
-from daq.runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup, Session
+from daq.runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
+from daq.sessions import Session
 from daq.vehicle import (
     AddedMass,
     BodyWeight,

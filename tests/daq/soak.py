@@ -32,10 +32,10 @@ from daq.control.messages import Phase, Reply, SessionState, Status
 from daq.control.orders import Accept, Arm, AskStatus, Note, Order, Reject, Start, Stop, Until
 from daq.control.server import Server
 from daq.journal.folder import segments_in
-from daq.recorder import engine as engine_module
-from daq.recorder.book import BookStatus
-from daq.recorder.engine import Engine
+from daq.recorder import recorder as engine_module
 from daq.recorder.readers import PieceQueue
+from daq.recorder.recorder import Recorder
+from daq.runlog.runlog import LoggedStatus
 
 from .soak_bus import TirelessBench, one_bump
 
@@ -98,7 +98,7 @@ class Soak(AbstractContextManager["Soak"]):
         self.tally = Tally()
         self.bench = TirelessBench(one_bump(bench_codec(bench)), pieces)
         self._folder = folder
-        self._engine = Engine(
+        self._engine = Recorder(
             bench, folder, lambda *_: self.bench, software="soak", pieces=pieces, resume=False
         )
         address = Address(f"ipc://{folder}/control", f"ipc://{folder}/news")
@@ -185,7 +185,7 @@ class Soak(AbstractContextManager["Soak"]):
         if not self._recording:
             return
         for run in status.runs[self._seen :]:
-            if run.status is BookStatus.OPEN:
+            if run.status is LoggedStatus.OPEN:
                 break
             self._seen += 1
             self._ask(Note(f"{run.label}: {len(run.findings)} findings", run.label))

@@ -7,8 +7,8 @@ from dataclasses import asdict
 
 import pytest
 
-from daq.recorder.book import Override, Remark
 from daq.remarks import notes_of, overrides_of
+from daq.runlog.runlog import Override, Remark
 
 
 def test_notes_and_overrides_are_told_with_their_names() -> None:

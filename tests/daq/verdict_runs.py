@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from daq.bench.campaign import Step
 from daq.bench.config import Bench, TriggerConfig, load_bench
 from daq.channels import Channel, Quantity
-from daq.recorder.book import Finding
-from daq.recorder.trigger import TriggerState, advance, trigger_channels
+from daq.runlog.runlog import Finding
 from daq.runs import Excitation, Losses
+from daq.samples.trigger import TriggerState, advance, trigger_channels
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar
 from daq.sim.excitation import Bump
 from daq.sim.imperfections import NONE, Imperfections

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from daq.bench.campaign import Step
-from daq.recorder.book import Finding
+from daq.runlog.runlog import Finding
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.verdict import RunMeasure
 

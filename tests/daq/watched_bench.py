@@ -14,10 +14,10 @@ from daq.alarms import AlarmState, Turn, watch
 from daq.bench.config import RecorderConfig, load_bench
 from daq.bus.error_frames import ErrorClass
 from daq.bus.source import HopLosses, LinkFacts, SourceLosses
+from daq.clocks import Now
 from daq.control.messages import Alarm, BusState, DiskStatus, QueueStatus
-from daq.recorder.health import HealthState, advance
-from daq.recorder.now import Now
 from daq.runs import Event
+from daq.samples.health import HealthState, advance
 from daq.samples.mapping import MappedChannel, map_channels
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec
 

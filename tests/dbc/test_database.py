@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dbc import InputError, load_codec, parse_codec, shipped_dbc
-from dbc.limits import MAX_BYTES
+from dbc.reader.limits import MAX_BYTES
 
 HEAD = 'VERSION ""\n\nBU_: A B\n\n'
 ORPHANS = "VECTOR__INDEPENDENT_SIG_MSG"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dbc import UNUSABLE, Quality, parse_codec
-from dbc.sentinels import names_no_value
+from dbc.reader.sentinels import names_no_value
 
 from .frames import block
 

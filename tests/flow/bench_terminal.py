@@ -27,10 +27,10 @@ from daq.control.messages import Status
 from daq.control.orders import AskStatus, Mark, ShutDown
 from tui.recorders.process import start_demo_recorder, wait_for_recorder
 from tui.terminal.app import BenchApp
-from tui.terminal.feed import RecorderFeed
-from tui.terminal.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.screens.base import LOCK_OUT_S
-from tui.terminal.steps import BenchStep
+from tui.terminal.state.feed import RecorderFeed
+from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.state.steps import BenchStep
 
 from ..tui.terminal.conftest import screen_text
 

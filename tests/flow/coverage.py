@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.bench.config import Bench, load_bench
+from daq.derive.build_samples import build_session
 from daq.journal.contents import HopCounts
-from daq.runs import Event, Session
-from daq.samples.build import build_session
+from daq.runs import Event
+from daq.sessions import Session
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec
-from identify.estimation import estimate, generic_vehicles
+from identify.fit.estimation import estimate, generic_vehicles
+from identify.fit.uncertainty import estimates
 from identify.pipeline import grey_box, usable_records
 from identify.trust.finding import Quality, Verdict
 from identify.trust.judge import judge
-from identify.uncertainty import estimates
 
 START_NS = 1_760_000_000_000_000_000
 CAR = SimulatedCar()
@@ -31,19 +32,14 @@ CAR = SimulatedCar()
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One campaign identified.
-
-    Parameters
-    ----------
-    errors, stds : (15,) float64
-        Relative error and stated relative standard deviation of each parameter.
-    quality : Quality
-        What the identification says of itself.
-    """
+    """One campaign identified."""
 
     errors: NDArray[np.float64]
     stds: NDArray[np.float64]
+    """`errors`, `stds`: relative error and stated relative standard deviation of each parameter,
+    shape (15,)."""
     quality: Quality
+    """What the identification says of itself."""
 
     @property
     def covered(self) -> NDArray[np.bool_]:

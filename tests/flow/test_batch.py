@@ -20,7 +20,7 @@ from identify.batch import session_row
 from tests.tui.batches import paper_session, progress_that, refused_session, write_all
 from tui import output
 from tui.cli import run
-from tui.workers import executors
+from tui.jobs import executors
 
 from .dask_cluster import cluster
 

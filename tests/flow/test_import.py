@@ -15,13 +15,13 @@ import pytest
 import daq
 from daq.bench.config import parse_bench
 from daq.bus.source import HopLosses
+from daq.clocks import Now
 from daq.control.orders import Arm, Until
+from daq.derive.build_samples import session_from_journal
 from daq.journal.format import JournalHead
-from daq.journal.keeper import Keeper
 from daq.journal.reader import read_journal
-from daq.recorder.now import Now
-from daq.recorder.recorder import Recorder
-from daq.samples.build import session_from_journal
+from daq.journal.writer import JournalWriter
+from daq.recorder.recording import Recording
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch, parse_codec, shipped_dbc
 from tui.cli import run
@@ -86,8 +86,8 @@ def test_a_campaign_as_blf_through_a_foreign_dbc_gives_the_same_car(
     codec = parse_codec(bench.dbc_text, bench.dbc_name)
     frames = _on_grid(FrameBatch.concatenate(list(campaign_frames(bench, codec, CAR, 3, START_NS))))
     head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0)
-    with Keeper(tmp_path / "journal", head) as journal:
-        recorder = Recorder(bench, codec, journal)
+    with JournalWriter(tmp_path / "journal", head) as journal:
+        recorder = Recording(bench, codec, journal)
         recorder.carry_out(Arm(Until.COMPLETE), "test", Now(START_NS, 0.0))
         for first in range(0, len(frames), 400):
             now = Now(int(frames.t_ns[first]), (int(frames.t_ns[first]) - START_NS) * 1e-9)

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from daq import read_session
-from daq.bus.recorded_source import whole_frames
 from daq.errors import InputError
-from daq.recorder.book import BookStatus
+from daq.replay.recorded_source import whole_frames
+from daq.runlog.runlog import LoggedStatus
 from tui.recorders.process import start_replay_recorder, wait_for_recorder
-from tui.terminal.steps import BenchStep, progress
+from tui.terminal.state.steps import BenchStep, progress
 
 from .bench_terminal import PtyTerminal, demo_bench, end_recorder, seat, terminal_on
 
@@ -35,7 +35,9 @@ def campaign_by_space(folder: Path, speed: float, repeats: int) -> Path:
             assert status is not None
             await operator.until(lambda: progress(app.status).done == frozenset(BenchStep))
             assert app.step is BenchStep.REPORT
-            assert [run.status for run in status.runs].count(BookStatus.ACCEPTED) == KINDS * repeats
+            assert [run.status for run in status.runs].count(
+                LoggedStatus.ACCEPTED
+            ) == KINDS * repeats
             seen = [name.removesuffix("Screen") for name in operator.screens]
             own = [name for name in seen if name not in ("Home", "Report")]
             assert [name for name, _ in groupby(own)] == SCREENS

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from daq.control.messages import Phase
-from daq.recorder.book import BookStatus
+from daq.runlog.runlog import LoggedStatus
 
 from .bench_terminal import demo_bench, seat, terminal_on
 
@@ -43,7 +43,7 @@ def test_a_fault_is_named_and_the_campaign_goes_on(fault: str, tmp_path: Path) -
             assert todo in banner.lower()
             await operator.until(lambda: bool(app.status and app.status.tallies[0].accepted >= 2))
             assert app.status is not None
-            assert app.status.runs[1].status is BookStatus.REJECTED
+            assert app.status.runs[1].status is LoggedStatus.REJECTED
             await operator.until(operator.sees("rejected  baseline bounce 2"))
 
     with demo_bench(tmp_path, SPEED, 3, fault) as bench:

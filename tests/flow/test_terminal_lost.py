@@ -10,8 +10,8 @@ from daq.control.address import control_address
 from daq.control.client import Client
 from daq.control.messages import Phase, Status
 from daq.control.orders import Hello, Pause
-from daq.recorder.book import BookStatus
-from tui.terminal.feed import Lost, News, RecorderFeed, Role
+from daq.runlog.runlog import LoggedStatus
+from tui.terminal.state.feed import Lost, News, RecorderFeed, Role
 
 from .bench_terminal import PATIENCE_S, DemoBench, PtyTerminal, demo_bench, seat, terminal_on
 
@@ -35,7 +35,7 @@ async def kill_the_terminal_in_mid_decay(bench: DemoBench) -> None:
             lambda: bool(
                 app.status
                 and any(
-                    run.label == label and run.status is BookStatus.ACCEPTED
+                    run.label == label and run.status is LoggedStatus.ACCEPTED
                     for run in app.status.runs
                 )
             )
@@ -51,9 +51,9 @@ async def kill_the_recorder_in_mid_run(bench: DemoBench) -> None:
         )
         assert app.status is not None
         cut = app.status.runs[-1]
-        accepted = [run.label for run in app.status.runs if run.status is BookStatus.ACCEPTED]
+        accepted = [run.label for run in app.status.runs if run.status is LoggedStatus.ACCEPTED]
         assert accepted
-        assert cut.status is BookStatus.OPEN
+        assert cut.status is LoggedStatus.OPEN
         bench.kill()
         await operator.until(operator.sees("RECORDER LOST"))
         assert "X = start it again" in operator.text
@@ -61,8 +61,10 @@ async def kill_the_recorder_in_mid_run(bench: DemoBench) -> None:
         await operator.until(lambda: app.lost is None and "RECORDER LOST" not in operator.text)
         assert app.status is not None
         after = {run.label: run for run in app.status.runs}
-        assert [after[label].status for label in accepted] == [BookStatus.ACCEPTED] * len(accepted)
-        assert after[cut.label].status is BookStatus.REJECTED
+        assert [after[label].status for label in accepted] == [LoggedStatus.ACCEPTED] * len(
+            accepted
+        )
+        assert after[cut.label].status is LoggedStatus.REJECTED
         assert "cut" in " ".join(after[cut.label].reasons)
         assert app.in_control
         before = len(app.status.runs)

@@ -9,8 +9,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from daq.channels import Quantity
-from daq.runs import Excitation, Losses, RunStatus, Session
+from daq.runs import Excitation, Losses, RunStatus
 from daq.session import Severity, read_foreign_session, read_session, validate_session
+from daq.sessions import Session
 from daq.vehicle import BodyWeight, Corner, HubWeight
 from dbc.samples import Quality
 

@@ -14,7 +14,7 @@ SOURCES = [path for layer in LAYERS for path in sorted((ROOT / layer).rglob("*.p
 
 # Library -> the only places that may import it.
 RESERVED = {
-    "can": ("daq/bus/interfaces.py", "daq/bus/slcan", "daq/bus/replay.py", "daq/formats/"),
+    "can": ("daq/bus/interfaces.py", "daq/bus/slcan", "daq/replay/replay.py", "daq/formats/"),
     "serial": ("daq/bus/slcan",),
     "cantools": ("dbc/",),
     "h5py": ("daq/session", "daq/formats/"),
@@ -31,7 +31,7 @@ RESERVED = {
     "asammdf": ("daq/formats/",),
     "pandas": ("daq/formats/", "daq/runs.py", "tui/commands/batch/"),  # runs.py: the type only
     "matplotlib": ("identify/figures/", "identify/report/", "identify/plots.py"),
-    "distributed": ("tui/workers/executors.py",),
+    "distributed": ("tui/jobs/executors.py",),
     "threading": ("daq/", "tui/"),
     "typer": ("tui/",),
     "rich": ("tui/",),

@@ -9,7 +9,7 @@ import numpy as np
 
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, MassState
-from identify.decay import Record
+from identify.decays.decay import Record
 from identify.study.campaign import PAPER_CASES, PAPER_MASS_STATES, Campaign, records_of
 from identify.study.sensors import SENSOR_SETS
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
-from identify.model import physical_model
+from identify.model.matrices import physical_model
+from identify.model.response import Bump, exact_response
 from identify.modes.modal import modes_of
-from identify.simulate import Bump, exact_response
 
 from .bumps import CASES
 

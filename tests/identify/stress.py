@@ -1,7 +1,7 @@
 """The stress list: campaigns with one thing wrong each, for the gates of trust.
 
 The motion is that of `daq.sim.plant`, which is built of forces and shares nothing with
-`identify.model`; it is sampled at the sensors directly, without frames, with white noise.
+`identify.model.matrices`; it is sampled at the sensors directly, without frames, with white noise.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from daq.arrays import ArrayRun, session_from_arrays
 from daq.bench.config import load_bench
 from daq.channels import Channel
-from daq.runs import ADDED, BASELINE, Excitation, Session
+from daq.runs import ADDED, BASELINE, Excitation
+from daq.sessions import Session
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar, Spread, message_of, spoilt
 from daq.sim.excitation import Bump
 from daq.sim.faults import SensorFault
@@ -60,36 +61,24 @@ _PHASES = {
 
 @dataclass(frozen=True, slots=True)
 class Stress:
-    """One row of the stress list.
-
-    Parameters
-    ----------
-    wrong : str
-        What is wrong, for people.
-    imperfections : Imperfections
-        Of the car, in every run.
-    faults : tuple of SensorFault
-        Of the sensors.
-    bump_m : float
-        Height of the bump.
-    stated_bump_s : float
-        How long the session says that it lasts; in truth `BUMP_S`.
-    excitations : tuple of Excitation
-        What was driven.
-    odd_car : Imperfections or None
-        What the car is in `ODD_RUN` instead.
-    second_bump : float
-        Height of a second bump in `ODD_RUN`, as a share of the first.
-    """
+    """One row of the stress list."""
 
     wrong: str
+    """What is wrong, for people."""
     imperfections: Imperfections = NONE
+    """Of the car, in every run."""
     faults: tuple[SensorFault, ...] = ()
+    """Of the sensors."""
     bump_m: float = 0.05
+    """Height of the bump."""
     stated_bump_s: float = BUMP_S
+    """How long the session says that it lasts; in truth `BUMP_S`."""
     excitations: tuple[Excitation, ...] = THREE
+    """What was driven."""
     odd_car: Imperfections | None = None
+    """What the car is in `ODD_RUN` instead."""
     second_bump: float = 0.0
+    """Height of a second bump in `ODD_RUN`, as a share of the first."""
 
 
 def _late(channels: tuple[str, ...], late_s: float) -> tuple[SensorFault, ...]:

@@ -14,7 +14,12 @@ from collections.abc import Callable
 import numpy as np
 
 from daq.bus.error_frames import ControllerState, describe_error_frame
-from daq.bus.socketcan import RECEIVE_BUFFER_BYTES, SocketCanSource, StampClock, open_socketcan
+from daq.bus.socketcan.reader import (
+    RECEIVE_BUFFER_BYTES,
+    SocketCanSource,
+    StampClock,
+    open_socketcan,
+)
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 

@@ -17,7 +17,7 @@ import pytest
 from dbc.errors import InputError
 from tui import output
 from tui.cli import run
-from tui.workers.executors import Processes, as_finished
+from tui.jobs.executors import Processes, as_finished
 
 from .batches import progress_that, refused_session, write_all
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dbc.errors import InputError
-from tui.workers.helpers import helpers
+from tui.jobs.helpers import helpers
 
 LIGHT = ("json",)
 PATIENCE_S = 30.0
@@ -44,7 +44,7 @@ def test_helpers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     program = tmp_path / "parent.py"
     program.write_text(
         "import os, time\n"
-        "from tui.workers.helpers import helpers\n"
+        "from tui.jobs.helpers import helpers\n"
         "if __name__ == '__main__':\n"
         "    with helpers(('json',)) as pool:\n"
         "        print(*{pool.submit(os.getpid).result() for _ in range(20)}, flush=True)\n"

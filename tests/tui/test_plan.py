@@ -14,8 +14,8 @@ from daq.bench.config import default_bench_text
 from daq.runs import Excitation
 from daq.vehicle import DOF, FORD_GRANADA
 from dbc import shipped_dbc
-from identify.model import physical_model
-from identify.simulate import Bump, exact_response
+from identify.model.matrices import physical_model
+from identify.model.response import Bump, exact_response
 from tui.cli import run
 
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])

@@ -13,8 +13,8 @@ import pytest
 
 from dbc.errors import InputError
 from tui.cli import run
-from tui.workers import spread
-from tui.workers.spread import over_all
+from tui.jobs import spread
+from tui.jobs.spread import over_all
 
 QUICK = ["fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9"]
 ALL = ["table2", "table3", *QUICK, "noise"]

@@ -19,10 +19,7 @@ import pytest
 import daq
 from daq.errors import InputError
 from daq.runs import RunStatus
-from tui.terminal.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.long_work import LongWork, after, work_text
-from tui.terminal.sessions import SessionEntry, entry_line, found
-from tui.workers.lines import (
+from tui.jobs.lines import (
     CompareTask,
     Done,
     ExportTask,
@@ -40,8 +37,11 @@ from tui.workers.lines import (
     task_text,
     trouble_of,
 )
-from tui.workers.outcome_of import without
-from tui.workers.worker import lines_of
+from tui.jobs.outcome_of import without
+from tui.jobs.session_list import SessionEntry, entry_line, found
+from tui.jobs.worker import lines_of
+from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.state.long_work import LongWork, after, work_text
 
 from ..identify.stress import stress_session
 
@@ -147,7 +147,7 @@ def test_a_killed_child_is_told(session: Path) -> None:
         if not killed:
             children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text()
             for pid in map(int, children.split()):
-                if b"tui.workers.work" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                if b"tui.jobs.work" in Path(f"/proc/{pid}/cmdline").read_bytes():
                     os.kill(pid, signal.SIGKILL)
                     killed.append(pid)
 
@@ -182,7 +182,7 @@ def test_a_screen_closed_twice_in_a_row_leaves_nothing_open(tmp_path: Path, turn
 
 def test_the_child_ends_when_its_terminal_does(session: Path) -> None:
     task = task_text(IdentifyTask(str(session)))
-    command = [sys.executable, "-m", "tui.workers.work", task]
+    command = [sys.executable, "-m", "tui.jobs.work", task]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
         assert child.stdin is not None
         assert child.stdout is not None

@@ -66,7 +66,7 @@ def check(
         _print_document(report)
     else:
         _print_report(report)
-    from daq.check.lines import Verdict
+    from daq.check.result import Verdict
 
     return ExitCode.ANSWER_IS_NO if report.verdict is Verdict.FAIL else ExitCode.OK
 

@@ -20,9 +20,9 @@ def compare(
 
     from identify.compare import compare as compared
 
-    from ..comparing import identified, print_comparison
+    from ..jobs.comparing import identified, print_comparison
+    from ..jobs.reporting import make_room, write_file
     from ..output import print_json, progress
-    from ..reporting import make_room, write_file
 
     if len(sessions) < 2:
         raise typer.BadParameter("name two sessions or more")

@@ -29,9 +29,9 @@ def demo(
     import identify as method
     from daq.bench.config import bench_codec, load_bench, on_bus
     from daq.bus.interfaces import open_bus, open_source
-    from daq.bus.replay import play
     from daq.control.lock import lone_recorder
     from daq.control.messages import Phase, Status
+    from daq.replay.replay import play
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
 

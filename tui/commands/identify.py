@@ -18,9 +18,9 @@ def identify(
     import daq
     import identify as method
 
+    from ..jobs.helpers import helpers
     from ..output import print_json, progress
     from ..result import identification_document, print_identification
-    from ..workers.helpers import helpers
 
     with progress("identify") as stage:
         stage(0.05, "reading")

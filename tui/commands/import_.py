@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from daq import Session
     from daq.bench.config import Bench
+    from daq.derive.from_logs import LogPart
     from daq.formats.log import Log
-    from daq.samples.intake import LogPart
     from dbc import Codec
 
     from ..output import Stage
@@ -57,9 +57,9 @@ def import_(
 
     from daq import write_session
     from daq.bench.config import bench_codec
+    from daq.derive.from_logs import labelled, numbered, parse_runs, session_from_parts, with_steps
     from daq.errors import InputError
     from daq.formats.log import read_log, read_logs
-    from daq.samples.intake import labelled, numbered, parse_runs, session_from_parts, with_steps
 
     from ..bench import bench_with_dbc
     from ..diagnostics import say, say_left_out
@@ -136,7 +136,7 @@ def _parts(
     apart: bool,
 ) -> list[LogPart]:
     """Read all logs; one that goes on where the last one ended is one part with it."""
-    from daq.samples.intake import Intake
+    from daq.derive.from_logs import Intake
 
     intakes: list[Intake] = []
     bumps = frames = 0

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from daq.bench.config import Bench
-    from daq.runs import Session
+    from daq.sessions import Session
     from identify.plan import Advice, Plan
 
 
@@ -39,8 +39,8 @@ def plan(
     import daq
     from identify.plan import advise
 
+    from ..jobs.planning import planned
     from ..output import print_json, progress
-    from ..workers.planning import planned
 
     with progress("plan") as stage:
         stage(0.1, "reading")

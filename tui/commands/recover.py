@@ -29,7 +29,7 @@ def recover(
 ) -> int:
     """Build the session file of each recording from its journal, and say exactly what is lost."""
     from daq import read_session
-    from daq.journal.derive import derive
+    from daq.derive.build_session import derive
     from daq.journal.folder import recordings_of
 
     from ..diagnostics import say

@@ -29,8 +29,8 @@ def redecode(
     from hashlib import file_digest
 
     from daq import read_foreign_session, write_session
+    from daq.derive.redecode import redecoded
     from daq.errors import InputError
-    from daq.samples.redecode import redecoded
 
     from ..output import print_json
     from ..recorders.recording import print_summary, summary

@@ -31,8 +31,8 @@ def replay(
 
     from daq import read_foreign_session
     from daq.bus.interfaces import open_bus
-    from daq.bus.replay import play, recorded_frames
     from daq.formats.log import read_log
+    from daq.replay.replay import play, recorded_frames
     from dbc import FrameBatch
 
     from ..bench import shared_bench

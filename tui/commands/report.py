@@ -30,8 +30,8 @@ def report(
     ] = FigureFormat.SVG,
 ) -> int:
     """Write what a session says of its vehicle as one HTML page: open it, print it, send it."""
+    from ..jobs.reporting import write_figures, write_report
     from ..output import print_line, progress
-    from ..reporting import write_figures, write_report
 
     out = session.with_suffix(".html") if out is None else out
     with progress("report") as stage:

@@ -26,7 +26,7 @@ def simulate(
 
     from daq.bench.config import bench_codec
     from daq.bus.interfaces import open_bus
-    from daq.bus.replay import play
+    from daq.replay.replay import play
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
 

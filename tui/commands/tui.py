@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..terminal.glyphs import GlyphSet
+from ..terminal.state.glyphs import GlyphSet
 
 if TYPE_CHECKING:
     import subprocess
@@ -59,8 +59,8 @@ def tui(
     import sys
 
     from ..terminal.app import BenchApp
-    from ..terminal.feed import RecorderFeed
-    from ..terminal.glyphs import choose_glyphs
+    from ..terminal.state.feed import RecorderFeed
+    from ..terminal.state.glyphs import choose_glyphs
 
     if web:
         return _serve(sys.argv[1:])
@@ -78,7 +78,7 @@ def tui(
 
 def known_operator(folder: Path, demo: bool) -> str:
     """Return who filled the form of the vehicle in this folder; "demo" of a demo, or empty."""
-    from ..terminal.drafts import VEHICLE_FORM, read_draft
+    from ..terminal.state.drafts import VEHICLE_FORM, read_draft
 
     told = read_draft(folder / VEHICLE_FORM).get("operator")
     name = told.strip() if isinstance(told, str) else ""

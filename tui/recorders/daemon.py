@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from daq.control.messages import Live, Reply, Status
     from daq.control.server import Server
     from daq.control.systemd import Systemd
-    from daq.recorder.engine import Engine
+    from daq.recorder.recorder import Recorder
 
 BY = "record"
 """Whose orders these are, in the journal."""
@@ -42,37 +42,26 @@ _RELOAD: int | None = getattr(signal, "SIGHUP", None)
 
 @dataclass(frozen=True, slots=True)
 class Habits:
-    """How a recorder behaves.
-
-    Parameters
-    ----------
-    arm : bool
-        Arm the whole campaign of each recording; else a terminal does.
-    keep_on : bool
-        Live on when a campaign is complete, until a signal comes; the next vehicle's recording
-        begins.
-    figures : Path or None
-        Prometheus text file, written every 5 s.
-    reread : callable
-        Reads and checks bench.toml again, for SIGHUP.
-    follow : callable
-        Hears every status, in the writer's thread.
-    stay : bool
-        Stay with a recording that is complete: a terminal goes on with it, to the results.
-    end : threading.Event
-        Ends the recorder as a signal does.
-    """
+    """How a recorder behaves."""
 
     arm: bool
+    """Arm the whole campaign of each recording; else a terminal does."""
     keep_on: bool
+    """Live on when a campaign is complete, until a signal comes; the next vehicle's recording
+    begins."""
     figures: Path | None
+    """Prometheus text file, written every 5 s."""
     reread: Callable[[], Bench]
+    """Reads and checks bench.toml again, for SIGHUP."""
     follow: Callable[[Status], None] = lambda _: None
+    """Hears every status, in the writer's thread."""
     stay: bool = False
+    """Stay with a recording that is complete: a terminal goes on with it, to the results."""
     end: threading.Event = field(default_factory=threading.Event)
+    """Ends the recorder as a signal does."""
 
 
-def run_recorder(engine: Engine, folder: Path, habits: Habits, log: Log, stage: Stage) -> Status:
+def run_recorder(engine: Recorder, folder: Path, habits: Habits, log: Log, stage: Stage) -> Status:
     """Run a recorder until its campaign is complete, a signal comes or it is told to end.
 
     Returns
@@ -134,7 +123,7 @@ class _Daemon:
     """One life of a recorder, from the first block to the last."""
 
     def __init__(
-        self, engine: Engine, server: Server, systemd: Systemd, habits: Habits, log: Log
+        self, engine: Recorder, server: Server, systemd: Systemd, habits: Habits, log: Log
     ) -> None:
         self._engine = engine
         self._server = server

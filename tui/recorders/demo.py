@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from ..cli import run
+from ..invocation import invoke
 
 commands = typer.Typer(pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -75,4 +75,4 @@ def demo_recorder(
 
 
 if __name__ == "__main__":
-    sys.exit(run(sys.argv[1:], commands))
+    sys.exit(invoke(sys.argv[1:], commands))

@@ -91,7 +91,7 @@ def record_campaign(
     from importlib.metadata import version
 
     from daq.bench.config import bench_codec
-    from daq.recorder.engine import Engine
+    from daq.recorder.recorder import Recorder
     from daq.samples.mapping import map_channels
 
     codec = bench_codec(bench)
@@ -101,7 +101,7 @@ def record_campaign(
         reread = habits.reread
         habits = replace(habits, reread=lambda: _unasked(reread()))
         bench = _unasked(bench)
-    engine = Engine(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
+    engine = Recorder(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
     return run_recorder(engine, out, habits, log, stage)
 
 

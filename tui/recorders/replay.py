@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from ..cli import run
+from ..invocation import invoke
 
 commands = typer.Typer(pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -29,10 +29,10 @@ def replay_recorder(
 
     from daq import read_foreign_session
     from daq.bench.config import BusConfig, parse_bench
-    from daq.bus.recorded_source import RecordedSource, whole_frames
     from daq.bus.source import FrameSource
     from daq.control.lock import lone_recorder
     from daq.errors import InputError
+    from daq.replay.recorded_source import RecordedSource, whole_frames
 
     from ..output import progress
     from .daemon import Habits
@@ -59,4 +59,4 @@ def replay_recorder(
 
 
 if __name__ == "__main__":
-    sys.exit(run(sys.argv[1:], commands))
+    sys.exit(invoke(sys.argv[1:], commands))

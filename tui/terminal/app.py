@@ -19,15 +19,15 @@ from textual.filter import LineFilter
 from textual.message import Message
 from textual.screen import Screen
 
-from daq.control.messages import BusState, Live, Phase, Reply, Status
+from daq.control.messages import Live, Phase, Reply, Status
 from daq.control.orders import QUESTIONS, AskBench, AskHistory, Hello, Order
 from daq.errors import InputError, printable
 
-from .feed import Feed, Lost, News, Refused, Role
-from .glyphs import Glyphs, GlyphSet
-from .lanes import Lanes
 from .screens.news import LiveArrived, RecorderLost, StatusArrived
-from .steps import SCREEN_OF, BenchStep, progress
+from .state.feed import Feed, Lost, News, Refused, Role
+from .state.glyphs import Glyphs, GlyphSet
+from .state.lanes import Lanes
+from .state.steps import SCREEN_OF, BenchStep, progress
 from .themes import THEMES
 from .widgets.plain_ascii import PlainAscii
 
@@ -358,13 +358,6 @@ class BenchApp(App[None]):
         if self.bell_on and before is not None:
             for _ in range(rings.get(status.phase, 0)):
                 self.bell()
-
-    @property
-    def troubled(self) -> bool:
-        """Whether a bus is not well."""
-        return self.status is not None and any(
-            bus.state is not BusState.OK for bus in self.status.buses
-        )
 
 
 def _bumped(status: Status) -> bool:

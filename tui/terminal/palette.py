@@ -10,7 +10,7 @@ from textual.command import DiscoveryHit, Hit, Hits, Provider
 
 from daq.control.orders import Acknowledge, Arm, Build, Pause, Redo, Reject, ShutDown, Stop, Undo
 
-from .steps import BenchStep
+from .state.steps import BenchStep
 
 if TYPE_CHECKING:
     from daq.control.orders import Order

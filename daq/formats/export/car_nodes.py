@@ -24,36 +24,24 @@ X, Y, Z, ABOUT_X, ABOUT_Y = 1, 2, 3, 4, 5
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a channel measures: a node and a direction, and what it is taken against.
-
-    Parameters
-    ----------
-    node, direction : int
-        0 where nobody knows.
-    against : int
-        Node that the motion is relative to; 0 for the ground.
-    """
+    """Where a channel measures: a node and a direction, and what it is taken against."""
 
     node: int
     direction: int
+    """`node`, `direction`: 0 where nobody knows."""
     against: int = 0
+    """Node that the motion is relative to; 0 for the ground."""
 
 
 @dataclass(frozen=True, slots=True)
 class CarNodes:
-    """Nodes of a car.
-
-    Parameters
-    ----------
-    labels : (n,) int64
-        1..4 the body over the wheels FL FR RL RR, 5 the CG, 11..14 the hubs, from 101 the sensors
-        on the body, in the order of the channels.
-    positions_m : (n, 3) float64
-        x, y, z.
-    """
+    """Nodes of a car."""
 
     labels: NDArray[np.int64]
+    """1..4 the body over the wheels FL FR RL RR, 5 the CG, 11..14 the hubs, from 101 the sensors on
+    the body, in the order of the channels, shape (n,)."""
     positions_m: NDArray[np.float64]
+    """x, y, z, shape (n, 3)."""
 
 
 def wheel_places(vehicle: Vehicle) -> tuple[float, float, float, float] | None:

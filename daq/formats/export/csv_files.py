@@ -18,13 +18,6 @@ from ...runs import SampleGroup
 class CsvStyle:
     """How numbers and columns are told apart.
 
-    Parameters
-    ----------
-    separator : str
-        One character between columns.
-    decimal : str
-        One character before the fraction.
-
     Raises
     ------
     InputError
@@ -32,7 +25,9 @@ class CsvStyle:
     """
 
     separator: str = ","
+    """One character between columns."""
     decimal: str = "."
+    """One character before the fraction."""
 
     def __post_init__(self) -> None:
         if self.decimal not in (".", ","):

@@ -8,7 +8,8 @@ from enum import StrEnum
 from pathlib import Path
 
 from ...errors import InputError
-from ...runs import SampleGroup, Session
+from ...runs import SampleGroup
+from ...sessions import Session
 from .bus_log import write_asc, write_blf
 from .csv_files import PLAIN, CsvStyle, write_csv
 from .matlab import write_mat
@@ -43,18 +44,12 @@ _SUFFIXES = {form.suffix: form for form in ExportFormat} | {".unv": ExportFormat
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What an export has made.
-
-    Parameters
-    ----------
-    paths : tuple of Path
-        The files.
-    notes : tuple of str
-        What the format cannot hold, one line each.
-    """
+    """What an export has made."""
 
     paths: tuple[Path, ...]
+    """The files."""
     notes: tuple[str, ...]
+    """What the format cannot hold, one line each."""
 
 
 def format_of(path: Path) -> ExportFormat:

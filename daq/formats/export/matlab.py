@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...runs import Run, SampleGroup, Session
+from ...runs import Run, SampleGroup
+from ...sessions import Session
 from .raw_frames import frames_left_out
 
 _NAME_LENGTH = 63

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, FrameFlag
 
-from ...runs import Run, SampleGroup, Session
-from ..optional import optional
+from ...optional import optional
+from ...runs import Run, SampleGroup
+from ...sessions import Session
 from .raw_frames import has, session_frames
 
 _NS_PER_S = 1_000_000_000

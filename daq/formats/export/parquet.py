@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ...runs import Session
-from ..optional import optional
-from ..tables import to_dataframe
+from ...optional import optional
+from ...sessions import Session
 from .raw_frames import frames_left_out
 
 
@@ -23,7 +22,7 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
     """
     pa = optional("pyarrow", "data")
     parquet = optional("pyarrow.parquet", "data")
-    frame = to_dataframe(session)
+    frame = session.to_dataframe()
     table = pa.Table.from_pandas(frame, preserve_index=False)
     units = frame.attrs["units"]
     fields = [

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch, FrameFlag
 
 from ...errors import InputError
-from ...runs import Session
+from ...sessions import Session
 
 
 def session_frames(session: Session) -> FrameBatch:

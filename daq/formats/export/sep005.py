@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...channels import TIME_DERIVATIVE
-from ...runs import Session
+from ...sessions import Session
 from .raw_frames import frames_left_out
 
 _LETTERS = "dva"

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ...channels import TIME_DERIVATIVE, Channel
 from ...errors import printable
-from ...runs import Run, SampleGroup, Session
+from ...runs import Run, SampleGroup
+from ...sessions import Session
 from ...vehicle import VehicleGeometry
 from .car_nodes import CarNodes, Place, car_lines, car_nodes, place_of, vertical_motion
 from .raw_frames import frames_left_out
@@ -30,24 +31,16 @@ _TIME_TOLERANCE_S = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class ModeShapes:
-    """Modes of one state of loading.
-
-    Parameters
-    ----------
-    state : str
-        Its name.
-    geometry : VehicleGeometry
-        Of the identified vehicle.
-    poles : (m,) complex128
-        rad/s, imaginary parts positive.
-    shapes : (7, m) complex128
-        In the order of `daq.vehicle.DOF`, one column a mode.
-    """
+    """Modes of one state of loading."""
 
     state: str
+    """Its name."""
     geometry: VehicleGeometry
+    """Of the identified vehicle."""
     poles: NDArray[np.complex128]
+    """rad/s, imaginary parts positive, shape (m,)."""
     shapes: NDArray[np.complex128]
+    """In the order of `daq.vehicle.DOF`, one column a mode, shape (7, m)."""
 
 
 def write_uff(session: Session, modes: Sequence[ModeShapes], path: Path) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from daq.formats.export import (
     format_of,
     sep005_channels,
 )
-from daq.runs import Session
+from daq.sessions import Session
 from daq.vehicle import VehicleGeometry
 
 from ..small_session import START_NS, small_session

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from daq.errors import InputError
 from daq.formats.export import ExportFormat, export_session
-from daq.runs import Session
+from daq.sessions import Session
 from dbc import FrameBatch, shipped_dbc
 from dbc.frames import FrameFlag
 

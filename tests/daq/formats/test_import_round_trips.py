@@ -12,7 +12,7 @@ import pytest
 from daq.bus.source import HopLosses
 from daq.formats.log import Log, read_log
 from daq.journal.format import JournalHead
-from daq.journal.keeper import Keeper
+from daq.journal.writer import JournalWriter
 from dbc import FrameBatch
 
 from .mixed import START_S, Frame, batch_of, frames_in, message, mixed
@@ -62,7 +62,7 @@ def write_trc(path: Path, frames: Iterable[Frame]) -> None:
 
 def write_journal(path: Path, frames: list[Frame]) -> None:
     head = JournalHead("", "", "test", START_S * 10**9, 0)
-    with Keeper(path.parent, head) as journal:
+    with JournalWriter(path.parent, head) as journal:
         for first in range(0, len(frames), 300):
             journal.append(batch_of(frames[first : first + 300]), HopLosses())
         written = journal.paths[0]

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 
 from daq.bench.config import Bench, bench_codec
 from daq.bus.source import HopLosses
+from daq.clocks import Now
 from daq.control.messages import DiskStatus, QueueStatus, SessionStatus, Status
 from daq.control.orders import Arm, Until
 from daq.errors import BusError
-from daq.recorder.now import Now
-from daq.recorder.recorder import Recorder
-from daq.recorder.standing import Host
+from daq.recorder.recording import Recording
+from daq.recorder.status import Host
 from daq.runs import Event
 from daq.sim.bench_source import Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
@@ -45,7 +45,7 @@ def record(
 ) -> tuple[Kept, Status]:
     """Record until the campaign is complete; return what was stored and the last status."""
     codec, kept = bench_codec(bench), Kept()
-    recorder = Recorder(bench, codec, kept)
+    recorder = Recording(bench, codec, kept)
     statuses: list[Status] = []
     source = SimulatedBench(
         bench, codec, SimulatedCar(), seed, speed, lambda: statuses[-1], fault, START_NS

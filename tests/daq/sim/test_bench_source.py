@@ -12,15 +12,15 @@ import pytest
 import identify
 from daq.bench.campaign import Campaign
 from daq.bench.config import Bench, bench_codec, load_bench
+from daq.clocks import Now
 from daq.control.messages import Phase, Status
+from daq.derive.build_samples import build_session
 from daq.errors import BusError
 from daq.journal.contents import HopCounts
-from daq.recorder.book import BookStatus, Remark
-from daq.recorder.health import HealthState, advance
-from daq.recorder.now import Now
-from daq.recorder.recorder import Recorder
+from daq.recorder.recording import Recording
+from daq.runlog.runlog import LoggedStatus, Remark
 from daq.runs import BASELINE, Excitation
-from daq.samples.build import build_session
+from daq.samples.health import HealthState, advance
 from daq.sim.bench_source import PIECE_S, WIGGLE_S, Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
 from daq.sim.motion import pushed
@@ -39,7 +39,7 @@ def short_bench() -> Bench:
 
 def _idle() -> Status:
     now = Now(START_NS, 0.0)
-    return Recorder(short_bench(), bench_codec(short_bench()), Kept()).status(now, HOST)
+    return Recording(short_bench(), bench_codec(short_bench()), Kept()).status(now, HOST)
 
 
 def _resting(wiggles: bool = False) -> SimulatedBench:
@@ -65,7 +65,7 @@ def test_a_campaign_is_recorded_as_planned_and_identified() -> None:
     bench = replace(shipped, campaign=replace(shipped.campaign, repeats=1))
     kept, status = record(bench, seed=3)
     assert status.phase is Phase.COMPLETE
-    assert [run.status for run in status.runs] == [BookStatus.ACCEPTED] * 6
+    assert [run.status for run in status.runs] == [LoggedStatus.ACCEPTED] * 6
     no_losses = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
     frames = FrameBatch.concatenate(kept.frames)
     session = build_session(bench, bench_codec(bench), frames, kept.events, no_losses, {})
@@ -89,7 +89,7 @@ def test_a_campaign_is_recorded_as_planned_and_identified() -> None:
 def test_a_fault_spoils_the_second_run_and_no_other(fault: Fault, code: str) -> None:
     _, status = record(short_bench(), 5, fault)
     assert status.phase is Phase.COMPLETE
-    accepted, rejected = BookStatus.ACCEPTED, BookStatus.REJECTED
+    accepted, rejected = LoggedStatus.ACCEPTED, LoggedStatus.REJECTED
     assert [run.status for run in status.runs] == [accepted, rejected, accepted]
     failed = [finding.code for finding in status.runs[1].findings if not finding.passed]
     assert failed[0] == code

@@ -15,7 +15,7 @@ from daq.sim.excitation import Bump, road_height
 from daq.sim.motion import Kinematics, Motion, drive
 from daq.sim.plant import GRAVITY_M_S2, Plant, contact, load_car
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight
-from identify.model import delta_mass, physical_model
+from identify.model.matrices import delta_mass, physical_model
 
 WEIGHTS = AddedMass((BodyWeight(60.0, 0.2, 0.45), HubWeight(5.0, Corner.REAR_LEFT)))
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from daq.sim.plant import GRAVITY_M_S2, Plant, contact, forces, load_car, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleParameters
-from identify.model import PhysicalModel, delta_mass, physical_model
+from identify.model.matrices import PhysicalModel, delta_mass, physical_model
 
 G = GRAVITY_M_S2
 LOPSIDED = AddedMass(

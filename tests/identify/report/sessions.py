@@ -3,10 +3,10 @@
 from dataclasses import replace
 from functools import cache
 
-from daq.runs import Session
+from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
 from identify import Identification, identify
-from identify.estimation import Estimation, estimate
+from identify.fit.estimation import Estimation, estimate
 from identify.pipeline import grey_box, usable_records
 from identify.report.blocks import Report, Source
 from identify.report.content import report_of

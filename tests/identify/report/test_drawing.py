@@ -3,8 +3,8 @@
 import numpy as np
 
 from daq.vehicle import FORD_GRANADA
-from identify.figures.panels import panel_png, panel_svg
 from identify.report.envelope import envelope
+from identify.report.figures.panels import panel_png, panel_svg
 from identify.report.panels import CorrelationPanel
 from identify.report.pdf import pdf_of
 from identify.report.shapes import at_rest, outline, shape_of

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from identify.leave_out import leave_one_out
-from identify.likelihood import fit, residuals
+from identify.fit.cross_validation import leave_one_out
+from identify.fit.likelihood import fit, residuals
 
 from .sessions import estimated
 

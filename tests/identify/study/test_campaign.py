@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
 from dbc.errors import InputError
-from identify.decay import Record
-from identify.model import physical_model
-from identify.simulate import Bump, exact_response
+from identify.decays.decay import Record
+from identify.model.matrices import physical_model
+from identify.model.response import Bump, exact_response
 from identify.study.campaign import Campaign, noise_levels, records_of
 from identify.study.sensors import SENSOR_SETS
 

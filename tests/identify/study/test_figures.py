@@ -7,7 +7,7 @@ import pytest
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.errors import InputError
-from identify.model import physical_model
+from identify.model.matrices import physical_model
 from identify.study.added_mass import MASS_ERRORS, fig2, mass_error_study
 from identify.study.fig9 import fig9
 from identify.study.fir import filtered, taps

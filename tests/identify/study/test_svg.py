@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from identify.figures import svg
 from identify.study.added_mass import fig2, mass_error_study
 from identify.study.campaign import Campaign
 from identify.study.fig9 import fig9
+from identify.study.figures import svg
 from identify.study.geometry_error import fig8
 from identify.study.noise import Outcome, noise_study
 from identify.study.result import CurvePanel, DotPanel, Study
@@ -83,7 +83,8 @@ def test_the_same_study_draws_the_same_bytes() -> None:
 
 def test_drawing_leaves_pyplot_alone() -> None:
     code = (
-        "import sys; from identify.figures import svg; from identify.study.added_mass import fig2;"
+        "import sys; from identify.study.figures import svg;"
+        "from identify.study.added_mass import fig2;"
         "svg(fig2()); print('matplotlib.pyplot' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
 
-from daq.runs import Run, SampleGroup, Session
-from identify.estimation import Estimation, estimate, generic_vehicles
+from daq.runs import Run, SampleGroup
+from daq.sessions import Session
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.pipeline import grey_box, usable_records
 from identify.trust.finding import Finding, Verdict
 

@@ -7,9 +7,9 @@ from scipy.linalg import expm
 
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.vehicle import FORD_GRANADA, AddedMass
-from identify.decay import FreeDecay
-from identify.estimation import Estimation
-from identify.model import PhysicalModel, loaded_model, physical_model
+from identify.decays.decay import FreeDecay
+from identify.fit.estimation import Estimation
+from identify.model.matrices import PhysicalModel, loaded_model, physical_model
 from identify.modes.modal import modes_of
 from identify.trust.excitation import best_run, excitation_findings, mode_snr_db
 from identify.trust.finding import Finding, Verdict

@@ -9,9 +9,9 @@ from daq.sim.excitation import Bump
 from daq.sim.motion import drive
 from daq.sim.plant import GRAVITY_M_S2, Plant, contact, load_car, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight
-from identify.estimation import Estimation
-from identify.model import SYMMETRIC, loaded_model
-from identify.projection import point
+from identify.fit.estimation import Estimation
+from identify.fit.varpro import point
+from identify.model.matrices import SYMMETRIC, loaded_model
 from identify.trust.finding import Verdict
 from identify.trust.lift_off import least_loads_n, lift_off_findings, static_loads_n
 

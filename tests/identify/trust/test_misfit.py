@@ -8,7 +8,7 @@ from math import nan
 import numpy as np
 import pytest
 
-from identify.estimation import Estimation
+from identify.fit.estimation import Estimation
 from identify.trust.finding import Verdict
 from identify.trust.misfit import chi2_by_run, misfit_findings
 

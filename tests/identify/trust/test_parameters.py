@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daq.vehicle import FORD_GRANADA, Structure, Vehicle
-from identify.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.pipeline import grey_box, usable_records
 from identify.trust.finding import Verdict
 from identify.trust.parameters import parameter_findings, undetermined

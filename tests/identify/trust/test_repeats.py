@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from identify.estimation import Estimation
-from identify.likelihood import fit, shares
-from identify.trust.causes import rank_causes
+from identify.fit.estimation import Estimation
+from identify.fit.likelihood import fit, shares
 from identify.trust.finding import Verdict
+from identify.trust.ranking import rank_causes
 from identify.trust.repeats import pull_of, repeat_findings
 
 from .campaigns import SEEDS, by_gate, estimated

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.runs import Losses, RunStatus, SampleGroup, Session
+from daq.runs import Losses, RunStatus, SampleGroup
+from daq.sessions import Session
 from identify.trust.finding import Finding, Verdict
 from identify.trust.sampling import sampling_findings
 

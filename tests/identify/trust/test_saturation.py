@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.runs import SampleGroup, Session
+from daq.runs import SampleGroup
+from daq.sessions import Session
 from daq.sim.car import NOISE
 from dbc.samples import Quality
 from identify.trust.finding import Verdict

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from identify.estimation import Estimation, estimate, generic_vehicles
-from identify.greybox import GreyBox
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.grey_box import GreyBox
 from identify.pipeline import grey_box, usable_records
 from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of
 from identify.study.sensors import SENSOR_SETS
-from identify.trust.causes import Suspect, rank_causes
 from identify.trust.judge import judge
+from identify.trust.ranking import Suspect, rank_causes
 
 from ..stress import HUBS, STRESSES
 from .campaigns import SEEDS, campaign, doubtful, estimated

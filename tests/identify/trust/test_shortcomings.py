@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from daq.channels import Quantity
-from daq.runs import ADDED, BASELINE, RunStatus, Session
+from daq.runs import ADDED, BASELINE, RunStatus
+from daq.sessions import Session
 from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, HubWeight, MassState, Vehicle
 from identify import identify
 from identify.pipeline import usable_records

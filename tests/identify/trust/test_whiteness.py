@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from identify.decay import FreeDecay, Record, Recording
-from identify.estimation import Estimation
+from identify.decays.decay import FreeDecay, Record, Recording
+from identify.fit.estimation import Estimation
 from identify.trust.finding import Verdict
 from identify.trust.whiteness import whiteness_findings
 

@@ -13,7 +13,7 @@ from textual.app import App
 from textual.pilot import Pilot
 
 from tui.terminal.app import BenchApp
-from tui.terminal.glyphs import Glyphs, GlyphSet, choose_glyphs
+from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
 
 from .fake_recorder import FakeRecorder
 

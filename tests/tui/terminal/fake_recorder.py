@@ -47,18 +47,18 @@ from daq.control.orders import (
     Stop,
     Undo,
 )
-from daq.recorder.book import (
-    Book,
-    BookStatus,
+from daq.runlog.runlog import (
     Code,
     Finding,
+    LoggedStatus,
+    RunLog,
     advance,
     entry,
     next_step,
     verdict_entry,
 )
 from daq.runs import Event, Losses
-from tui.terminal.feed import News, Refused, Role
+from tui.terminal.state.feed import News, Refused, Role
 
 WALL_NS = 1_795_267_320_000_000_000  # 2026-11-21 13:22 UTC
 BIN_S = 0.02
@@ -75,7 +75,7 @@ INSTRUCTIONS = {
 
 
 class FakeRecorder:
-    """A `tui.terminal.feed.Feed` whose recorder is turned by the test.
+    """A `tui.terminal.state.feed.Feed` whose recorder is turned by the test.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class FakeRecorder:
     ) -> None:
         self.bench_text = bench_text or default_bench_text()
         self.in_control, self.check = in_control, check
-        self.book = Book()
+        self.book = RunLog()
         self.orders: list[Order] = []
         self.refuse = ""
         self.changes: dict[str, object] = {}
@@ -164,7 +164,7 @@ class FakeRecorder:
             case Configure(text):
                 self.bench_text = text
             case Start(text):
-                self.bench_text, self.book = text or self.bench_text, Book()
+                self.bench_text, self.book = text or self.bench_text, RunLog()
             case Acknowledge():
                 self.changes.pop("overloaded", None)
             case Stop() | Build():
@@ -205,7 +205,7 @@ class FakeRecorder:
         self._enter(verdict_entry(self.t_ns, run.label, findings or (GOOD,)))
         after = self.book.run(run.label)
         assert after is not None
-        accepted = after.status is BookStatus.ACCEPTED
+        accepted = after.status is LoggedStatus.ACCEPTED
         self.turn(Phase.ACCEPTED if accepted else Phase.REJECTED)
 
     def finish(self, mass_state: str) -> None:
@@ -258,7 +258,7 @@ class FakeRecorder:
                 *kind,
                 accepted=book.accepted(*kind),
                 planned=bench.campaign.repeats,
-                rejected=sum(r.status is BookStatus.REJECTED for r in book.of(*kind)),
+                rejected=sum(r.status is LoggedStatus.REJECTED for r in book.of(*kind)),
             )
             for kind in kinds
         )

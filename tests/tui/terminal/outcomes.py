@@ -5,16 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from tui.workers.outcome import (
-    Curve,
-    Estimated,
-    ModeRow,
-    Outcome,
-    Row,
-    RunOutcome,
-    StateOutcome,
-    Told,
-)
+from tui.jobs.outcome import Curve, Estimated, ModeRow, Outcome, Row, RunOutcome, StateOutcome, Told
 
 _PARAMETERS = (
     ("m_s", "sprung mass", 1380.0, 22.0, "kg"),

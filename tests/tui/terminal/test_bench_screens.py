@@ -14,11 +14,11 @@ from daq.bench.config import parse_bench
 from daq.control.messages import CheckItem, Lane, Live
 from daq.control.orders import Configure, Hello, Mark, Note, OverrideWarning
 from daq.vehicle import BodyWeight, Corner, HubWeight
+from tui.jobs.gain import Gain, Shift
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.check import CheckScreen
 from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.screens.vehicle import VehicleScreen
-from tui.workers.gain import Gain, Shift
 
 from .conftest import at_every_size, screen_text
 from .fake_recorder import BIN_S, FakeRecorder

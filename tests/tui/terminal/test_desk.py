@@ -15,14 +15,7 @@ from daq.alarms import EXPLAINED
 from daq.control.messages import SessionState, SessionStatus
 from daq.control.orders import Build, Mark, Note, Reject, ShutDown, Start
 from daq.verdict import WORDS
-from tui.terminal.app import BenchApp
-from tui.terminal.help_pages import SCREEN_PAGES, page_of
-from tui.terminal.palette import commands
-from tui.terminal.screens import export, identify, report, sessions
-from tui.terminal.screens.help import HelpScreen
-from tui.terminal.sessions import SessionEntry
-from tui.terminal.sessions import SessionState as Listed
-from tui.workers.lines import (
+from tui.jobs.lines import (
     CompareTask,
     Done,
     ExportTask,
@@ -35,6 +28,13 @@ from tui.workers.lines import (
     Task,
     Trouble,
 )
+from tui.jobs.session_list import SessionEntry
+from tui.jobs.session_list import SessionState as Listed
+from tui.terminal.app import BenchApp
+from tui.terminal.palette import commands
+from tui.terminal.screens import export, identify, report, sessions
+from tui.terminal.screens.help import HelpScreen
+from tui.terminal.state.help_pages import SCREEN_PAGES, page_of
 
 from .conftest import at_every_size, screen_text
 from .fake_recorder import FakeRecorder

@@ -12,8 +12,8 @@ from textual.pilot import Pilot
 import daq
 from daq.runs import RunStatus
 from daq.vehicle import FORD_GRANADA
+from tui.jobs.outcome import Outcome
 from tui.terminal.app import BenchApp
-from tui.workers.outcome import Outcome
 
 from ...identify.stress import stress_session
 from .conftest import screen_text

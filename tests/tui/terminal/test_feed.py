@@ -10,8 +10,8 @@ from typing import NoReturn
 import pytest
 
 from daq.control.client import RecorderGone
-from tui.terminal import feed
-from tui.terminal.feed import BIRTH_S, Lost, News, RecorderFeed
+from tui.terminal.state import feed
+from tui.terminal.state.feed import BIRTH_S, Lost, News, RecorderFeed
 
 
 def test_a_recorder_that_has_only_just_been_started_is_not_lost(
@@ -26,7 +26,7 @@ def test_a_recorder_that_has_only_just_been_started_is_not_lost(
 
     monkeypatch.setattr(feed, "Client", nobody)
     monkeypatch.setattr(feed, "RETRY_S", 0.01)
-    monkeypatch.setattr("tui.terminal.feed.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("tui.terminal.state.feed.time.monotonic", lambda: clock[0])
     told: Queue[News] = Queue()
     listener = RecorderFeed(tmp_path, "MK", lambda: None)
     listener.start(told.put)

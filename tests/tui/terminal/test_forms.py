@@ -8,16 +8,21 @@ import pytest
 from daq.bench.config import default_bench_text, load_bench, parse_bench
 from daq.runs import Excitation
 from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure, VehicleGeometry
-from tui.terminal.drafts import last_form, read_draft, remove_draft, write_draft
-from tui.terminal.forms import check_fields, number
-from tui.terminal.vehicle_form import VEHICLE_FIELDS, check_vehicle, vehicle_text, vehicle_values
-from tui.terminal.weight_form import (
+from tui.terminal.forms.fields import check_fields, number
+from tui.terminal.forms.vehicle_form import (
+    VEHICLE_FIELDS,
+    check_vehicle,
+    vehicle_text,
+    vehicle_values,
+)
+from tui.terminal.forms.weight_form import (
     WEIGHT_FIELDS,
     check_inventory,
     check_weight,
     weight_of,
     weight_values,
 )
+from tui.terminal.state.drafts import last_form, read_draft, remove_draft, write_draft
 
 BENCH = load_bench(None)
 GOOD = vehicle_values(BENCH, "MK") | {

@@ -12,18 +12,12 @@ import pytest
 from daq.bench.config import default_bench_text, load_bench
 from daq.bench.edit import with_campaign, with_weights
 from daq.bench.procedure import Method
-from daq.check.wiggle import Wiggle
+from daq.check.push_test import Wiggle
 from daq.control.messages import BusState, BusStatus, CheckItem, DiskStatus
 from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, BodyWeight, Corner, HubWeight
-from tui.terminal.bench_check import (
-    item_rows,
-    recorder_rows,
-    wiggle_rows,
-    with_overrides,
-    zero_offsets,
-)
-from tui.terminal.inventory import (
+from tui.jobs.gain import GAIN, Gain, Shift, measured_spread
+from tui.terminal.forms.inventory import (
     Entry,
     baseline_spread,
     entries_of,
@@ -34,7 +28,13 @@ from tui.terminal.inventory import (
     told_entries,
     with_bolted,
 )
-from tui.workers.gain import GAIN, Gain, Shift, measured_spread
+from tui.terminal.state.bench_check import (
+    item_rows,
+    recorder_rows,
+    wiggle_rows,
+    with_overrides,
+    zero_offsets,
+)
 
 from .fake_recorder import DOUBLE_BUMP, GOOD, FakeRecorder
 
@@ -109,7 +109,7 @@ def test_the_expected_gain_is_that_of_the_paper_in_a_process_without_the_termina
 ) -> None:
     def ask(text: str) -> Gain:
         question = json.dumps({"bench": text, "folder": str(tmp_path)})
-        command = [sys.executable, "-m", "tui.workers.gain"]
+        command = [sys.executable, "-m", "tui.jobs.gain"]
         done = subprocess.run(command, input=question, capture_output=True, text=True, check=True)
         assert done.stderr == ""
         return GAIN.validate_json(done.stdout)

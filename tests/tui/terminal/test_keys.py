@@ -10,10 +10,10 @@ from textual.pilot import Pilot
 from daq.control.messages import Phase
 from daq.control.orders import Accept, Acknowledge, Arm, Choose, Order, Pause, Redo, Reject, Undo
 from tui.terminal.app import MOST_NEWS, BenchApp
-from tui.terminal.feed import Lost, Role
 from tui.terminal.screens.home import HomeScreen
 from tui.terminal.screens.run import RunScreen
-from tui.terminal.steps import BenchStep
+from tui.terminal.state.feed import Lost, Role
+from tui.terminal.state.steps import BenchStep
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder

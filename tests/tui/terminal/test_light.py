@@ -10,8 +10,8 @@ import asyncio, sys
 from pathlib import Path
 from tests.tui.terminal.fake_recorder import FakeRecorder
 from tui.terminal.app import BenchApp
-from tui.terminal.feed import RecorderFeed
-from tui.terminal.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.state.feed import RecorderFeed
+from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 import tui.commands.tui
 
 async def main():

@@ -9,15 +9,15 @@ import pytest
 
 from daq.control.messages import Lane, Live, Phase
 from daq.control.orders import Arm
-from daq.recorder.book import Code, entry
-from tui.terminal.banner import banner
-from tui.terminal.feed import Lost
-from tui.terminal.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.lane_view import lane_specs, window
-from tui.terminal.lanes import RING_S, Lanes
-from tui.terminal.next_action import next_action
-from tui.terminal.steps import BenchStep, progress
-from tui.terminal.tracing import full_scale, pooled, trace
+from daq.runlog.runlog import Code, entry
+from tui.terminal.state.banner import banner
+from tui.terminal.state.feed import Lost
+from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.state.lane_view import lane_specs, window
+from tui.terminal.state.lanes import RING_S, Lanes
+from tui.terminal.state.next_action import next_action
+from tui.terminal.state.steps import BenchStep, progress
+from tui.terminal.state.tracing import full_scale, pooled, trace
 
 from .fake_recorder import BIN_S, DOUBLE_BUMP, FakeRecorder
 

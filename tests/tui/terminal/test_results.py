@@ -10,12 +10,12 @@ from textual.app import App
 from textual.pilot import Pilot
 
 from daq.control.orders import Accept, Build, Mark, Reject
+from tui.jobs.outcome import Outcome
 from tui.terminal.app import BenchApp
-from tui.terminal.glyphs import GlyphSet
 from tui.terminal.screens.identify import IdentifyScreen
 from tui.terminal.screens.report import ReportScreen
 from tui.terminal.screens.results import ResultsScreen
-from tui.workers.outcome import Outcome
+from tui.terminal.state.glyphs import GlyphSet
 
 from .conftest import at_every_size, screen_text
 from .fake_recorder import FakeRecorder

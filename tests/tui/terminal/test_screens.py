@@ -12,9 +12,9 @@ from textual.pilot import Pilot
 from daq.control.messages import Alarm, BusState, BusStatus, Phase
 from daq.control.orders import Mark, Note, OverrideWarning
 from tui.terminal.app import BenchApp
-from tui.terminal.feed import Lost
-from tui.terminal.glyphs import GlyphSet
 from tui.terminal.screens.home import HomeScreen
+from tui.terminal.state.feed import Lost
+from tui.terminal.state.glyphs import GlyphSet
 from tui.terminal.widgets.lane_chart import LaneChart
 
 from .conftest import SIZES, at_every_size, screen_text

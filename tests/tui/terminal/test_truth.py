@@ -10,13 +10,13 @@ from textual.pilot import Pilot
 
 from daq.control.messages import Alarm, CheckItem, Phase
 from daq.control.orders import AskCheck, Order
-from daq.recorder.book import Finding
+from daq.runlog.runlog import Finding
 from tui.terminal.app import BenchApp
-from tui.terminal.feed import Lost
 from tui.terminal.screens.check import CheckScreen
 from tui.terminal.screens.identify import IdentifyScreen
 from tui.terminal.screens.results import ResultsScreen
-from tui.terminal.steps import BenchStep
+from tui.terminal.state.feed import Lost
+from tui.terminal.state.steps import BenchStep
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder

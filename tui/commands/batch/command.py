@@ -54,8 +54,8 @@ def batch(
     from dbc.errors import InputError
 
     from ...diagnostics import say
+    from ...jobs.executors import crew_of
     from ...output import print_json, progress
-    from ...workers.executors import crew_of
     from .journal import RowJournal
     from .table import check_table_file, write_table
     from .tally import work_off

@@ -10,8 +10,8 @@ from time import monotonic
 
 from dbc.errors import InputError
 
+from ...jobs.executors import Crew, as_finished
 from ...output import Stage
-from ...workers.executors import Crew, as_finished
 from .journal import RowJournal
 from .table import write_table
 from .work import FAILED, Job, job_of, row_of, row_of_lost
@@ -23,24 +23,16 @@ _BAD = ("refused", FAILED)
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """What came of the sessions of one batch.
-
-    Parameters
-    ----------
-    sessions : int
-        How many there are; a copy of another one does not count.
-    done_now : int
-        How many of them were not done before.
-    verdicts : dict of verdict to int
-        How many have each.
-    bad : list of dict
-        File, verdict and reasons of the refused and failed ones.
-    """
+    """What came of the sessions of one batch."""
 
     sessions: int
+    """How many there are; a copy of another one does not count."""
     done_now: int
+    """How many of them were not done before."""
     verdicts: dict[str, int]
+    """How many have each."""
     bad: list[dict[str, str]]
+    """File, verdict and reasons of the refused and failed ones."""
 
 
 def work_off(

@@ -22,18 +22,12 @@ FAILED = "failed"
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One session file.
-
-    Parameters
-    ----------
-    file : str
-        Absolute path: a cluster's workers have other working directories.
-    sha256 : str
-        Of its content; empty if it cannot be read.
-    """
+    """One session file."""
 
     file: str
+    """Absolute path: a cluster's workers have other working directories."""
     sha256: str
+    """Of its content; empty if it cannot be read."""
 
 
 def session_files(names: Sequence[str]) -> list[Path]:

@@ -49,7 +49,7 @@ def deliver(study: Study, json: bool, figure: Path | None) -> None:
 
     if figure is not None:
         from dbc.errors import InputError
-        from identify.figures import svg
+        from identify.study.figures import svg
 
         try:
             figure.write_text(svg(study), encoding="utf-8")

@@ -47,8 +47,8 @@ def table3(
     from identify.study.table3 import attempt, table3_campaign
     from identify.study.table3 import table3 as study
 
+    from ...jobs.spread import over_all
     from ...output import progress
-    from ...workers.spread import over_all
 
     check_figure_file(figure)
     campaign = table3_campaign(rate_hz, noise_db)
@@ -89,8 +89,8 @@ def noise(
     from identify.study.noise import bound_percent, noise_study, outcome
     from identify.study.sensors import SENSOR_SETS
 
+    from ...jobs.spread import over_all
     from ...output import progress
-    from ...workers.spread import over_all
 
     check_figure_file(figure)
     campaign = Campaign(

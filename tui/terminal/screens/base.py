@@ -8,7 +8,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
-from ..steps import BenchStep
+from ..state.steps import BenchStep
 from ..widgets.key_bar import KeyBar
 from ..widgets.step_bar import StepBar
 from ..widgets.top_line import TopLine

@@ -8,11 +8,11 @@ from textual.binding import Binding, BindingType
 
 from daq.control.messages import Phase
 from daq.control.orders import Accept, Acknowledge, Choose, Pause, Redo, Reject, Undo
-from daq.recorder.book import BookRun, BookStatus
+from daq.runlog.runlog import LoggedRun, LoggedStatus
 
-from ..banner import run_words
-from ..next_action import NextAction, next_action
-from ..steps import BenchStep, bump_step
+from ..state.banner import run_words
+from ..state.next_action import NextAction, next_action
+from ..state.steps import BenchStep, bump_step
 from ..widgets.lists import TallyList
 from .base import BenchScreen
 from .question import Question
@@ -146,7 +146,7 @@ class BumpingScreen(BenchScreen):
         return next_action(self.bench_app.status, self.bench_app.in_control)
 
     @property
-    def _rejected(self) -> BookRun | None:
+    def _rejected(self) -> LoggedRun | None:
         status = self.bench_app.status
         runs = status.runs if status else ()
-        return next((r for r in reversed(runs) if r.status is BookStatus.REJECTED), None)
+        return next((r for r in reversed(runs) if r.status is LoggedStatus.REJECTED), None)

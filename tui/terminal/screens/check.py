@@ -12,13 +12,13 @@ from textual.content import Content
 from textual.widgets import Static
 
 from daq.bench.edit import with_channel
-from daq.check.wiggle import ORDER, Wiggle, can_tell, judge_wiggle
+from daq.check.push_test import ORDER, Wiggle, can_tell, judge_wiggle
 from daq.control.messages import CheckItem, Phase, Status
 from daq.control.orders import AskCheck, Configure, Mark, OverrideWarning
 from daq.errors import InputError, printable
 from daq.vehicle import Corner
 
-from ..bench_check import (
+from ..state.bench_check import (
     FAIL,
     NOW,
     OK,
@@ -34,8 +34,8 @@ from ..bench_check import (
     with_overrides,
     zero_offsets,
 )
-from ..drafts import write_draft
-from ..steps import BenchStep
+from ..state.drafts import write_draft
+from ..state.steps import BenchStep
 from ..widgets.check_line import check_line
 from ..widgets.row_list import RowList
 from .base import BenchScreen

@@ -9,8 +9,8 @@ from textual.app import App
 
 from daq.errors import printable
 
-from ...workers.lines import Done, ExportTask, Trouble
-from ...workers.worker import lines_of
+from ...jobs.lines import Done, ExportTask, Trouble
+from ...jobs.worker import lines_of
 from .choice import ChoiceScreen
 
 FORMATS = (

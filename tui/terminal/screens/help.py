@@ -10,7 +10,7 @@ from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen, Screen
 from textual.widgets import Markdown, Static
 
-from ..help_pages import page_of
+from ..state.help_pages import page_of
 
 
 class HelpScreen(ModalScreen[None]):
@@ -19,7 +19,7 @@ class HelpScreen(ModalScreen[None]):
     Parameters
     ----------
     page : str
-        As `tui.terminal.help_pages.page_of`.
+        As `tui.terminal.state.help_pages.page_of`.
     """
 
     DEFAULT_CSS = """

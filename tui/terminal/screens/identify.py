@@ -12,13 +12,13 @@ from textual.binding import Binding, BindingType
 from daq.control.messages import SessionState, Status
 from daq.control.orders import Build
 from daq.errors import printable
-from daq.recorder.book import BookStatus
+from daq.runlog.runlog import LoggedStatus
 
-from ...workers.lines import Done, IdentifyTask, Trouble
-from ...workers.outcome import Outcome, parse_outcome
-from ...workers.worker import lines_of
-from ..long_work import LongWork, Stage, after, work_text
-from ..steps import BenchStep
+from ...jobs.lines import Done, IdentifyTask, Trouble
+from ...jobs.outcome import Outcome, parse_outcome
+from ...jobs.worker import lines_of
+from ..state.long_work import LongWork, Stage, after, work_text
+from ..state.steps import BenchStep
 from .work import OUTDATED, WorkScreen
 
 _BUILD_ADVICE = "SPACE = try again; the journal is untouched"
@@ -146,8 +146,8 @@ class IdentifyScreen(WorkScreen):
         status = self.bench_app.status
         if status is None:
             return ["waiting for the recorder"]
-        accepted = sum(run.status is BookStatus.ACCEPTED for run in status.runs)
-        rejected = sum(run.status is BookStatus.REJECTED for run in status.runs)
+        accepted = sum(run.status is LoggedStatus.ACCEPTED for run in status.runs)
+        rejected = sum(run.status is LoggedStatus.REJECTED for run in status.runs)
         lines = [
             f"{printable(status.vehicle, 60)}: {accepted} runs accepted, {rejected} rejected (kept)"
         ]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from daq.errors import InputError
 
-from ..axle_limits import AxleLimits, keep_limits, parse_limits
+from ..forms.axle_limits import AxleLimits, keep_limits, parse_limits
 from .question import Question
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from textual.screen import Screen
 
-from ..glyphs import Glyphs
-from ..lane_view import lane_specs, window
+from ..state.glyphs import Glyphs
+from ..state.lane_view import lane_specs, window
 from ..widgets.lane_chart import LaneChart
 
 if TYPE_CHECKING:

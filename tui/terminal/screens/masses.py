@@ -22,12 +22,10 @@ from daq.errors import InputError, printable
 from daq.loading import expected_car, loading
 from daq.vehicle import VehicleParameters
 
-from ...workers.gain import GAIN, Gain
-from ..axle_limits import AxleLimits, axles_line, check_axles, read_limits
-from ..bench_check import rest_levels
-from ..drafts import read_draft, remove_draft, write_draft
-from ..forms import FieldError
-from ..inventory import (
+from ...jobs.gain import GAIN, Gain
+from ..forms.axle_limits import AxleLimits, axles_line, check_axles, read_limits
+from ..forms.fields import FieldError
+from ..forms.inventory import (
     Entry,
     axle_loads_with,
     baseline_spread,
@@ -42,8 +40,10 @@ from ..inventory import (
     told_entries,
     with_bolted,
 )
-from ..steps import BenchStep
-from ..weight_form import BODY, check_inventory, check_weight, weight_of, weight_values
+from ..forms.weight_form import BODY, check_inventory, check_weight, weight_of, weight_values
+from ..state.bench_check import rest_levels
+from ..state.drafts import read_draft, remove_draft, write_draft
+from ..state.steps import BenchStep
 from ..widgets.row_list import RowList
 from .base import BenchScreen
 from .check import REST
@@ -325,7 +325,7 @@ class MassesScreen(BenchScreen):
         await asyncio.sleep(_QUIET_S)
         question = json.dumps({"bench": text, "folder": str(self.bench_app.folder)})
         process = subprocess.Popen(
-            [sys.executable, "-m", "tui.workers.gain"],
+            [sys.executable, "-m", "tui.jobs.gain"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -15,7 +15,7 @@ from textual.widgets import Static, TextArea
 from daq.control.orders import Note
 from daq.errors import printable
 
-from ..drafts import read_draft, remove_draft, write_draft
+from ..state.drafts import read_draft, remove_draft, write_draft
 
 if TYPE_CHECKING:
     from ..app import BenchApp

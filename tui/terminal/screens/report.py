@@ -12,11 +12,11 @@ from daq.control.messages import SessionState, Status
 from daq.control.orders import Mark, Start
 from daq.errors import printable
 
-from ...workers.lines import ReportTask
-from ...workers.worker import lines_of
-from ..long_work import LongWork, Stage, after
-from ..sessions import report_of, size_text
-from ..steps import BenchStep, is_marked
+from ...jobs.lines import ReportTask
+from ...jobs.session_list import report_of, size_text
+from ...jobs.worker import lines_of
+from ..state.long_work import LongWork, Stage, after
+from ..state.steps import BenchStep, is_marked
 from .work import OUTDATED, WorkScreen
 
 

@@ -15,10 +15,10 @@ from textual.widgets.option_list import Option
 from daq.control.messages import Status
 from daq.control.orders import Accept, Mark, Reject
 from daq.errors import printable
-from daq.recorder.book import BookStatus
+from daq.runlog.runlog import LoggedStatus
 
-from ...workers.outcome import Outcome
-from ..outcome_text import (
+from ...jobs.outcome import Outcome
+from ..state.outcome_text import (
     findings_lines,
     matrix_lines,
     mode_lines,
@@ -26,7 +26,7 @@ from ..outcome_text import (
     run_line,
     verdict_lines,
 )
-from ..steps import BenchStep, is_marked
+from ..state.steps import BenchStep, is_marked
 from ..widgets.decay_plot import DecayPlot
 from .base import BenchScreen
 from .work import OUTDATED
@@ -196,11 +196,11 @@ class ResultsScreen(BenchScreen):
 
     # Inside -------------------------------------------------------------------------------------
 
-    async def _decide(self, label: str, status: BookStatus) -> None:
+    async def _decide(self, label: str, status: LoggedStatus) -> None:
         """Reject a run of the recording, or take it back: the recorder's book is the truth."""
         order = (
             Reject(label, _REASON)
-            if status is BookStatus.ACCEPTED
+            if status is LoggedStatus.ACCEPTED
             else Accept(label, "taken back at the results")
         )
         if await self.bench_app.ask(order) is None:

@@ -9,7 +9,7 @@ from textual.containers import Horizontal, Vertical
 
 from daq.control.messages import Status
 
-from ..banner import banner
+from ..state.banner import banner
 from ..widgets.banner_bar import BannerBar
 from ..widgets.lists import AlarmList, Journal, RunList, TallyList
 from ..widgets.progress_line import ProgressLine

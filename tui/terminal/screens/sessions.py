@@ -17,10 +17,10 @@ from textual.widgets.option_list import Option
 from daq.control.messages import Status
 from daq.errors import printable
 
-from ...workers.lines import CompareTask, Done, Item, ListTask, Task, Trouble
-from ...workers.worker import lines_of
-from ..sessions import SessionEntry, SessionState, entry_line, found, heading, with_open
-from ..steps import progress
+from ...jobs.lines import CompareTask, Done, Item, ListTask, Task, Trouble
+from ...jobs.session_list import SessionEntry, SessionState, entry_line, found, heading, with_open
+from ...jobs.worker import lines_of
+from ..state.steps import progress
 from ..widgets.line import Line
 from .base import BenchScreen
 

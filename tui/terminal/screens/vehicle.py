@@ -17,10 +17,10 @@ from daq.control.messages import Status
 from daq.control.orders import Configure, Hello, Mark, Note
 from daq.errors import InputError
 
-from ..drafts import VEHICLE_FORM, last_form, read_draft, remove_draft, write_draft
-from ..forms import Field, FieldError
-from ..steps import BenchStep
-from ..vehicle_form import VEHICLE_FIELDS, check_vehicle, vehicle_text, vehicle_values
+from ..forms.fields import Field, FieldError
+from ..forms.vehicle_form import VEHICLE_FIELDS, check_vehicle, vehicle_text, vehicle_values
+from ..state.drafts import VEHICLE_FORM, last_form, read_draft, remove_draft, write_draft
+from ..state.steps import BenchStep
 from ..widgets.form import Form
 from .base import BenchScreen
 

@@ -13,8 +13,8 @@ from textual.events import DescendantFocus
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from ..forms import FieldError
-from ..weight_form import WEIGHT_FIELDS
+from ..forms.fields import FieldError
+from ..forms.weight_form import WEIGHT_FIELDS
 from ..widgets.form import Form
 
 Values = dict[str, str]

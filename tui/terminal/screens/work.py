@@ -8,7 +8,7 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.widgets import Static
 
-from ..long_work import LongWork, Stage, work_text
+from ..state.long_work import LongWork, Stage, work_text
 from .base import BenchScreen
 
 OUTDATED = "runs, weights or vehicle have changed since the session file was built"

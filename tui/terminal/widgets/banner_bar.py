@@ -9,8 +9,8 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.widgets import Digits, Static
 
-from ..banner import Banner
-from ..glyphs import Glyphs, GlyphSet
+from ..state.banner import Banner
+from ..state.glyphs import Glyphs, GlyphSet
 
 KINDS = ("armed", "moving", "good", "bad", "quiet")
 _WORD, _DIGITS = 13, 10

@@ -6,8 +6,8 @@ from textual.content import Content
 
 from daq.errors import printable
 
-from ..bench_check import FAIL, NOW, OK, WARN, CheckRow
-from ..glyphs import Glyphs
+from ..state.bench_check import FAIL, NOW, OK, WARN, CheckRow
+from ..state.glyphs import Glyphs
 
 _STYLES = {OK: "$success", WARN: "bold $warning", FAIL: "bold $error", NOW: "bold $accent"}
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from textual.content import Content
 from textual.widgets import Static
 
-from ...workers.outcome import RunOutcome
-from ..decay_chart import Ink, decay_rows
-from ..glyphs import Glyphs
+from ...jobs.outcome import RunOutcome
+from ..state.decay_chart import Ink, decay_rows
+from ..state.glyphs import Glyphs
 
 _STYLE = {Ink.AXIS: "$foreground", Ink.MEASURED: "$primary", Ink.FITTED: "bold $warning"}
 

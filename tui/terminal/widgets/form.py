@@ -13,7 +13,7 @@ from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Input, Static
 
-from ..forms import Field, FieldError
+from ..forms.fields import Field, FieldError
 from .line import Line
 
 

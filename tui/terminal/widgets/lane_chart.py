@@ -10,10 +10,10 @@ from textual.geometry import Region
 from textual.strip import Strip
 from textual.widget import Widget
 
-from ..glyphs import Glyphs
-from ..lane_view import LaneSpec, Window
-from ..lanes import Lanes
-from ..tracing import full_scale, pooled, trace
+from ..state.glyphs import Glyphs
+from ..state.lane_view import LaneSpec, Window
+from ..state.lanes import Lanes
+from ..state.tracing import full_scale, pooled, trace
 
 LANE_ROWS = 4
 """With fewer rows a decay looks like noise."""

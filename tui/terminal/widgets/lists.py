@@ -10,9 +10,9 @@ from textual.content import Content
 
 from daq.control.messages import Status, Tally
 from daq.errors import printable
-from daq.recorder.book import BookRun, BookStatus
+from daq.runlog.runlog import LoggedRun, LoggedStatus
 
-from ..glyphs import Glyphs
+from ..state.glyphs import Glyphs
 from .words import Words
 
 _KEPT = 200
@@ -84,9 +84,9 @@ class RunList(Words):
         lines = []
         for run in reversed(status.runs[-_KEPT:]):
             name = f"{run.mass_state} {run.excitation.value} {run.repeat}"
-            if run.status is BookStatus.OPEN:
+            if run.status is LoggedStatus.OPEN:
                 lines.append(Content.assemble((f"{self._glyphs.now} running   {name}", "bold")))
-            elif run.status is BookStatus.ACCEPTED:
+            elif run.status is LoggedStatus.ACCEPTED:
                 mark = (f"{self._glyphs.good} accepted  ", "bold $success")
                 lines.append(Content.assemble(mark, f"{name}  {run_figures(run)}"))
             else:
@@ -158,7 +158,7 @@ class AlarmList(Words):
         return rows
 
 
-def run_figures(run: BookRun) -> str:
+def run_figures(run: LoggedRun) -> str:
     """Return what was measured of a run, as far as the verdict says."""
     figures = next((f.text for f in run.findings if f.code == "motion"), "")
     taken = f"taken by {run.by}: {run.reason}" if run.by and run.reason else ""
@@ -179,7 +179,7 @@ def _frequency(status: Status, tally: Tally, wide: bool) -> str:
     found = [
         finding.value
         for run in status.runs
-        if run.status is BookStatus.ACCEPTED and (run.mass_state, run.excitation) == kind
+        if run.status is LoggedStatus.ACCEPTED and (run.mass_state, run.excitation) == kind
         for finding in run.findings
         if finding.code == "motion" and finding.value > 0
     ]
@@ -195,8 +195,8 @@ def _note(text: str, label: str, by: str) -> str:
     return f"note{about}: {text} ({by})" if by else text
 
 
-def _state(run: BookRun) -> str:
-    return "is recorded" if run.status is BookStatus.OPEN else run.status.value
+def _state(run: LoggedRun) -> str:
+    return "is recorded" if run.status is LoggedStatus.OPEN else run.status.value
 
 
 def _upper(code: str) -> str:
@@ -207,7 +207,7 @@ def _reasons(status: Status) -> dict[tuple[str, str], str]:
     """Return why runs of each kind were rejected, in short words."""
     why: dict[tuple[str, str], dict[str, None]] = {}
     for run in status.runs:
-        if run.status is BookStatus.REJECTED:
+        if run.status is LoggedStatus.REJECTED:
             failed = next((f.code for f in run.findings if not f.passed), "by hand")
             kind = (run.mass_state, run.excitation.value)
             why.setdefault(kind, {})[failed.replace("_", " ")] = None

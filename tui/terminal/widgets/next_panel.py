@@ -7,11 +7,11 @@ from textual.content import Content
 from daq.control.messages import Status
 from daq.errors import printable
 
-from ..banner import banner
-from ..feed import Lost
-from ..glyphs import Glyphs
-from ..next_action import NextAction
-from ..steps import progress
+from ..state.banner import banner
+from ..state.feed import Lost
+from ..state.glyphs import Glyphs
+from ..state.next_action import NextAction
+from ..state.steps import progress
 from .words import Words
 
 

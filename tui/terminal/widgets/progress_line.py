@@ -7,7 +7,7 @@ from textual.content import Content
 from daq.control.messages import Status
 from daq.errors import printable
 
-from ..glyphs import Glyphs
+from ..state.glyphs import Glyphs
 from .words import Words
 
 

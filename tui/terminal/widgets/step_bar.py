@@ -6,8 +6,8 @@ from textual.content import Content
 
 from daq.control.messages import Status
 
-from ..glyphs import Glyphs
-from ..steps import BenchStep, progress
+from ..state.glyphs import Glyphs
+from ..state.steps import BenchStep, progress
 from .words import Words
 
 ENOUGH = (80, 24)

@@ -10,7 +10,7 @@ from textual.content import Content
 from daq.control.messages import BusState, Status
 from daq.errors import printable
 
-from ..glyphs import Glyphs
+from ..state.glyphs import Glyphs
 from .words import Words
 
 if TYPE_CHECKING:

@@ -1,0 +1,1 @@
+"""Serial-line CAN adapters read in blocks."""

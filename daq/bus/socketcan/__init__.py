@@ -1,0 +1,1 @@
+"""SocketCAN read in blocks."""

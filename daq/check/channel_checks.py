@@ -1,0 +1,351 @@
+"""Bench check, channels: what a sensor says while the car stands still.
+
+An accelerometer that points upwards reads +1 g at rest, whatever it is called in the DBC: that
+proves unit, axis and sign at once.  Rates read nothing, travels are zero at ride height.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import InputError
+from dbc.layout import SignalLayout
+from dbc.samples import UNUSABLE, Decoded, Quality, Samples
+from dbc.units import G_M_S2, to_si
+
+from ..channels import ON_BODY, TIME_DERIVATIVE, Channel, Quantity
+from ..samples.groups import Timekeeping
+from ..samples.mapping import MappedChannel
+from .result import CheckLine, Verdict
+
+VERTICAL = frozenset({Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION})
+RATES = frozenset({Quantity.PITCH_RATE, Quantity.ROLL_RATE})
+TURNS = frozenset({Quantity.PITCH_ACCELERATION, Quantity.ROLL_ACCELERATION})
+
+_GRAVITY_TOLERANCE = 0.06
+"""Cosine of 20 degrees: a tilt beyond that matters."""
+_NONE_G = 0.06
+_SCALE_TOLERANCE = 0.08
+_QUIETEST = 2e-3
+"""No accelerometer for cars is quieter than this, m/s2: such a one is scaled wrong."""
+_SLOWEST_HZ = 50.0
+_GUESSED_M = 0.3
+_BLOCK_S = 0.1
+_STUCK_SAMPLES = 20
+_FINE_M_S2, _FINE_RAD_S = 0.05, 0.01
+"""A sensor whose steps are finer than this never stands quite still."""
+
+Found = tuple[Verdict, str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    """What a kind of sensor may do at rest, SI: noise, motion, zero, and what cannot be."""
+
+    noise: float
+    motion: float
+    zero: float
+    absurd: float
+
+
+_BODY = _Limits(0.5, 0.5, math.inf, math.inf)
+_HUB = _Limits(2.0, 1.0, math.inf, math.inf)
+_RATE = _Limits(0.02, 0.05, 0.035, 0.5)
+_TURN = _Limits(0.5, 0.5, 1.0, 20.0)
+_DISPLACEMENT = _Limits(2e-3, 5e-3, 0.03, 1.0)
+
+
+def _limits(quantity: Quantity) -> _Limits:
+    if quantity in VERTICAL:
+        return _BODY if quantity is Quantity.BODY_ACCELERATION else _HUB
+    if quantity in RATES:
+        return _RATE
+    return _TURN if quantity in TURNS else _DISPLACEMENT
+
+
+@dataclass(frozen=True, slots=True)
+class _Rest:
+    """A channel at rest, SI: level, noise of a sample, slow motion, and the unit to print."""
+
+    level: float
+    noise: float
+    motion: float
+    unit: str
+
+
+def check_channel(
+    mapped: MappedChannel,
+    others: Sequence[MappedChannel],
+    keeping: Timekeeping,
+    decoded: Decoded,
+    calibration_days: int,
+    today: date,
+) -> list[CheckLine]:
+    """Check one channel.
+
+    Parameters
+    ----------
+    mapped : MappedChannel
+        The channel.
+    others : sequence of MappedChannel
+        All channels of the bench.
+    keeping : Timekeeping
+        Which messages belong together.
+    decoded : Decoded
+        Traffic at rest.
+    calibration_days, today : int, date
+        A calibration older than so many days is worth a note.
+
+    Returns
+    -------
+    list of CheckLine
+        What it reads, unless something fails; and a line for each thing that is not right.
+    """
+    channel = mapped.channel
+    found = _calibration_lines(channel, calibration_days, today)
+    samples = decoded.samples.get(channel.signal)
+    subject = f"channel {channel.name}"
+    if samples is None or not len(samples.t_ns):
+        verdict = Verdict.WARN if channel.quantity is Quantity.UNUSED else Verdict.FAIL
+        found.append(
+            (verdict, f"no sample of {channel.signal}", f"see message {mapped.message.name}")
+        )
+        return [CheckLine(v, subject, r, a) for v, r, a in found]
+    signal = mapped.message.signal(channel.signal.partition(".")[2])
+    value = mapped.values(samples)
+    finite = np.isfinite(value)
+    found += _validity_lines(samples, value, signal)
+    if not finite.any():
+        return [CheckLine(v, subject, r, a) for v, r, a in found]
+    rest = _rest(value[finite], samples.t_ns[finite], channel.unit)
+    rate = _rate_hz(samples.t_ns)
+    figures = {"level": rest.level, "noise": rest.noise, "motion": rest.motion, "rate_hz": rate}
+    stuck = _stuck_lines(mapped, signal, samples.value[finite], value[finite])
+    found += stuck
+    if channel.quantity is not Quantity.UNUSED and not any(v is Verdict.FAIL for v, _, _ in stuck):
+        found += _rest_lines(mapped, rest)
+        if channel.quantity in VERTICAL:
+            found += _gravity_lines(mapped, rest, len(value), _siblings(mapped, keeping, decoded))
+        if rate < _SLOWEST_HZ and rate > 0:
+            reason = f"{rate:.0f} Hz is slow: wheels hop at 10 to 15 Hz"
+            found.append((Verdict.WARN, reason, "ask the sensor for 100 Hz or more"))
+    if channel.quantity in ON_BODY and channel.position_sigma_m >= _GUESSED_M:
+        reason = f"its position is a guess (+-{channel.position_sigma_m:g} m)"
+        found.append(
+            (Verdict.WARN, reason, "measure x_m and y_m from the middle of the front axle")
+        )
+    lines = [CheckLine(v, subject, r, a, figures) for v, r, a in found if v is not Verdict.OK]
+    if all(line.verdict is not Verdict.FAIL for line in lines):
+        proof = "".join(f", {reason}" for verdict, reason, _ in found if verdict is Verdict.OK)
+        reason = (
+            f"{rest.level:.4g} {rest.unit} at rest, noise {rest.noise:.2g}, {rate:.0f} Hz{proof}"
+        )
+        lines.insert(0, CheckLine(Verdict.OK, subject, reason, "", figures))
+    return lines
+
+
+def _rate_hz(t_ns: NDArray[np.int64]) -> float:
+    span_s = float(np.ptp(t_ns)) * 1e-9
+    return (len(t_ns) - 1) / span_s if span_s > 0 else 0.0
+
+
+def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Rest:
+    """Judge by medians and by all but the largest hundredth, which a knock cannot move."""
+    jump = np.sort(np.diff(value) ** 2)
+    most = jump[: len(jump) - len(jump) // 100]
+    noise = math.sqrt(float(np.mean(most)) / 2) if len(most) else 0.0
+    block = (t_ns - t_ns[0]) // round(_BLOCK_S * 1e9)
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    means = np.add.reduceat(value, starts) / np.diff(np.append(starts, len(value)))
+    low, high = np.quantile(means, [0.05, 0.95])
+    return _Rest(float(np.median(value)), noise, float(high - low), unit)
+
+
+def _calibration_lines(channel: Channel, days: int, today: date) -> list[Found]:
+    if not channel.calibrated:
+        return []
+    age = (today - date.fromisoformat(channel.calibrated)).days
+    which = f" (serial number {channel.serial_number})" if channel.serial_number else ""
+    if age < 0:
+        reason = f"calibrated on {channel.calibrated}, which is to come{which}"
+        return [(Verdict.WARN, reason, "mend calibrated, or the clock of this computer")]
+    if age > days:
+        reason = f"calibrated on {channel.calibrated}, {age} days ago{which}"
+        return [(Verdict.WARN, reason, f"have it calibrated; the limit is {days} days")]
+    return []
+
+
+_UNUSABLE_BECAUSE = {
+    Quality.CRC_BAD: "the checksum fails",
+    Quality.SENTINEL: "the sensor says that it has no value",
+    Quality.MISSING: "the frames are too short to hold it",
+}
+
+
+def _validity_lines(
+    samples: Samples, value: NDArray[np.float64], signal: SignalLayout
+) -> list[Found]:
+    n, found = len(value), []
+    for bit, why in _UNUSABLE_BECAUSE.items():
+        count = int(np.sum((samples.quality & bit) != 0))
+        if count:
+            verdict = Verdict.FAIL if count > n / 2 else Verdict.WARN
+            found.append(
+                (verdict, f"{count} of {n} samples are unusable: {why}", "see its message")
+            )
+    usable = (samples.quality & UNUSABLE) == 0
+    odd = int(np.sum(usable & ~np.isfinite(value)))
+    if odd:
+        found.append((Verdict.FAIL, f"{odd} of {n} samples are no numbers", "check the DBC's type"))
+    outside = int(np.sum(usable & ((samples.quality & Quality.OUT_OF_RANGE) != 0)))
+    if outside:
+        verdict = Verdict.FAIL if outside > n / 2 else Verdict.WARN
+        limits = f"{signal.minimum:g} to {signal.maximum:g} {signal.unit}"
+        reason = f"{outside} of {n} samples are outside {limits}"
+        found.append((verdict, reason, "check the sensor, or the range and factor in the DBC"))
+    if not signal.is_float and signal.length > 1:
+        low, high = signal.span
+        at_end = int(np.sum(usable & ((samples.value <= low) | (samples.value >= high))))
+        # Zero is where many an unsigned signal rests, and a constant one is reported as such.
+        if at_end and np.ptp(samples.value[usable]) > 0:
+            verdict = Verdict.FAIL if at_end > n / 100 else Verdict.WARN
+            reason = f"{at_end} of {n} samples lie at the end of its range ({low:g} to {high:g})"
+            found.append((verdict, reason, "it saturates, or says that it has no value"))
+    return found
+
+
+def _stuck_lines(
+    mapped: MappedChannel,
+    signal: SignalLayout,
+    told: NDArray[np.float64],
+    value: NDArray[np.float64],
+) -> list[Found]:
+    if len(value) < _STUCK_SAMPLES or np.ptp(value) > 0:
+        return []
+    quantity = mapped.channel.quantity
+    step = abs(mapped.factor * mapped.channel.gain * (0.0 if signal.is_float else signal.factor))
+    reason = f"stuck: all {len(value)} samples are {value[0]:.6g} {mapped.channel.unit}"
+    fine = TIME_DERIVATIVE.get(quantity, 0) > 0 and step < (
+        _FINE_RAD_S if quantity in RATES else _FINE_M_S2
+    )
+    at_end = not signal.is_float and signal.length > 1 and told[0] in signal.span and told[0] != 0
+    if fine or at_end:
+        return [(Verdict.FAIL, reason, "the sensor is dead, frozen or not started")]
+    if quantity is Quantity.UNUSED:
+        return []
+    return [(Verdict.WARN, reason, "move it: does it change?")]
+
+
+def _rest_lines(mapped: MappedChannel, rest: _Rest) -> list[Found]:
+    channel, found = mapped.channel, []
+    limits = _limits(channel.quantity)
+    if rest.motion > limits.motion:
+        reason = f"moves by {rest.motion:.2g} {rest.unit}: not at rest"
+        found.append((Verdict.WARN, reason, "let the car stand still and check again"))
+    if rest.noise > limits.noise:
+        reason = f"noise {rest.noise:.2g} {rest.unit} is more than the usual {limits.noise:g}"
+        found.append((Verdict.WARN, reason, "check mounting, cable and unit; stop the engine"))
+    away = abs(rest.level)
+    if away > limits.absurd:
+        reason = f"reads {rest.level:.4g} {rest.unit} at rest, which cannot be"
+        advice = _other_unit(mapped, rest.level, limits.absurd)
+        found.append((Verdict.FAIL, reason, advice))
+    elif away > limits.zero:
+        reason = f"reads {rest.level:.4g} {rest.unit} at rest instead of 0"
+        tare = rest.level + channel.tare
+        found.append((Verdict.WARN, reason, f"set tare = {tare:.5g} at ride height"))
+    return found
+
+
+def _other_unit(mapped: MappedChannel, level: float, absurd: float) -> str:
+    for unit in ("mm", "um") if mapped.channel.unit == "m" else ("deg/s", "mrad/s"):
+        si = to_si(unit)
+        if si.unit == mapped.channel.unit and abs(level / mapped.factor * si.factor) < absurd / 2:
+            return f'is its unit {unit}? state signal_unit = "{unit}"'
+    return "mend signal_unit, the factor in the DBC, or tare"
+
+
+_SCALES = (
+    (1 / G_M_S2, "g"),
+    (G_M_S2, "m/s2"),
+    (1e-3, ""),
+    (1e3, ""),
+    (1e-3 / G_M_S2, ""),
+    (1e-3 * G_M_S2, ""),
+    (1e3 / G_M_S2, ""),
+    (1e3 * G_M_S2, "mm/s2"),
+)
+"""What gravity becomes if the unit is wrong, as a factor, and the unit that it would prove."""
+
+
+def _gravity_lines(
+    mapped: MappedChannel, rest: _Rest, n: int, siblings: dict[str, float]
+) -> list[Found]:
+    """Judge unit, axis and sign by gravity."""
+    channel = mapped.channel
+    share = (rest.level + channel.tare) / G_M_S2
+    says = f"reads {rest.level:.4g} m/s2 at rest"
+    flip = f"set sign = {-channel.sign:.0f}"
+    if abs(share - 1) < _GRAVITY_TOLERANCE:
+        return [(Verdict.OK, "+1 g", "")]
+    if abs(share + 1) < _GRAVITY_TOLERANCE:
+        return [(Verdict.FAIL, f"{says}: upside down", flip)]
+    sure = 5 * rest.noise / math.sqrt(n)
+    for factor, unit in _SCALES:
+        fits = abs(abs(share) / factor - 1) < _SCALE_TOLERANCE
+        if abs(share) < _NONE_G:
+            fits &= rest.noise < _QUIETEST and abs(share) * G_M_S2 > sure
+        if fits:
+            turn = f" and {flip}" if share < 0 else ""
+            told = f'signal_unit = "{unit}"' if unit else f"gain = {channel.gain / factor:.6g}"
+            reason = f"{says}: {factor:.4g} times gravity, so its unit is wrong"
+            return [(Verdict.FAIL, reason, f"state {told}{turn}")]
+    if abs(share) < 0.5:
+        upright = [(name, value) for name, value in siblings.items() if abs(abs(value) - 1) < 0.1]
+        if upright:
+            name, value = upright[0]
+            turn = "" if value > 0 else " with sign = -1"
+            reason = f"{says}, but {name} {value:+.2f} g: the wrong axis"
+            return [(Verdict.FAIL, reason, f'take signal = "{name}"{turn}')]
+    if abs(share) < _NONE_G:
+        return [(Verdict.OK, "no gravity (AC-coupled, or tared in the sensor)", "")]
+    tilt = math.degrees(math.acos(min(abs(share), 1.0)))
+    angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
+    verdict = Verdict.FAIL if abs(abs(share) - 1) > 0.3 else Verdict.WARN
+    return [(verdict, f"{says}{angle}, or its scale is wrong", "mount it upright, or mend gain")]
+
+
+def _siblings(mapped: MappedChannel, keeping: Timekeeping, decoded: Decoded) -> dict[str, float]:
+    """Return what the other accelerations of the same sensor read, in g.
+
+    A sensor is the sample set, or the message, or messages of one sender.
+    """
+    own = mapped.message
+    names = {own.name}
+    for sample_set in keeping.sets:
+        if own.name in sample_set.messages:
+            names.update(sample_set.messages)
+    names.update(
+        m.name for m in keeping.messages.values() if m.senders and m.senders == own.senders
+    )
+    found = {}
+    for message in (keeping.messages[name] for name in sorted(names)):
+        for signal in message.signals:
+            name = f"{message.name}.{signal.name}"
+            samples = decoded.samples.get(name)
+            if name == mapped.channel.signal or samples is None or signal.is_multiplexed:
+                continue
+            try:
+                si = to_si(signal.unit)
+            except InputError:
+                continue
+            value = samples.value[(samples.quality & UNUSABLE) == 0]
+            if si.unit == "m/s2" and len(value):
+                found[name] = si.factor * float(np.median(value)) / G_M_S2
+    return found

@@ -1,0 +1,317 @@
+"""Bench check, frames: which arrive, how often, how whole; and who else is on the bus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.crc import CRC_RULES, covered
+from dbc.frames import FrameBatch, FrameFlag
+from dbc.layout import MessageLayout
+from dbc.samples import UNUSABLE, Decoded, Quality
+
+from ..bench.message_rules import MEND_MESSAGE
+from ..bus.wire_bits import wire_bits
+from ..channels import Quantity
+from ..samples import health
+from ..samples.groups import Timekeeping
+from ..samples.mapping import MappedChannel
+from .result import CheckLine, Verdict
+
+_RATE_WARN, _RATE_FAIL = 0.02, 0.10
+_LOST_FAIL = 0.01
+_LOAD_WARN = 0.8
+_CLOCK_WARN, _CLOCK_FAIL = 2e-3, 0.2
+_SILENT_S = 0.5
+_SHOWN_IDS = 6
+_EXTENDED_KEY = 1 << 29
+
+
+@dataclass(frozen=True, slots=True)
+class Arrivals:
+    """The data frames of one identifier."""
+
+    can_id: int
+    is_extended: bool
+    """`can_id`, `is_extended`: the identifier."""
+    t_ns: NDArray[np.int64]
+    """Arrival times, shape (n,)."""
+    length: NDArray[np.uint8]
+    """Bytes received, shape (n,)."""
+    data: NDArray[np.uint8]
+    """Payloads."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate; 0 for fewer than two frames, or if all came at one instant."""
+        span_s = float(self.t_ns[-1] - self.t_ns[0]) * 1e-9 if len(self.t_ns) > 1 else 0.0
+        return (len(self.t_ns) - 1) / span_s if span_s > 0 else 0.0
+
+    @property
+    def usual_length(self) -> int:
+        """The most frequent number of bytes."""
+        return int(np.argmax(np.bincount(self.length)))
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTable:
+    """All traffic by identifier."""
+
+    known: dict[str, Arrivals]
+    """Messages of the DBC that came."""
+    unknown: tuple[Arrivals, ...]
+    """Identifiers that are not in the DBC, the most frequent first."""
+    start_ns: int
+    end_ns: int
+    """`start_ns`, `end_ns`: first and last frame."""
+    bits: float
+    """Bits on the wire, estimated."""
+
+    @property
+    def seconds(self) -> float:
+        """Time between first and last frame."""
+        return (self.end_ns - self.start_ns) * 1e-9
+
+
+def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameTable:
+    """Sort the data frames of a recording, which must not be empty, by identifier."""
+    special = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
+    data = frames.select((frames.flags & special) == 0)
+    extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
+    key = data.can_id.astype(np.int64) + _EXTENDED_KEY * extended
+    order = np.argsort(key, kind="stable")
+    keys, first = np.unique(key[order], return_index=True)
+    names = {m.can_id + _EXTENDED_KEY * m.is_extended: m.name for m in messages}
+    known, unknown = {}, []
+    for one, rows in zip(keys.tolist(), np.split(order, first[1:]), strict=False):
+        part = data.select(rows)
+        is_extended, can_id = divmod(one, _EXTENDED_KEY)
+        arrivals = Arrivals(can_id, bool(is_extended), part.t_ns, part.length, part.data)
+        if one in names:
+            known[names[one]] = arrivals
+        else:
+            unknown.append(arrivals)
+    unknown.sort(key=lambda a: -len(a.t_ns))
+    bits = float(np.sum(wire_bits(data)))
+    return FrameTable(known, tuple(unknown), int(frames.t_ns.min()), int(frames.t_ns.max()), bits)
+
+
+def check_traffic(
+    messages: Sequence[MessageLayout], table: FrameTable, decoded: Decoded, bitrate: int
+) -> list[CheckLine]:
+    """Check the bus as a whole: load, error frames, unknown identifiers."""
+    load = table.bits / (bitrate * table.seconds) if table.seconds > 0 else 0.0
+    count = sum(len(a.t_ns) for a in (*table.known.values(), *table.unknown))
+    reason = f"{count} frames in {table.seconds:.2f} s, about {100 * load:.0f} % of the bit rate"
+    heavy = load > _LOAD_WARN
+    advice = "a full bus delays and loses frames: lower rates or take two buses" if heavy else ""
+    figures = {"frames": count, "seconds": table.seconds, "load": load}
+    verdict = Verdict.WARN if heavy else Verdict.OK
+    lines = [CheckLine(verdict, "bus", reason, advice, figures)]
+    if decoded.counts.error_frames:
+        reason = f"{decoded.counts.error_frames} error frames"
+        advice = "check termination (60 ohm between the wires), bit rate and plugs"
+        lines.append(CheckLine(Verdict.WARN, "bus", reason, advice))
+    if table.unknown:
+        lines.append(_unknown_line(messages, table.unknown))
+    return lines
+
+
+def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]) -> CheckLine:
+    shown = ", ".join(f"{_hex(a)} ({a.rate_hz:.0f} Hz)" for a in unknown[:_SHOWN_IDS])
+    more = f" and {len(unknown) - _SHOWN_IDS} more" if len(unknown) > _SHOWN_IDS else ""
+    reason = f"{len(unknown)} identifiers are not in the DBC: {shown}{more}"
+    advice = "foreign devices, or the DBC is not the one of this bus"
+    by_id = {m.can_id: m for m in messages}
+    for a in unknown:
+        twin = by_id.get(a.can_id)
+        if twin is not None and twin.is_extended != a.is_extended:
+            bits = (29, 11) if a.is_extended else (11, 29)
+            advice = (
+                f"{a.can_id:#x} comes with {bits[0]} bits; the DBC has {twin.name} with {bits[1]}"
+            )
+    return CheckLine(Verdict.WARN, "bus", reason, advice, {"unknown": len(unknown)})
+
+
+def _hex(a: Arrivals) -> str:
+    return f"{a.can_id:#x}" + ("x" if a.is_extended else "")
+
+
+def check_messages(
+    mapped: Sequence[MappedChannel], keeping: Timekeeping, table: FrameTable, decoded: Decoded
+) -> list[CheckLine]:
+    """Check every message that carries a channel or binds a sample set."""
+    carriers = {sample_set.carrier[0] for sample_set in keeping.sets}
+    used = {m.message.name for m in mapped if m.channel.quantity is not Quantity.UNUSED}
+    names = dict.fromkeys([*(m.message.name for m in mapped), *sorted(carriers)])
+    counters = health.advance(
+        tuple(keeping.messages.values()), health.HealthState(), decoded
+    ).counters
+    lines: list[CheckLine] = []
+    for name in names:
+        message, arrivals = keeping.messages[name], table.known.get(name)
+        if arrivals is None:
+            verdict = Verdict.FAIL if name in used | carriers else Verdict.WARN
+            lines.append(_missing_line(message, table.unknown, verdict))
+            continue
+        counter = counters.get(name)
+        sent = len(arrivals.t_ns) + (counter.missing if counter else 0)
+        found = [
+            *_rate_lines(message, arrivals, sent, table, name in keeping.clocks),
+            *_length_lines(message, arrivals),
+            *_checksum_lines(message, arrivals, decoded),
+            *(_counter_lines(message, counter, decoded) if counter else ()),
+            *_clock_lines(message, keeping, decoded),
+        ]
+        rate = arrivals.rate_hz * sent / len(arrivals.t_ns)
+        figures = {"rate_hz": rate, "jitter_s": _jitter_s(arrivals), "frames": len(arrivals.t_ns)}
+        if not found:
+            reason = f"{rate:.1f} Hz, jitter {1e3 * figures['jitter_s']:.2f} ms"
+            found = [(Verdict.OK, reason, "")]
+        lines += [CheckLine(v, f"message {name}", r, a, figures) for v, r, a in found]
+    return lines
+
+
+Found = tuple[Verdict, str, str]
+
+
+def _missing_line(
+    message: MessageLayout, unknown: Sequence[Arrivals], verdict: Verdict
+) -> CheckLine:
+    width = " with 29 bits" if message.is_extended else ""
+    reason = f"no frame with identifier {message.can_id:#x}{width}"
+    advice = "is the sensor on, set to this identifier, and told to send?"
+    alike = [
+        _hex(a)
+        for a in unknown
+        if a.usual_length == message.length
+        and (message.cycle_s is None or abs(a.rate_hz * message.cycle_s - 1) < _RATE_FAIL)
+    ]
+    if alike:
+        advice += f" {', '.join(alike[:3])} has its length and rate"
+    return CheckLine(verdict, f"message {message.name}", reason, advice)
+
+
+def _jitter_s(arrivals: Arrivals) -> float:
+    """Return how far 99 of 100 intervals lie from the usual one, s."""
+    if len(arrivals.t_ns) < 3:
+        return 0.0
+    interval = np.diff(arrivals.t_ns) * 1e-9
+    return float(np.quantile(np.abs(interval - np.median(interval)), 0.99))
+
+
+def _rate_lines(
+    message: MessageLayout, arrivals: Arrivals, sent: int, table: FrameTable, has_time: bool
+) -> list[Found]:
+    rate, found = arrivals.rate_hz * sent / len(arrivals.t_ns), []
+    last_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
+    if last_s > max(_SILENT_S, 10 * (message.cycle_s or 0.0)):
+        found.append((Verdict.FAIL, f"silent for the last {last_s:.2f} s", "check plug and power"))
+    if message.cycle_s is None:
+        if message.counter is not None and not has_time and rate > 0:
+            reason = f"{rate:.1f} Hz; without a cycle time its counter gives no sample times"
+            found.append((Verdict.WARN, reason, f"state cycle_ms = {1e3 / rate:.3g} for it"))
+        return found
+    expected = 1 / message.cycle_s
+    off = rate / expected - 1
+    if abs(off) > _RATE_WARN:
+        verdict = Verdict.FAIL if abs(off) > _RATE_FAIL else Verdict.WARN
+        reason = f"{rate:.1f} Hz instead of {expected:.1f} Hz"
+        advice = f"set the sensor's rate, or state cycle_ms = {1e3 / max(rate, 1e-3):.3g} for it"
+        found.append((verdict, reason, advice))
+    jitter_s = _jitter_s(arrivals)
+    if message.counter is None and not has_time and jitter_s > message.cycle_s / 2:
+        reason = f"frames arrive up to {1e3 * jitter_s:.2f} ms off their beat"
+        advice = "without counter or time stamp these are errors of the sample times"
+        found.append((Verdict.WARN, reason, advice))
+    return found
+
+
+def _length_lines(message: MessageLayout, arrivals: Arrivals) -> list[Found]:
+    n, short = len(arrivals.length), int(np.sum(arrivals.length < message.length))
+    long = int(np.sum(arrivals.length > message.length))
+    sizes = "/".join(str(v) for v in np.unique(arrivals.length[arrivals.length != message.length]))
+    says = f"have {sizes} bytes; the DBC says {message.length}"
+    if short:
+        return [(Verdict.FAIL, f"{short} of {n} frames {says}", "mend the length, or the DBC")]
+    if long:
+        return [(Verdict.WARN, f"{long} of {n} frames {says}", "what is behind is not decoded")]
+    return []
+
+
+def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded) -> list[Found]:
+    if message.crc is None:
+        return []
+    quality = decoded[f"{message.name}.{message.crc}"].quality
+    n, bad = len(quality), int(np.sum((quality & Quality.CRC_BAD) != 0))
+    if not bad:
+        return []
+    reason = f"{bad} of {n} frames fail their checksum ({message.crc_rule})"
+    others = fitting_rules(arrivals, message.signal(message.crc).first_byte, message.length)
+    if others:
+        return [(Verdict.FAIL, reason, f"{others[0]} fits: state it as crc_rule in [[message]]")]
+    if bad > n / 2:
+        return [(Verdict.FAIL, reason, f"another rule than {', '.join(CRC_RULES)}: leave it out")]
+    verdict = Verdict.FAIL if bad > _LOST_FAIL * n else Verdict.WARN
+    return [(verdict, reason, "check wiring and power of the sensor")]
+
+
+def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
+    """Return the checksum rules that all frames of full length pass, where that is no accident."""
+    whole = arrivals.data[arrivals.length == length]
+    whole = np.unique(whole, axis=0)
+    if len(whole) < 4:  # a wrong rule passes one frame in 256
+        return []
+    head = covered(whole, byte, length)
+    return [n for n, rule in CRC_RULES.items() if np.array_equal(rule(head), whole[:, byte])]
+
+
+def _counter_lines(
+    message: MessageLayout, counter: health.CounterHealth, decoded: Decoded
+) -> list[Found]:
+    assert message.counter is not None  # held by health.advance
+    name = message.counter.signal
+    samples = decoded[f"{message.name}.{name}"]
+    value = samples.value[(samples.quality & UNUSABLE) == 0]
+    if len(value) > 10 and np.all(value == value[0]):
+        reason = f"the counter {name} stands still at {value[0]:.0f}"
+        return [(Verdict.FAIL, reason, "the sensor hangs, or this is no counter")]
+    found: list[Found] = []
+    n = counter.received
+    step = np.diff(value)
+    if len(step) and np.any(value >= message.counter.modulus):
+        reason = (
+            f"the counter {name} reaches {value.max():.0f}, beyond {message.counter.modulus - 1}"
+        )
+        return [(Verdict.FAIL, reason, "mend counter_modulus")]
+    if counter.missing:
+        verdict = Verdict.FAIL if counter.missing > _LOST_FAIL * n else Verdict.WARN
+        reason = f"{counter.missing} frames are missing by the counter {name} (of {n})"
+        advice = "frames are lost on the way, or the counter counts something else"
+        found.append((verdict, reason, advice))
+    if counter.restarts:
+        reason = f"the counter {name} started anew {counter.restarts} times"
+        found.append((Verdict.FAIL, reason, "the sensor restarts: check its power"))
+    return found
+
+
+def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded) -> list[Found]:
+    clock = keeping.clocks.get(message.name)
+    if clock is None:
+        return []
+    samples = decoded[clock.signal]
+    good = (samples.quality & UNUSABLE) == 0
+    stamp_s, t_s = samples.value[good] * clock.factor, samples.t_ns[good] * 1e-9
+    if len(t_s) < 10 or t_s[-1] - t_s[0] <= 0:
+        return []
+    gap = np.diff(stamp_s) % (clock.wrap * clock.factor)
+    rate = float(np.sum(gap) / (t_s[-1] - t_s[0]))
+    reason = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
+    if abs(rate - 1) > _CLOCK_FAIL:
+        return [(Verdict.FAIL, reason, f"mend time_unit or time_wrap; {MEND_MESSAGE}")]
+    if abs(rate - 1) > _CLOCK_WARN:
+        return [(Verdict.WARN, reason, "is the host's clock set while measuring?")]
+    return []

@@ -1,0 +1,233 @@
+"""The guided wiggle: push one corner of the car down, and the sensors prove place and sign.
+
+A push on a corner presses its suspension together (travel first positive), sinks the body there
+(displacement first negative), and turns it: nose down at the front (pitch rate first positive), the
+pushed side down (positive roll lifts the left side, so first negative on the left).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..channels import Channel, Quantity
+from ..vehicle import Corner
+
+ORDER = (Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RIGHT)
+"""In which the corners are pushed."""
+_WORDS = {
+    Corner.FRONT_LEFT: "front LEFT",
+    Corner.FRONT_RIGHT: "front RIGHT",
+    Corner.REAR_LEFT: "rear LEFT",
+    Corner.REAR_RIGHT: "rear RIGHT",
+}
+
+_LEAST = {
+    Quantity.SUSPENSION_TRAVEL: 3e-3,
+    Quantity.BODY_DISPLACEMENT: 3e-3,
+    Quantity.PITCH_RATE: 0.01,
+    Quantity.ROLL_RATE: 0.01,
+}
+"""What a hand does at least, SI.  Accelerations have no part: in them what comes back is stronger
+than what came first, and gravity has proved their signs already."""
+_OVER_NOISE = 6.0
+_FIRST_SHARE = 0.4
+"""Of the peak: where the first excursion is told from noise and from what comes back."""
+_SETTLED_S = 0.6
+_LONGEST_S = 5.0
+_SURE = 0.4
+
+Envelope = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True)
+class Wiggle:
+    """What a push on one corner showed."""
+
+    corner: Corner
+    """Which was to be pushed."""
+    done: bool
+    passed: bool
+    """`done`, `passed`: whether the push is over, and whether everything that moved moved as it
+    must."""
+    text: str
+    advice: str = ""
+    """`text`, `advice`: what was seen, and what to do."""
+    inverted: tuple[str, ...] = ()
+    """Channels that moved the wrong way."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Move:
+    """How a channel moved: its largest deviation, and which way it went first."""
+
+    channel: Channel
+    size: float
+    first: int
+
+
+def spoken(corner: Corner) -> str:
+    """Return a corner in words for a person who bends over a bonnet."""
+    return _WORDS[corner]
+
+
+def can_tell(channels: Sequence[Channel]) -> bool:
+    """Whether any channel of a bench shows a push of a hand."""
+    return any(channel.quantity in _LEAST for channel in channels)
+
+
+def judge_wiggle(
+    corner: Corner,
+    channels: Sequence[Channel],
+    lanes: Mapping[str, Envelope],
+    begin: int,
+    bin_s: float,
+) -> Wiggle:
+    """Judge the push on one corner as far as it has come.
+
+    Parameters
+    ----------
+    corner : Corner
+        Which is to be pushed.
+    channels : sequence of Channel
+        Of the bench.
+    lanes : mapping of channel name to (low (n,) float64, high (n,) float64)
+        The last seconds as an envelope, NaN where there is no sample; all on the same bins, and
+        most of them at rest.
+    begin : int
+        The first bin that counts: before it another corner may have been pushed.
+    bin_s : float
+        Width of a bin, s.
+    """
+    asked = Wiggle(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
+    deviations = {
+        c: found
+        for c in channels
+        if c.quantity in _LEAST and (found := _deviation(c, lanes.get(c.name), begin)) is not None
+    }
+    moves = {c: _move(c, deviation) for c, (deviation, least) in deviations.items()
+             if _peak(deviation) >= least}  # fmt: skip
+    if not moves:
+        return asked
+    if not _over(list(deviations.values()), bin_s):
+        return Wiggle(corner, False, False, "moving: let it come to rest")
+    return _judged(corner, list(moves.values()), channels)
+
+
+def _deviation(
+    channel: Channel, lane: Envelope | None, begin: int
+) -> tuple[NDArray[np.float64], float] | None:
+    """Return how far a channel is from rest since `begin`, and what counts as a movement."""
+    if lane is None or not len(lane[0]):
+        return None
+    low, high = lane
+    middle = (low + high) / 2.0
+    seen = middle[np.isfinite(middle)]
+    if not len(seen):
+        return None
+    rest = float(np.median(seen))
+    noise = 1.48 * float(np.median(np.abs(seen - rest)))  # a push does not move a median
+    away = np.nan_to_num(middle - rest)[begin:]
+    return away, max(_LEAST[channel.quantity], _OVER_NOISE * noise)
+
+
+def _peak(deviation: NDArray[np.float64]) -> float:
+    return float(np.max(np.abs(deviation), initial=0.0))
+
+
+def _move(channel: Channel, deviation: NDArray[np.float64]) -> _Move:
+    peak = _peak(deviation)
+    first = int(np.argmax(np.abs(deviation) >= _FIRST_SHARE * peak))
+    return _Move(channel, peak, int(np.sign(deviation[first])))
+
+
+def _over(deviations: Sequence[tuple[NDArray[np.float64], float]], bin_s: float) -> bool:
+    """Whether all is at rest again, or has gone on for too long to wait."""
+    began, ended, length = [], [], 0
+    for deviation, least in deviations:
+        loud = np.flatnonzero(np.abs(deviation) >= least)
+        length = len(deviation)
+        if len(loud):
+            began.append(int(loud[0]))
+            ended.append(int(loud[-1]))
+    quiet_s = (length - 1 - max(ended)) * bin_s
+    return quiet_s >= _SETTLED_S or (length - 1 - min(began)) * bin_s >= _LONGEST_S
+
+
+def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel]) -> Wiggle:
+    travels = [m for m in moves if m.channel.quantity is Quantity.SUSPENSION_TRAVEL]
+    own = next(
+        (c for c in channels
+         if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is corner), None
+    )  # fmt: skip
+    if own is not None and not travels:
+        text = f"{own.name} did not move"
+        return Wiggle(corner, True, False, text, "check its plug and its rod, then push again")
+    most = max(travels, key=lambda m: m.size, default=None)
+    if own is not None and most is not None and most.channel.corner is not corner:
+        return _elsewhere(corner, own, most, moves)
+    wrong = [m for m in moves if (way := _expected(corner, m.channel, channels)) and way != m.first]
+    seen = most or moves[0]
+    sizes = f"{seen.channel.name} moved {_spoken_size(seen)}"
+    if wrong:
+        names = tuple(m.channel.name for m in wrong)
+        text = f"{', '.join(names)} moved the wrong way"
+        return Wiggle(corner, True, False, text, f"I inverts the sign of {names[0]}", names)
+    return Wiggle(corner, True, True, f"{sizes}, sign right")
+
+
+def _elsewhere(corner: Corner, own: Channel, most: _Move, moves: Sequence[_Move]) -> Wiggle:
+    """Tell a swapped plug from a push on another corner, as far as the gyros know."""
+    assert most.channel.corner is not None  # held by Channel: a travel has a corner
+    pushed = _corner_of_turn(moves)
+    text = f"{most.channel.corner} moved"
+    if pushed is most.channel.corner:
+        text += f", and the car tilted that way: not the {spoken(corner)} was pushed"
+        return Wiggle(corner, True, False, text, f"push the {spoken(corner)}")
+    text += f": {own.name} and {most.channel.name} are swapped"
+    advice = "swap their plugs, or their signals in bench.toml"
+    if pushed is None:
+        advice += f"; or another corner was pushed: R, and push the {spoken(corner)}"
+    return Wiggle(corner, True, False, text, advice)
+
+
+def _corner_of_turn(moves: Sequence[_Move]) -> Corner | None:
+    """Return the corner that went down by pitch and roll; None if either did not move."""
+    pitch = next((m.first for m in moves if m.channel.quantity is Quantity.PITCH_RATE), 0)
+    roll = next((m.first for m in moves if m.channel.quantity is Quantity.ROLL_RATE), 0)
+    if not (pitch and roll):
+        return None
+    return next(c for c in Corner if (c.front, c.side) == (pitch > 0, -roll))
+
+
+def _expected(corner: Corner, channel: Channel, channels: Sequence[Channel]) -> int:
+    """Return which way a channel goes first, +1 or -1; 0 where that is not sure."""
+    quantity = channel.quantity
+    if quantity is Quantity.SUSPENSION_TRAVEL:
+        return 1 if channel.corner is corner else 0
+    if quantity is Quantity.PITCH_RATE:
+        return 1 if corner.front else -1
+    if quantity is Quantity.ROLL_RATE:
+        return -corner.side
+    return -1 if quantity is Quantity.BODY_DISPLACEMENT and _sinks(corner, channel) else 0
+
+
+def _sinks(corner: Corner, channel: Channel) -> bool:
+    """Whether a point of the body surely goes down with a corner.
+
+    A plate on four equal springs sinks by 1 + u u' + v v' at (u, v), counted in half lengths from
+    its middle, if it is pushed at (u', v'); a car of usual size will do for the halves.
+    """
+    if channel.at_cg:
+        return True
+    u, v = 1.0 + channel.x_m / 1.4, channel.y_m / 0.75
+    return 1.0 + u * (1 if corner.front else -1) + v * corner.side > _SURE
+
+
+def _spoken_size(move: _Move) -> str:
+    if move.channel.unit == "m":
+        return f"{move.first * move.size * 1e3:+.0f} mm"
+    return f"{move.first * move.size:+.2g} {move.channel.unit}"

@@ -1,0 +1,214 @@
+"""From the journal to a session: runs are cut, decoded, mapped to SI, and their losses counted.
+
+Pure: the same journal always gives the same session.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import uuid
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from dbc import Codec
+from dbc.frames import FrameBatch
+from dbc.samples import Decoded
+
+from ..bench.config import Bench, bench_codec, parse_bench
+from ..channels import Quantity
+from ..errors import InputError
+from ..journal.contents import HopCounts, JournalContents
+from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog, fold
+from ..runs import Event, Losses, Run, RunStatus, SampleGroup
+from ..samples import health, trigger
+from ..samples.groups import sample_groups, timekeeping
+from ..samples.mapping import MappedChannel, map_channels
+from ..sessions import Session
+
+_NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
+"""Events that are told elsewhere in a session, or say nothing of the run in which they fall."""
+_TEXT_BYTES = 160
+"""An event's text in a session file."""
+_EDGE_S = 0.05
+"""A run whose first or last sample lies further inside its window than this is not whole."""
+
+
+def session_from_journal(contents: JournalContents) -> Session:
+    """Build the session that a journal holds.
+
+    Raises
+    ------
+    InputError
+        If the bench.toml or DBC in the journal cannot be used any more.
+    """
+    book = fold(contents.events)
+    text = book.bench_text or contents.bench_text
+    bench = parse_bench(text, "bench.toml in the journal", Path(), contents.dbc_text)
+    codec = bench_codec(bench)
+    digest = hashlib.sha256(contents.frames.data.tobytes() + contents.frames.t_ns.tobytes())
+    created = datetime.fromtimestamp(contents.head.wall_ns * 1e-9, UTC)
+    provenance = {
+        # The same recording has the same name, however often its session is built.
+        "uuid": str(uuid.UUID(contents.head.recording or digest.hexdigest()[:32])),
+        "created": created.isoformat(timespec="seconds"),
+        "software": contents.head.software,
+        "frames_sha256": digest.hexdigest(),
+        "journal_losses": contents.lost.text if contents.lost.any else "none",
+        "dbc": contents.dbc_text,
+        "bench_toml": text,
+        **_remarks(book),
+    }
+    return build_session(bench, codec, contents.frames, contents.events, contents.hops, provenance)
+
+
+def _remarks(book: RunLog) -> dict[str, str]:
+    """Return what was found of each run and what persons said, as JSON."""
+    found = {run.label: [asdict(f) for f in run.findings] for run in book.runs if run.findings}
+    notes = json.dumps([asdict(note) for note in book.notes])
+    overrides = json.dumps([asdict(override) for override in book.overrides])
+    said = {"verdicts": json.dumps(found), "notes": notes, "overrides": overrides}
+    return {name: text for name, text in said.items() if text not in ("{}", "[]")}
+
+
+def build_session(
+    bench: Bench,
+    codec: Codec,
+    frames: FrameBatch,
+    events: Sequence[Event],
+    hops: HopCounts,
+    provenance: dict[str, str],
+) -> Session:
+    """Cut the runs out of a recording.
+
+    A run reaches from `pre_s` before to `post_s` after a `bump` event.  Known delays of the
+    channels are not taken off the times: that is the identification's business, which also knows
+    how uncertain they are.
+
+    Parameters
+    ----------
+    bench : Bench
+        Channels, campaign and trigger times.
+    codec : Codec
+        The bench's DBC (`config.bench_codec`).
+    frames : FrameBatch
+        All frames in order of arrival.
+    events : sequence of Event
+        As the recorder stored them.
+    hops : HopCounts
+        Losses between wire and journal.
+    provenance : mapping of str to str
+        Taken over.
+
+    Returns
+    -------
+    Session
+        One run for each bump, with what was decided on it.  It is rejected in any case if the
+        recording, or a message that the identification needs, does not cover it.
+
+    Raises
+    ------
+    InputError
+        If a channel does not fit the DBC, or a bump is of no mass state of the bench.
+    """
+    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    book = fold(events)
+    states = [state.name for state in bench.mass_states]
+    for event in events:
+        if event.code != trigger.BUMP:
+            continue
+        run = book.run(event.text)
+        if run is None or run.mass_state not in states:
+            what = f"the recording has a bump {event.text!r}, which is no run of this bench"
+            raise InputError("bench.toml", what, "use the bench.toml of the recording")
+    runs = [_run(bench, codec, mapped, run, frames, events, hops) for run in book.runs]
+    return Session(
+        vehicle=bench.vehicle,
+        channels=tuple(m.channel for m in mapped),
+        mass_states=bench.mass_states,
+        runs=tuple(runs),
+        provenance=provenance,
+    )
+
+
+def _run(
+    bench: Bench,
+    codec: Codec,
+    mapped: Sequence[MappedChannel],
+    run: LoggedRun,
+    frames: FrameBatch,
+    events: Sequence[Event],
+    hops: HopCounts,
+) -> Run:
+    start_ns = run.t_ns - round(bench.trigger.pre_s * 1e9)
+    stop_ns = run.t_ns + round(bench.trigger.post_s * 1e9)
+    own = frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns))
+    decoded = codec.decode(own)
+    groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
+    reasons = (*run.reasons, *_shortcomings(mapped, groups, own, start_ns, stop_ns))
+    rejected = bool(reasons) or run.status is LoggedStatus.REJECTED
+    return Run(
+        mass_state=run.mass_state,
+        excitation=run.excitation,
+        repeat=run.repeat,
+        t0_ns=start_ns,
+        bump_s=bench.bump_s,
+        groups=groups,
+        status=RunStatus.REJECTED if rejected else RunStatus.ACCEPTED,
+        reasons=reasons,
+        losses=_losses(codec, decoded, hops, start_ns, stop_ns),
+        events=tuple(
+            _short(event)
+            for event in events
+            if start_ns <= event.t_ns <= stop_ns and event.code not in _NOT_OF_A_RUN
+        ),
+        frames=own,
+    )
+
+
+def _short(event: Event) -> Event:
+    if len(event.text.encode()) <= _TEXT_BYTES:
+        return event
+    cut = event.text.encode()[: _TEXT_BYTES - 3].decode("utf-8", "ignore")
+    return replace(event, text=f"{cut}...")
+
+
+def _shortcomings(
+    mapped: Sequence[MappedChannel],
+    groups: Sequence[SampleGroup],
+    own: FrameBatch,
+    start_ns: int,
+    stop_ns: int,
+) -> tuple[str, ...]:
+    """Say why a run cannot be used, as far as that is certain without identifying anything."""
+    length_s = (stop_ns - start_ns) * 1e-9
+    end_s = (int(own.t_ns.max()) - start_ns) * 1e-9 if len(own) else 0.0
+    if end_s < length_s - _EDGE_S:
+        return (f"the recording ended {length_s - end_s:.2f} s before the run did",)
+    group_of = {name: group for group in groups for name in group.values}
+    reasons: dict[str, None] = {}  # a set that keeps its order: channels share messages
+    for m in mapped:
+        if m.channel.quantity is Quantity.UNUSED:
+            continue
+        group, edge_s = group_of.get(m.channel.name), _EDGE_S + 2 * (m.message.cycle_s or 0.0)
+        if group is None:
+            reasons[f"no frame of {m.message.name} ({m.message.can_id:#x}) was received"] = None
+        elif group.time_s[0] > edge_s or group.time_s[-1] < length_s - edge_s:
+            span = f"{max(group.time_s[0], 0.0):.2f} to {group.time_s[-1]:.2f} s"
+            reasons[f"{m.message.name} was received only from {span} of {length_s:.2f} s"] = None
+    return tuple(reasons)
+
+
+def _losses(codec: Codec, decoded: Decoded, hops: HopCounts, start_ns: int, stop_ns: int) -> Losses:
+    sensors = health.advance(codec.messages, health.HealthState(), decoded).losses
+    wire = hops.between(start_ns, stop_ns)
+    return health.losses_added(
+        sensors,
+        Losses(
+            bus_dropped=wire.bus_dropped,
+            bus_garbled=wire.bus_garbled,
+            queue_dropped=wire.queue_dropped,
+        ),
+    )

@@ -1,0 +1,276 @@
+"""From logs to a session: the bumps are found and the runs cut as in a recording.
+
+A log goes through the recorder's own trigger block by block.  Only what lies around the bumps is
+kept, so memory grows with the number of runs, not with the length of the log.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import uuid
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass, fields, replace
+from datetime import UTC, datetime
+from itertools import count
+
+import numpy as np
+
+from dbc import Codec
+from dbc.frames import FrameBatch, read_only
+
+from ..bench.campaign import Campaign, Step
+from ..bench.config import Bench
+from ..bus.source import HopLosses
+from ..errors import InputError
+from ..journal.contents import HopCounts
+from ..runs import Event, Excitation
+from ..samples import trigger
+from ..samples.bench_mapping import bench_mapping
+from ..samples.trigger import UNPLANNED
+from ..sessions import Session
+from .build_samples import build_session
+
+_SLACK_NS = 2_000_000_000
+"""Frames are kept so much longer than a run reaches back: some arrive late."""
+_CONTINUES_NS = 1_000_000_000
+"""A log that begins so soon after the end of the one before it goes on with it."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogPart:
+    """What an import keeps of a stretch of log."""
+
+    frames: FrameBatch
+    """Those around the bumps, in order of arrival."""
+    events: tuple[Event, ...]
+    """All of them; each `bump` has the time of its onset."""
+    hops: HopCounts
+    """Losses block by block."""
+    unknown_id: int
+    """Frames that are not in the DBC."""
+
+    @property
+    def bumps(self) -> int:
+        """Number of bumps in it."""
+        return sum(event.code == trigger.BUMP for event in self.events)
+
+
+class Intake:
+    """Takes in one stretch of log block by block, then tells what was in it.
+
+    Parameters
+    ----------
+    bench : Bench
+        Channels and trigger.
+    codec : Codec
+        The bench's DBC.
+
+    Raises
+    ------
+    InputError
+        As `daq.samples.bench_mapping`.
+    """
+
+    def __init__(self, bench: Bench, codec: Codec) -> None:
+        self._bench, self._codec = bench, codec
+        mapped, triggers = bench_mapping(bench, codec)
+        self._feeds = tuple(m for m in mapped if m.channel.name in triggers)
+        self._shelf = _Shelf(round(bench.trigger.pre_s * 1e9), round(bench.trigger.post_s * 1e9))
+        self._trigger = trigger.TriggerState()
+        self._unknown_id = 0
+        self._end_ns: int | None = None
+
+    def goes_on_with(self, batch: FrameBatch) -> bool:
+        """Whether a block follows what was taken in so far, without a break in time."""
+        if self._end_ns is None:
+            return True
+        return 0 <= int(batch.t_ns[0]) - self._end_ns < _CONTINUES_NS
+
+    def take(self, batch: FrameBatch, hops: HopLosses) -> int:
+        """Take in a block, and the losses counted up to it; return how many bumps were found."""
+        self._shelf.append(batch, hops)
+        decoded = self._codec.decode(batch)
+        self._unknown_id += decoded.counts.unknown_id
+        block = {
+            feed.channel.name: (samples.t_ns, feed.values(samples))
+            for feed in self._feeds
+            if (samples := decoded.samples.get(feed.channel.signal)) is not None
+        }
+        self._trigger, events = trigger.advance(self._bench.trigger, self._trigger, block)
+        self._shelf.append_events(events)
+        self._end_ns = int(batch.t_ns[-1])
+        return sum(event.code == trigger.BUMP for event in events)
+
+    def part(self) -> LogPart:
+        """Return what was kept."""
+        frames, hops = self._shelf.contents()
+        return LogPart(frames, tuple(self._shelf.events), hops, self._unknown_id)
+
+
+class _Shelf:
+    """Where frames are put: those around a bump stay, the others are let go."""
+
+    def __init__(self, pre_ns: int, post_ns: int) -> None:
+        self.events: list[Event] = []
+        self._pre_ns, self._post_ns = pre_ns, post_ns
+        self._recent: list[FrameBatch] = []
+        self._kept: list[FrameBatch] = []
+        self._windows: list[tuple[int, int]] = []
+        self._blocks: list[tuple[int, ...]] = []
+
+    def append(self, frames: FrameBatch, losses: HopLosses) -> None:
+        latest_ns = int(frames.t_ns.max())
+        self._blocks.append((latest_ns, *astuple(losses)))
+        self._recent.append(frames)
+        # The bumps of this block are found after it was put here: its first may need what is
+        # before it, however long the block is.
+        horizon_ns = int(frames.t_ns.min()) - self._pre_ns - _SLACK_NS
+        while self._recent and int(self._recent[0].t_ns.max()) < horizon_ns:
+            self._keep(self._recent.pop(0))
+
+    def append_events(self, events: Sequence[Event]) -> None:
+        self.events += events
+        for event in events:
+            if event.code == trigger.BUMP:
+                self._windows.append((event.t_ns - self._pre_ns, event.t_ns + self._post_ns))
+
+    def contents(self) -> tuple[FrameBatch, HopCounts]:
+        for frames in self._recent:
+            self._keep(frames)
+        self._recent.clear()
+        table = np.array(self._blocks, np.int64).reshape(-1, 1 + len(fields(HopLosses)))
+        t_ns = np.maximum.accumulate(table[:, 0])
+        return FrameBatch.concatenate(self._kept), HopCounts(
+            read_only(t_ns), read_only(table[:, 1:])
+        )
+
+    def _keep(self, frames: FrameBatch) -> None:
+        wanted = np.zeros(len(frames), bool)
+        first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
+        for start_ns, stop_ns in self._windows:  # one block may hold many bumps
+            if start_ns <= last_ns and first_ns < stop_ns:
+                wanted |= (frames.t_ns >= start_ns) & (frames.t_ns < stop_ns)
+        if wanted.any():
+            self._kept.append(frames.select(wanted))
+
+
+def parse_runs(text: str) -> tuple[Step, ...]:
+    """Return the steps of a list like ``baseline:bounce,baseline:bounce,added:roll``.
+
+    Repeats are counted in the order of the list.
+
+    Raises
+    ------
+    InputError
+        If one is no mass state and excitation.
+    """
+    labels = [tuple(item.strip().split(":")) for item in text.split(",")]
+    return numbered(labels)
+
+
+def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
+    """Return (mass state, excitation) as steps, repeats counted in their order.
+
+    Raises
+    ------
+    InputError
+        As `parse_runs`.
+    """
+    steps: list[Step] = []
+    done: Counter[tuple[str, str]] = Counter()
+    for label in labels:
+        if len(label) != 2 or label[1] not in set(Excitation):
+            kinds = ", ".join(Excitation)
+            what = f"{':'.join(label)!r} is no run"
+            raise InputError("runs", what, f"write MASS_STATE:EXCITATION, one of {kinds}")
+        state, kind = label[0], Excitation(label[1])
+        done[state, kind] += 1
+        steps.append(Step(state, kind, done[state, kind]))
+    return tuple(steps)
+
+
+def with_steps(bench: Bench, steps: Sequence[Step]) -> Bench:
+    """Return the bench with a campaign that has all these steps.
+
+    Raises
+    ------
+    InputError
+        If the bench has no such mass state.
+    """
+    states = [state.name for state in bench.mass_states]
+    for step in steps:
+        if step.mass_state not in states:
+            what = f"mass state {step.mass_state!r} is not on this bench"
+            raise InputError("runs", what, f"use one of {', '.join(states)}")
+    if set(steps) <= set(bench.campaign.steps):
+        return bench
+    wider = Campaign(
+        tuple(dict.fromkeys(step.excitation for step in steps)),
+        max(step.repeat for step in steps),
+        tuple(dict.fromkeys(step.mass_state for step in steps)),
+    )
+    return replace(bench, campaign=wider)
+
+
+def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tuple[LogPart, ...]:
+    """Give the bumps of all parts the steps in order, the first `skip` of them none.
+
+    Bumps without a step are kept as `unplanned_bump`.
+    """
+    numbers = count(-skip)
+
+    def relabelled(events: Iterable[Event]) -> Iterator[Event]:
+        step: Step | None = None
+        for event in events:
+            if event.code == trigger.BUMP:
+                number = next(numbers)
+                step = steps[number] if 0 <= number < len(steps) else None
+            if event.code not in (trigger.BUMP, trigger.RUN_END):
+                yield event
+            elif step is None:
+                yield replace(event, code=UNPLANNED + event.code, text="")
+            else:
+                yield replace(event, text=step.label)
+
+    return tuple(replace(part, events=tuple(relabelled(part.events))) for part in parts)
+
+
+def session_from_parts(
+    bench: Bench, codec: Codec, parts: Sequence[LogPart], provenance: Mapping[str, str]
+) -> Session:
+    """Build the session of labelled parts; each has its own time.
+
+    Parameters
+    ----------
+    bench : Bench
+        With all steps that occur (`with_steps`).
+    codec : Codec
+        The bench's DBC.
+    parts : sequence of LogPart, not empty
+        From `labelled`.
+    provenance : mapping of str to str
+        Software and sources; uuid, date, DBC and bench.toml are added.
+
+    Raises
+    ------
+    InputError
+        As `build_session`.
+    """
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part.frames.data.tobytes() + part.frames.t_ns.tobytes())
+    first_ns = int(parts[0].frames.t_ns[0]) if len(parts[0].frames) else 0
+    about = {
+        # The same logs have the same name, however often they are imported.
+        "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
+        "created": datetime.fromtimestamp(first_ns * 1e-9, UTC).isoformat(timespec="seconds"),
+        "frames_sha256": digest.hexdigest(),
+        "dbc": bench.dbc_text,
+        "bench_toml": bench.text,
+        **provenance,
+    }
+    sessions = [
+        build_session(bench, codec, part.frames, part.events, part.hops, about) for part in parts
+    ]
+    return replace(sessions[0], runs=tuple(run for one in sessions for run in one.runs))

@@ -1,0 +1,107 @@
+"""A session decoded anew from its own raw frames, with a corrected DBC or bench.toml."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Mapping
+from dataclasses import astuple, replace
+from pathlib import Path
+
+import numpy as np
+
+from dbc.frames import read_only
+
+from ..bench.campaign import Step
+from ..bench.config import Bench, bench_codec, parse_bench
+from ..bus.source import HopLosses
+from ..errors import BumpbenchError, InputError
+from ..journal.contents import HopCounts
+from ..runs import Event, Run, RunStatus
+from ..samples import trigger
+from ..sessions import Session
+from .build_samples import build_session
+from .from_logs import with_steps
+
+
+def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[str, str]) -> Session:
+    """Decode all runs anew; the bumps stay where they were found.
+
+    A reason for which a run was rejected falls if the new decoding does not bear it out; one that
+    the old decoding did not give either is the operator's, and stays.
+
+    Parameters
+    ----------
+    session : Session
+        With the raw frames of its runs.
+    bench : Bench
+        With the new DBC; its vehicle, weights and channels replace those of the session.
+    where : str
+        Name of the session, for messages.
+    provenance : mapping of str to str
+        What is to be told of this beside the DBC and bench.toml.
+
+    Raises
+    ------
+    InputError
+        If a run has no raw frames, or channels and DBC do not fit.
+    """
+    for run in session.runs:
+        if not len(run.frames):
+            what = f"run {run.label} has no raw frames"
+            raise InputError(where, what, "name a session that was recorded or imported")
+    if not session.runs:
+        raise InputError(where, "has no run", "name a session that was recorded or imported")
+    new = _built(session, bench)
+    judged = _judged_before(session)
+    runs = []
+    for old, run, known in zip(session.runs, new.runs, judged, strict=True):
+        kept = tuple(r for r in old.reasons if r not in known and r not in run.reasons)
+        reasons = (*run.reasons, *kept)
+        status = RunStatus.REJECTED if reasons else RunStatus.ACCEPTED
+        if old.status is RunStatus.REJECTED and not old.reasons:
+            status = RunStatus.REJECTED
+        runs.append(replace(run, events=old.events, reasons=reasons, status=status))
+    texts = {"dbc": bench.dbc_text, "bench_toml": bench.text}
+    origin = session.provenance.get("uuid", "")
+    name = uuid.uuid5(uuid.NAMESPACE_OID, origin + bench.dbc_text + bench.text)
+    about = {**session.provenance, **provenance, **texts, "uuid": str(name), "redecoded": origin}
+    return replace(new, runs=tuple(runs), provenance=about)
+
+
+def _judged_before(session: Session) -> list[tuple[str, ...]]:
+    """Return the reasons that the old decoding gives for each run."""
+    try:
+        texts = session.provenance
+        bench = parse_bench(texts["bench_toml"], "bench.toml", Path(), texts["dbc"])
+        return [run.reasons for run in _built(session, bench).runs]
+    except (KeyError, BumpbenchError):  # then every reason is taken for the operator's
+        return [() for _ in session.runs]
+
+
+def _built(session: Session, bench: Bench) -> Session:
+    """Build each run by itself: their windows may overlap, and their clocks need not agree."""
+    steps = [Step(run.mass_state, run.excitation, run.repeat) for run in session.runs]
+    bench = with_steps(bench, steps)
+    codec = bench_codec(bench)
+    built = [
+        build_session(bench, codec, run.frames, [_bump(session, run)], _hops(run), {})
+        for run in session.runs
+    ]
+    return replace(built[0], runs=tuple(run for one in built for run in one.runs))
+
+
+def _bump(session: Session, run: Run) -> Event:
+    for event in run.events:
+        if event.code == trigger.BUMP and event.text == run.label:
+            return event
+    what = f"run {run.label} does not tell when its bump was"
+    raise InputError(session.provenance.get("uuid", "session"), what, "record or import it again")
+
+
+def _hops(run: Run) -> HopCounts:
+    """Return what was lost between wire and session; the rest is counted anew."""
+    lost = HopLosses(
+        run.losses.bus_dropped, run.losses.bus_garbled, queue_dropped=run.losses.queue_dropped
+    )
+    end_ns = np.array([int(run.frames.t_ns.max())])
+    return HopCounts(read_only(end_ns), read_only(np.array([astuple(lost)], np.int64)))

@@ -1,0 +1,97 @@
+"""What was measured of the runs of a recording that is taken up again, from its journal.
+
+Later runs are compared with it.  Reading may take seconds, in which a recorder must be recording
+already, so it is done beside.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from dbc import Codec
+from dbc.frames import FrameBatch
+
+from ..bench.campaign import Step
+from ..bench.config import Bench, bench_codec
+from ..bench.message_rules import timed_messages
+from ..errors import printable
+from ..journal.contents import JournalTail
+from ..journal.reader import read_journal
+from ..journal.scan import scan
+from ..runlog.runlog import LoggedRun, LoggedStatus, fold
+from ..samples.mapping import MappedChannel, map_channels
+from ..verdict import RunMeasure, RunWindow, judge
+
+Remember = Callable[[Mapping[str, RunMeasure]], object]
+
+_log = logging.getLogger("recorder")
+
+
+def recall(tail: JournalTail, bench: Bench, remember: Remember) -> threading.Thread:
+    """Measure anew in a thread beside, and have the result remembered; never raises."""
+    thread = threading.Thread(
+        target=_recall, args=(tail, bench, remember), name="recall", daemon=True
+    )
+    thread.start()
+    return thread
+
+
+def _recall(tail: JournalTail, bench: Bench, remember: Remember) -> None:
+    try:
+        remember(remeasured(tail, bench, bench_codec(bench)))
+    except Exception as error:  # whatever it was: later runs are not compared, no more than that
+        _log.warning("earlier runs cannot be measured anew: %s", printable(str(error)))
+
+
+def remeasured(tail: JournalTail, bench: Bench, codec: Codec) -> Mapping[str, RunMeasure]:
+    """Return what was measured of the accepted runs, by label.
+
+    Raises
+    ------
+    OSError, InputError
+        If the journal cannot be read, or does not fit the bench.
+    """
+    runs = [run for run in fold(tail.events).runs if run.status is LoggedStatus.ACCEPTED]
+    spans = [_span(bench, run) for run in runs]
+    paths = _overlapping(tail.segments, spans)
+    if not paths:
+        return {}
+    frames = read_journal(paths, spans).frames
+    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    return {run.label: _measure(bench, codec, mapped, run, frames) for run in runs}
+
+
+def _span(bench: Bench, run: LoggedRun) -> tuple[int, int]:
+    trigger = bench.trigger
+    return run.t_ns - round(trigger.pre_s * 1e9), run.t_ns + round(trigger.post_s * 1e9)
+
+
+def _overlapping(paths: Sequence[Path], spans: Sequence[tuple[int, int]]) -> list[Path]:
+    infos = [info for path in paths if (info := scan(path))]
+    return [
+        info.path
+        for info in infos
+        if any(info.first_ns < stop and start <= info.last_ns for start, stop in spans)
+    ]
+
+
+def _measure(
+    bench: Bench,
+    codec: Codec,
+    mapped: Sequence[MappedChannel],
+    run: LoggedRun,
+    frames: FrameBatch,
+) -> RunMeasure:
+    start_ns, stop_ns = _span(bench, run)
+    decoded = codec.decode(frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns)))
+    columns = {
+        m.channel.name: (samples.t_ns, m.values(samples))
+        for m in mapped
+        if (samples := decoded.samples.get(m.channel.signal)) is not None
+    }
+    timed = timed_messages(codec, bench.message_rules)
+    window = RunWindow(run.t_ns, columns, timed=timed)
+    return judge(bench, Step(run.mass_state, run.excitation, run.repeat), window, ())[1]

@@ -1,0 +1,1 @@
+"""Recorded frames played again, onto a bus or as a source."""

@@ -1,0 +1,148 @@
+"""Send frames on a bus, at their own times or as fast as the bus takes them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+
+import can
+
+from dbc import FrameBatch, FrameFlag
+
+from ..errors import BusError
+from ..sessions import Session
+
+BLOCK_FRAMES = 256
+"""Progress is reported, and a caller can stop, after so many frames."""
+FIRST_PAUSE_S = 0.0005
+PATIENCE_S = 2.0
+"""A bus that takes no frame for so long is given up."""
+LONGEST_GAP_S = 10.0
+"""A longer silence, or time stamps that fall back, are not waited for: between two runs of a
+session, or two logs, nothing happened on the bus that is worth the wait."""
+
+
+def play(batches: Iterable[FrameBatch], bus: can.BusABC, speed: float | None) -> Iterator[int]:
+    """Send frames in the order given.
+
+    Nothing is sent unless the result is iterated; a caller stops by ceasing to.  Error frames are
+    left out: they are what a controller saw, and none can be told to send one.
+
+    Parameters
+    ----------
+    batches : iterable of FrameBatch
+        In blocks that are quickly made: while the next one is, no frame leaves.
+    bus : can.BusABC
+        Any bus of python-can.  Each message carries its own time stamp, which a virtual bus opened
+        with ``preserve_timestamps=True`` hands on.
+    speed : float or None
+        1 sends each frame at its own time after the first one, 2 in half that time; None as fast
+        as the bus takes them.
+
+    Yields
+    ------
+    int
+        Frames sent so far.
+
+    Raises
+    ------
+    BusError
+        If the bus refuses a frame for `PATIENCE_S`.
+    """
+    pace = _Pace(speed) if speed else None
+    sent = 0
+    for batch in batches:
+        frames = batch.select((batch.flags & FrameFlag.ERROR) == 0)
+        for start in range(0, len(frames), BLOCK_FRAMES):
+            for t_ns, message in _messages(frames.select(slice(start, start + BLOCK_FRAMES))):
+                if pace:
+                    pace.wait_for(t_ns)
+                _send(bus, message)
+                sent += 1
+            yield sent
+
+
+def recorded_frames(session: Session) -> Iterator[FrameBatch]:
+    """Yield the raw frames of a session run by run, in order of time.
+
+    Runs may overlap (the rest before a bump reaches into the run before it): each frame comes once.
+    """
+    end_ns: int | None = None
+    for run in sorted(session.runs, key=lambda run: run.t0_ns):
+        frames = run.frames
+        if end_ns is not None:
+            frames = frames.select(frames.t_ns > end_ns)
+        if len(frames):
+            end_ns = int(frames.t_ns.max())
+            yield frames
+
+
+class _Pace:
+    """When each frame is due.  Deadlines count from the first frame, so that no error adds up."""
+
+    def __init__(self, speed: float) -> None:
+        self._s_per_ns = 1e-9 / speed
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._origin_s = 0.0
+
+    def wait_for(self, t_ns: int) -> None:
+        step_s = (t_ns - self._last_ns) * 1e-9
+        if self._first_ns is None or not -1.0 < step_s < LONGEST_GAP_S:
+            self._first_ns, self._origin_s = t_ns, time.monotonic()
+        self._last_ns = t_ns
+        left_s = self._origin_s + (t_ns - self._first_ns) * self._s_per_ns - time.monotonic()
+        if left_s > 0:
+            time.sleep(left_s)
+
+
+def _messages(block: FrameBatch) -> Iterator[tuple[int, can.Message]]:
+    payload, width = block.data.tobytes(), block.data.shape[1]
+    marks = [
+        ((block.flags & flag) != 0).tolist()
+        for flag in (
+            FrameFlag.EXTENDED,
+            FrameFlag.REMOTE,
+            FrameFlag.FD,
+            FrameFlag.BITRATE_SWITCH,
+            FrameFlag.ERROR_STATE,
+        )
+    ]
+    columns = (block.t_ns.tolist(), block.can_id.tolist(), block.length.tolist(), *marks)
+    rows = enumerate(zip(*columns, strict=True))
+    for row, (t_ns, can_id, length, extended, remote, fd, switched, passive) in rows:
+        data = None if remote else payload[row * width : row * width + length]
+        message = can.Message(
+            timestamp=t_ns * 1e-9,
+            arbitration_id=can_id,
+            is_extended_id=extended,
+            is_remote_frame=remote,
+            is_fd=fd,
+            bitrate_switch=switched,
+            error_state_indicator=passive,
+            dlc=length,
+            data=data,
+            check=False,
+        )
+        yield t_ns, message
+
+
+def _send(bus: can.BusABC, message: can.Message) -> None:
+    """Send one frame, waiting longer and longer while the bus's buffer is full."""
+    pause_s = FIRST_PAUSE_S
+    waited_s = 0.0
+    while True:
+        try:
+            bus.send(message)
+            return
+        except (can.CanError, OSError, ValueError) as error:
+            # ValueError is what backends raise for a frame that this bus can never take.
+            if waited_s >= PATIENCE_S or isinstance(error, ValueError):
+                raise BusError(
+                    bus.channel_info,
+                    f"takes no frame: {error}",
+                    "check that the interface is up and that another node acknowledges",
+                ) from error
+        time.sleep(pause_s)
+        waited_s += pause_s
+        pause_s *= 2

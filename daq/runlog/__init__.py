@@ -1,0 +1,1 @@
+"""The log of runs: events of recording, judging, overriding and undoing, and their fold."""

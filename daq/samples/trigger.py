@@ -1,0 +1,266 @@
+"""Bump detection: a pure fold over blocks of the trigger channels.
+
+Each channel has a level of rest (gravity and offset are in the signal), which is the mean over the
+last slot of data time.  A *slot* is `TriggerConfig.rest_s` long and aligned to the time stamps, so
+the outcome does not depend on how the data were cut into blocks.  Time comes from the frames only.
+
+The fold waits until every channel has rested for `rest_s`, is then armed, finds the onset of the
+bump, ends the run `post_s` later and waits again.  A channel that finds no rest for `GIVE_UP_S`
+while another does (a broken sensor, a loose hub) is named in an event and left out until it rests,
+so that it cannot keep the bench from being armed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bench.config import TriggerConfig
+from ..channels import Channel, Quantity
+from ..runs import Event
+
+BUMP = "bump"
+RUN_END = "run_end"
+RESTLESS = "trigger_restless"
+CLOCK_STEP = "clock_step"
+UNPLANNED = "unplanned_"
+"""Prefix of the code of a bump, and of its end, that no armed run was waiting for."""
+
+GIVE_UP_S = 10.0
+CLOCK_STEP_S = 1.0
+"""Time stamps that fall back by more than this are a clock set anew, not late frames."""
+
+Block = Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]]
+
+
+class TriggerPhase(StrEnum):
+    """Where the fold is in the life of a run."""
+
+    WAITING = "waiting"
+    ARMED = "armed"
+    RUNNING = "running"
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelRest:
+    """What is known of one trigger channel."""
+
+    quiet_since_ns: int
+    """Time of the last sample away from rest (or of the first sample)."""
+    slot: int
+    first: float
+    level: float = float("nan")
+    """Value at rest; NaN until a slot is complete."""
+    total: float = 0.0
+    count: int = 0
+    """The running slot: its index, sum and number of samples, and its first value."""
+    side: int = 0
+    """+1 or -1 if the last sample was above or below rest by more than the level, else 0."""
+    side_ns: int = 0
+    """Time stamp of the last sample."""
+    given_up: bool = False
+    """Left out of arming because it does not come to rest."""
+
+    def closed(self, slot: int) -> ChannelRest:
+        """Return the channel at the start of a later `slot`: the mean becomes the level."""
+        level = self.total / self.count if self.count else self.level
+        return replace(self, slot=slot, level=level, total=0.0, count=0)
+
+    def rested(self, now_ns: int, since_ns: int, rest_ns: int) -> bool:
+        """Whether the channel has rested for `rest_ns`, counted from `since_ns` at the earliest."""
+        known = not np.isnan(self.level)
+        return known and now_ns - max(self.quiet_since_ns, since_ns) >= rest_ns
+
+
+@dataclass(frozen=True, slots=True)
+class TriggerState:
+    """State of the fold; the default is the state before any data."""
+
+    phase: TriggerPhase = TriggerPhase.WAITING
+    """Waiting for rest, armed, or in a run."""
+    since_ns: int = 0
+    """When the phase began; in a run, the time of the bump."""
+    now_ns: int = 0
+    """Latest time stamp seen."""
+    channels: Mapping[str, ChannelRest] = field(default_factory=lambda: MappingProxyType({}))
+    """The trigger channels seen so far."""
+
+
+def trigger_channels(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
+    """Return the channels that trigger: the hub accelerations, without them those of the body."""
+    for quantity in (Quantity.HUB_ACCELERATION, Quantity.BODY_ACCELERATION):
+        found = tuple(channel for channel in channels if channel.quantity is quantity)
+        if found:
+            return found
+    return ()
+
+
+def advance(
+    config: TriggerConfig, state: TriggerState, block: Block
+) -> tuple[TriggerState, tuple[Event, ...]]:
+    """Take in one block of samples.
+
+    Parameters
+    ----------
+    config : TriggerConfig
+        Level and times.
+    state : TriggerState
+        What the previous call returned; `TriggerState()` at first.
+    block : mapping of channel name to (t_ns (n,) int64, value (n,) float64)
+        New samples of each channel in order of arrival, SI.  Values that are not finite are
+        skipped; the channels may have different clocks and any of them may be absent.
+
+    Returns
+    -------
+    TriggerState
+        State after the block.
+    tuple of Event
+        `bump` at the first of two samples running that leave rest on the same side; `run_end` at
+        ``t_bump + post_s`` once the data have passed it; `trigger_restless` with the name of a
+        channel that is left out; `clock_step` if the time stamps fell back.
+    """
+    finite = {name: _finite(t_ns, value) for name, (t_ns, value) in block.items()}
+    pieces = {name: piece for name, piece in finite.items() if len(piece[0])}
+    if not pieces:
+        return state, ()
+    events: list[Event] = []
+    latest = max(int(t_ns[-1]) for t_ns, _ in pieces.values())
+    if latest < state.now_ns - round(CLOCK_STEP_S * 1e9):
+        events.append(Event(latest, CLOCK_STEP, (latest - state.now_ns) * 1e-9))
+        state = TriggerState()
+    if not state.channels:
+        state = replace(state, since_ns=min(int(t_ns[0]) for t_ns, _ in pieces.values()))
+    slot_ns = round(config.rest_s * 1e9)
+    slots = {name: t_ns // slot_ns for name, (t_ns, _) in pieces.items()}
+    for slot in np.unique(np.concatenate(list(slots.values()))).tolist():
+        part = {
+            name: (t_ns[slots[name] == slot], value[slots[name] == slot])
+            for name, (t_ns, value) in pieces.items()
+            if np.any(slots[name] == slot)
+        }
+        state = _advance_slot(config, state, slot, part, events)
+    return state, tuple(events)
+
+
+def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
+    """Return the trigger channels that keep the fold from being armed now.
+
+    Parameters
+    ----------
+    config : TriggerConfig
+        Times.
+    state : TriggerState
+        From `advance`.
+
+    Returns
+    -------
+    tuple of str
+        Names; empty in the other phases, and for channels that are left out.
+    """
+    if state.phase is not TriggerPhase.WAITING:
+        return ()
+    rest_ns = round(config.rest_s * 1e9)
+    return tuple(
+        name
+        for name, channel in state.channels.items()
+        if not channel.given_up
+        and not channel.rested(state.now_ns, channel.quiet_since_ns, rest_ns)
+    )
+
+
+def pre_trigger_full(config: TriggerConfig, state: TriggerState, first_ns: int) -> bool:
+    """Whether the samples kept since `first_ns` reach `pre_s` back from the latest one."""
+    return state.now_ns - first_ns >= round(config.pre_s * 1e9)
+
+
+def _finite(
+    t_ns: NDArray[np.int64], value: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    good = np.isfinite(value)
+    return t_ns[good], value[good]
+
+
+def _advance_slot(
+    config: TriggerConfig, state: TriggerState, slot: int, part: Block, events: list[Event]
+) -> TriggerState:
+    slot_ns = round(config.rest_s * 1e9)
+    channels = {
+        name: channel.closed(slot) if channel.slot < slot else channel
+        for name, channel in state.channels.items()
+    }
+    state = _arm(state, channels, slot * slot_ns, slot_ns, events)
+    onsets = []
+    for name, (t_ns, value) in part.items():
+        before = state.channels.get(name) or ChannelRest(int(t_ns[0]), slot, float(value[0]))
+        channels[name], onset_ns, size = _excursion(
+            before, t_ns, value, config.level, state.since_ns
+        )
+        if onset_ns is not None and not before.given_up:
+            onsets.append((onset_ns, name, size))
+    now = max(state.now_ns, *(int(t_ns[-1]) for t_ns, _ in part.values()))
+    state = replace(state, now_ns=now, channels=MappingProxyType(channels))
+    if state.phase is TriggerPhase.ARMED and onsets:
+        onset_ns, name, size = min(onsets)
+        events.append(Event(onset_ns, BUMP, size, name))
+        state = replace(state, phase=TriggerPhase.RUNNING, since_ns=onset_ns)
+    end_ns = state.since_ns + round(config.post_s * 1e9)
+    if state.phase is TriggerPhase.RUNNING and now >= end_ns:
+        events.append(Event(end_ns, RUN_END))
+        state = replace(state, phase=TriggerPhase.WAITING, since_ns=end_ns)
+    return state
+
+
+def _arm(
+    state: TriggerState,
+    channels: dict[str, ChannelRest],
+    now_ns: int,
+    rest_ns: int,
+    events: list[Event],
+) -> TriggerState:
+    if state.phase is TriggerPhase.WAITING:
+        rested = {n for n, c in channels.items() if c.rested(now_ns, state.since_ns, rest_ns)}
+        late = bool(rested) and now_ns - state.since_ns > round(GIVE_UP_S * 1e9)
+        for name, channel in channels.items():
+            given_up = name not in rested and (channel.given_up or late)
+            if given_up and not channel.given_up:
+                events.append(Event(now_ns, RESTLESS, text=name))
+            channels[name] = replace(channel, given_up=given_up)
+        if rested and all(name in rested or c.given_up for name, c in channels.items()):
+            state = replace(state, phase=TriggerPhase.ARMED, since_ns=now_ns)
+    return replace(state, channels=MappingProxyType(channels))
+
+
+def _excursion(
+    channel: ChannelRest,
+    t_ns: NDArray[np.int64],
+    value: NDArray[np.float64],
+    level: float,
+    since_ns: int,
+) -> tuple[ChannelRest, int | None, float]:
+    """Return the channel after these samples, and the first onset after `since_ns`, if any.
+
+    One sample away from rest is not motion yet (a spike); two on the same side are.
+    """
+    rest = channel.first if np.isnan(channel.level) else channel.level
+    deviation = value - rest
+    side = np.where(np.abs(deviation) > level, np.sign(deviation), 0.0).astype(np.int8)
+    before = np.concatenate([[channel.side], side[:-1]])
+    before_ns = np.concatenate([[channel.side_ns], t_ns[:-1]])
+    away = np.flatnonzero((side != 0) & (side == before))
+    after = replace(
+        channel,
+        total=channel.total + float(value.sum()),
+        count=channel.count + len(value),
+        side=int(side[-1]),
+        side_ns=int(t_ns[-1]),
+        quiet_since_ns=int(t_ns[away[-1]]) if len(away) else channel.quiet_since_ns,
+    )
+    fresh = away[before_ns[away] >= since_ns]
+    if not len(fresh):
+        return after, None, 0.0
+    return after, int(before_ns[fresh[0]]), float(deviation[fresh[0]])

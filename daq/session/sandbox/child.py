@@ -1,0 +1,43 @@
+"""The child of `guard`: reads one session file and sends it to stdout.
+
+Run as ``python -I -m daq.session.sandbox.child FILE MAX_BYTES MAX_S``.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import BinaryIO
+
+from ...errors import InputError
+from ..load import DAMAGED_ADVICE, load_tree
+from .wire import send_error, send_tree
+
+
+def main(out: BinaryIO, path: str, max_bytes: int, max_s: int) -> None:
+    """Read a file within limits and send what is in it, or why that cannot be."""
+    _limit(max_bytes, max_s)
+    try:
+        tree = load_tree(path)
+    except InputError as error:
+        send_error(out, error)
+    except Exception as error:  # h5py raises what it likes on a damaged file
+        what = f"is damaged: {type(error).__name__}"
+        send_error(out, InputError(path, what, DAMAGED_ADVICE))
+    else:
+        send_tree(out, tree)
+
+
+def _limit(max_bytes: int, max_s: int) -> None:
+    """Bound this process: memory, time, no file written, no core dumped."""
+    try:
+        import resource
+    except ModuleNotFoundError:  # Windows has none; there the parent's clock is the only limit
+        return
+    resource.setrlimit(resource.RLIMIT_AS, (max_bytes, max_bytes))
+    resource.setrlimit(resource.RLIMIT_CPU, (max_s, max_s + 1))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+if __name__ == "__main__":
+    main(sys.stdout.buffer, sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))

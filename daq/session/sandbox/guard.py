@@ -1,0 +1,95 @@
+"""Reading a foreign session file in a process of its own, with limits.
+
+Bit flips are enough to make libhdf5 crash or hang, and crafted files do worse.  The child has a
+bounded address space and time, may write no file and loads no filter plugins; what it sends back
+is plain data (`wire`).
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from threading import Event, Timer
+
+from ...errors import InputError
+from ..schema import max_total_bytes
+from ..tree import Group
+from .wire import receive
+
+_ADVICE = "the file is damaged, or made to do harm; build it again from its journal"
+_BUSY_ADVICE = "the drive does not answer or the machine is busy; try again"
+_CHILD_BYTES = 768 << 20
+"""Address space of the child beyond what the file may unpack to: Python, NumPy and libhdf5."""
+_CHILD_S = 3
+"""Time of the child for starting and for a small file."""
+_PATIENCE = 6
+"""How much longer than its CPU time the child may take by the clock: machines have other work."""
+_BYTES_PER_S = 4 << 20
+"""How fast a file is read at least, packed: a tenth of what was measured."""
+
+
+def load_guarded(path: Path | str) -> Group:
+    """Read a session file whole, in a child process with limits; as `load.load_tree`.
+
+    Raises
+    ------
+    InputError
+        If it is no session, and if reading it crashes, takes too long or needs too much memory.
+    """
+    where = str(path)
+    size = Path(path).stat().st_size if Path(path).is_file() else 0
+    limit_s = _CHILD_S + size // _BYTES_PER_S
+    limit_bytes = max_total_bytes(size)
+    command = [sys.executable, "-I", "-m", "daq.session.sandbox.child", where]
+    command += [str(_CHILD_BYTES + limit_bytes), str(limit_s)]
+    # One thread: every thread of the BLAS would take address space, and nothing is computed here.
+    own = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_PLUGIN_PRELOAD": "::"}
+    try:
+        started = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | own,
+        )
+    except OSError as error:
+        what = f"cannot be read: no process to read it in ({error.strerror or error})"
+        raise InputError(where, what, "end other programs, and try again") from error
+    with started as child:
+        assert child.stdout is not None
+        # The limit of CPU time does not see a child that waits, for ever or for a busy machine.
+        late = Event()
+
+        def end() -> None:
+            late.set()
+            child.kill()
+
+        watch = Timer(_PATIENCE * limit_s, end)
+        watch.start()
+        try:
+            return receive(child.stdout, limit_bytes)
+        except InputError:
+            raise
+        except (ValueError, LookupError, TypeError, MemoryError) as error:
+            child.stdout.close()
+            code = child.wait()
+            if late.is_set():  # nothing against the file: it had its processor time left
+                what = f"cannot be read: no answer for {_PATIENCE * limit_s:.0f} s"
+                raise InputError(where, what, _BUSY_ADVICE) from error
+            raise InputError(where, _what_happened(code), _ADVICE) from error
+        finally:
+            watch.cancel()
+            child.kill()
+
+
+def _what_happened(code: int) -> str:
+    """Say how the child ended."""
+    name = signal.Signals(-code).name if code < 0 else ""
+    if name in ("SIGXCPU", "SIGKILL"):
+        return "cannot be read: it takes too long"
+    if name:
+        return f"cannot be read: HDF5 crashes on it ({name})"
+    return "cannot be read: reading it broke off"

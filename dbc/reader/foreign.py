@@ -1,0 +1,161 @@
+"""KCD and SYM databases, read by cantools, under the same limits and checks as a DBC.
+
+Such a file has no line numbers by the time that it can be judged; messages name the file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..codec import Codec
+from ..errors import InputError
+from ..layout import MessageLayout, SignalLayout
+from ..remark import Remark
+from .document import joined
+from .limits import MAX_MESSAGES, MAX_PAYLOAD_BYTES, MAX_SIGNAL_BITS
+from .lint import FaultError, ambiguous, check_message, overlaps
+from .sentinels import sentinels
+
+MAX_CHARACTERS = 1_000_000
+"""cantools takes about 2 s for as much."""
+
+# The parser's work grows with these numbers, so they are looked at before it may see them.
+_KCD_LENGTH = re.compile(r"""\b(?:length|offset|count)\s*=\s*["']\s*([0-9]+)""")
+_SYM_LENGTH = re.compile(
+    r"""(?:"[^"]*"|//[^\n]*)|(?:\b(?:unsigned|signed|float|double|bit|char|string|raw|bool)"""
+    r"""|\bLen\s*=|\bSig\s*=\s*\S+|,)\s*([0-9]+)\b(?!\s*=)"""
+)
+_SYM_RANGE = re.compile(r"\bID\s*=\s*([0-9A-Fa-f]+)h\s*-\s*([0-9A-Fa-f]+)h")
+
+
+def parse_foreign(text: str, name: str) -> Codec:
+    """Compile the text of a KCD or SYM file.
+
+    Parameters
+    ----------
+    text : str
+        The file.
+    name : str
+        Its name; the suffix tells the format.
+
+    Returns
+    -------
+    Codec
+        Its messages, those that cannot be used in `left_out`.
+
+    Raises
+    ------
+    InputError
+        If it is no such file, or none of its messages can be used.
+    """
+    kind = Path(name).suffix.lower()[1:]
+    _check_numbers(text, name, kind)
+    messages: list[MessageLayout] = []
+    left_out: list[Remark] = []
+    for found in _parse(text, name, kind):
+        try:
+            message = _message(found)
+            check_message(message)
+        except FaultError as fault:
+            what = f"{found.name}.{fault.signal}" if fault.signal else f"message {found.name}"
+            left_out.append(Remark(name, what, fault.reason))
+        else:
+            messages.append(message)
+    twice = ambiguous(messages)
+    left_out += [Remark(name, f"message {messages[i].name}", why) for i, why in twice.items()]
+    kept = tuple(message for i, message in enumerate(messages) if i not in twice)
+    if not kept:
+        what = f"{left_out[0].name} {left_out[0].reason}" if left_out else "it has no messages"
+        raise InputError(name, what, "give another file")
+    shared = [(message.name, overlaps(message)) for message in kept]
+    notes = tuple(
+        Remark(name, f"{message}.{pairs[0][0]}", f"overlaps {pairs[0][1]}")
+        for message, pairs in shared
+        if pairs
+    )
+    return Codec(kept, tuple(left_out), notes)
+
+
+def _check_numbers(text: str, name: str, kind: str) -> None:
+    """Refuse what would keep the parser busy."""
+    if len(text) > MAX_CHARACTERS:
+        what = f"larger than {MAX_CHARACTERS // 1_000_000} MB"
+        raise InputError(name, what, "convert it to DBC")
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InputError(name, "defines XML entities, which no CAN database needs", "remove them")
+    for found in (_KCD_LENGTH if kind == "kcd" else _SYM_LENGTH).finditer(text):
+        digits = found[1] or "0"
+        if len(digits) > 4 or int(digits) > 8 * MAX_PAYLOAD_BYTES:
+            raise _misfit(
+                text, name, found.start(), f"the number {digits} lies outside any payload"
+            )
+    identifiers = 0
+    for found in _SYM_RANGE.finditer(text) if kind == "sym" else ():
+        identifiers += max(int(found[2], 16) - int(found[1], 16), 0)
+        if identifiers > MAX_MESSAGES:
+            raise _misfit(text, name, found.start(), f"more than {MAX_MESSAGES} identifiers")
+
+
+def _misfit(text: str, name: str, position: int, what: str) -> InputError:
+    line = text.count("\n", 0, position) + 1
+    return InputError(f"{name}:{line}", what, "mend that line")
+
+
+def _parse(text: str, name: str, kind: str) -> Sequence[Any]:
+    from cantools.database.can.formats import kcd, sym
+
+    load = kcd.load_string if kind == "kcd" else sym.load_string
+    try:
+        return tuple(load(text, strict=False).messages)
+    except Exception as error:
+        # cantools raises whatever comes up: ValueError, KeyError, its own, the XML parser's.
+        what = str(error).split("\n", 1)[0] or type(error).__name__
+        place = re.search(r"\bline (\d+)", what)
+        where = f"{name}:{place[1]}" if place else name
+        raise InputError(where, f"not a valid {kind.upper()}: {what}", "mend it") from error
+
+
+def _message(message: Any) -> MessageLayout:
+    cycle_ms = message.cycle_time
+    return MessageLayout(
+        name=message.name,
+        can_id=message.frame_id,
+        is_extended=message.is_extended_frame,
+        length=message.length,
+        cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
+        signals=tuple(_signal(message.name, signal) for signal in message.signals),
+        counter=None,
+        crc=None,
+        senders=tuple(message.senders),
+    )
+
+
+def _signal(message: str, signal: Any) -> SignalLayout:
+    is_float = signal.conversion.is_float
+    factor, offset = signal.conversion.scale, signal.conversion.offset
+    if not is_float and factor == factor // 1 and offset == offset // 1:
+        factor, offset = int(factor), int(offset)
+    if not 1 <= signal.length <= MAX_SIGNAL_BITS:
+        raise FaultError(signal.name, f"has {signal.length} bits, not 1 to {MAX_SIGNAL_BITS}")
+    layout = SignalLayout(
+        name=signal.name,
+        unit=signal.unit or "",
+        start=signal.start,
+        length=signal.length,
+        is_big_endian=signal.byte_order == "big_endian",
+        is_signed=signal.is_signed,
+        is_float=is_float,
+        factor=factor,
+        offset=offset,
+        minimum=None if signal.minimum is None else float(signal.minimum),
+        maximum=None if signal.maximum is None else float(signal.maximum),
+        selector=signal.multiplexer_signal,
+        selected_by=joined([(value, value) for value in signal.multiplexer_ids or ()]),
+        sentinels=(),
+    )
+    table = {int(raw): str(label) for raw, label in (signal.conversion.choices or {}).items()}
+    return replace(layout, sentinels=sentinels(layout, table)) if table else layout

@@ -1,0 +1,195 @@
+"""What a message must hold before frames may be decoded with it.
+
+A wrong value is worse than none, so a message with a fault is left out, whole, and said so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+
+from ..layout import MessageLayout, SignalLayout
+from .limits import MAX_NESTING, MAX_PAYLOAD_BYTES, MAX_SELECTIONS, MAX_SIGNAL_BITS
+
+MAX_COUNTER = 1 << 32
+STANDARD_BITS, EXTENDED_BITS = 11, 29
+
+
+class FaultError(Exception):
+    """Why a message cannot be used.
+
+    Parameters
+    ----------
+    signal : str or None
+        The signal at fault; None if it is the message.
+    reason : str
+        A sentence without its subject.
+    """
+
+    def __init__(self, signal: str | None, reason: str) -> None:
+        self.signal = signal
+        self.reason = reason
+        super().__init__(signal, reason)
+
+
+def check_message(message: MessageLayout) -> None:
+    """Refuse a message that cannot be decoded, or not in one way only.
+
+    Parameters
+    ----------
+    message : MessageLayout
+        The message.
+
+    Raises
+    ------
+    FaultError
+        At the first fault.
+    """
+    bits = EXTENDED_BITS if message.is_extended else STANDARD_BITS
+    if message.can_id >> bits:
+        kind = "extended" if message.is_extended else "standard"
+        reason = f"has the {kind} identifier 0x{message.can_id:X} of more than {bits} bits"
+        raise FaultError(None, reason)
+    if message.length > MAX_PAYLOAD_BYTES:
+        raise FaultError(None, f"has {message.length} bytes, not 0 to {MAX_PAYLOAD_BYTES}")
+    by_name: dict[str, SignalLayout] = {}
+    for signal in message.signals:
+        if signal.name in by_name:
+            raise FaultError(signal.name, "is there twice")
+        by_name[signal.name] = signal
+    for signal in message.signals:
+        try:
+            fault = _bits_fault(message, signal) or _number_fault(signal)
+        except OverflowError:
+            fault = "has a number beyond float64"
+        fault = fault or _multiplexing_fault(by_name, signal)
+        if fault:
+            raise FaultError(signal.name, fault)
+    _check_roles(message)
+
+
+def _bits_fault(message: MessageLayout, signal: SignalLayout) -> str | None:
+    if not 1 <= signal.length <= MAX_SIGNAL_BITS:
+        return f"has {signal.length} bits, not 1 to {MAX_SIGNAL_BITS}"
+    if signal.start >= 8 * MAX_PAYLOAD_BYTES:
+        return f"starts at bit {signal.start}, outside any payload"
+    if signal.last_byte >= message.length:
+        return f"ends in byte {signal.last_byte + 1} of a message of {message.length}"
+    return None
+
+
+def _number_fault(signal: SignalLayout) -> str | None:
+    if not (math.isfinite(signal.factor) and math.isfinite(signal.offset)):
+        return "has an infinite factor or offset"
+    if signal.factor == 0:
+        return "has the factor 0: all its values would be the same"
+    if signal.is_float:
+        good = signal.length in (16, 32, 64)
+        return None if good else f"is a float of {signal.length} bits, not 16, 32 or 64"
+    if not all(map(math.isfinite, signal.span)):
+        return "has values that are too large for a number"
+    return None
+
+
+def _multiplexing_fault(by_name: Mapping[str, SignalLayout], signal: SignalLayout) -> str | None:
+    """Tell what is wrong with the chain of selectors above a signal."""
+    if len(signal.selected_by) > MAX_SELECTIONS:
+        return f"has more than {MAX_SELECTIONS} ranges of selector values"
+    name = signal.name
+    for _ in range(MAX_NESTING):
+        if signal.selector is None:
+            return None
+        if not signal.selected_by:
+            return f"has no value of its selector {signal.selector}"
+        if signal.selector not in by_name:
+            return f"has the selector {signal.selector}, which is not in the message"
+        if signal.selector == name:
+            return "selects itself"
+        signal = by_name[signal.selector]
+        if signal.is_float:
+            return f"has the selector {signal.name}, which is not a whole number"
+    return f"has more than {MAX_NESTING} selectors above it"
+
+
+def _check_roles(message: MessageLayout) -> None:
+    """Refuse a counter or checksum that is not a plain unsigned number in every frame."""
+    names = [message.counter.signal if message.counter else None, message.crc]
+    for name in names:
+        if name is None:
+            continue
+        signal = message.signal(name)
+        plain = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
+        if not plain or signal.is_signed or signal.is_multiplexed:
+            raise FaultError(name, "has a role but is not a plain unsigned number")
+    if message.counter is not None and message.counter.modulus > MAX_COUNTER:
+        raise FaultError(message.counter.signal, "counts in more than 32 bits")
+    if message.crc is not None:
+        crc = message.signal(message.crc)
+        if crc.length != 8 or crc.low_bit != 0:
+            raise FaultError(crc.name, "is a checksum but not one whole byte")
+
+
+def overlaps(message: MessageLayout) -> list[tuple[str, str]]:
+    """Find signals that share bits; legal, and now and then a mistake.
+
+    Parameters
+    ----------
+    message : MessageLayout
+        A message without faults.
+
+    Returns
+    -------
+    list of (str, str)
+        Each signal that shares bits with an earlier one, and that one.  Signals of different
+        values of a selector may share theirs.
+    """
+    found = []
+    taken: dict[object, dict[int, str]] = defaultdict(dict)
+    for signal in sorted(message.signals, key=lambda s: s.is_multiplexed):
+        own = taken[signal.selector, signal.selected_by]
+        bits = _bits(signal)
+        earlier = next((own[b] for b in bits if b in own), None)
+        if earlier is None and signal.is_multiplexed:
+            always = taken[None, ()]
+            earlier = next((always[b] for b in bits if b in always), None)
+        if earlier is not None:
+            found.append((signal.name, earlier))
+        own.update(dict.fromkeys(bits, signal.name))
+    return found
+
+
+def _bits(signal: SignalLayout) -> range | list[int]:
+    """Return the numbers of a signal's bits, 8 * byte + bit."""
+    if not signal.is_big_endian:
+        return range(signal.start, signal.start + signal.length)
+    sent = range(signal.first_bit, signal.first_bit + signal.length)
+    return [8 * (bit // 8) + 7 - bit % 8 for bit in sent]
+
+
+def ambiguous(messages: Sequence[MessageLayout]) -> dict[int, str]:
+    """Find messages that share their name or their identifier with another.
+
+    Parameters
+    ----------
+    messages : sequence of MessageLayout
+        All of a DBC.
+
+    Returns
+    -------
+    dict of int to str
+        Reasons by position: none of them is known to be the right one.
+    """
+    found: dict[int, str] = {}
+    names: dict[str, list[int]] = defaultdict(list)
+    keys: dict[tuple[int, bool], list[int]] = defaultdict(list)
+    for position, message in enumerate(messages):
+        names[message.name].append(position)
+        keys[message.can_id, message.is_extended].append(position)
+    for same in names.values():
+        if len(same) > 1:
+            found |= dict.fromkeys(same, "has the name of another message")
+    for key, same in keys.items():
+        if len(same) > 1:
+            found |= dict.fromkeys(same, f"has the identifier 0x{key[0]:X} of another message")
+    return found

@@ -1,0 +1,1 @@
+"""Free decays cut from runs."""

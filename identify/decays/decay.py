@@ -1,0 +1,176 @@
+"""Free decays: the stretch of a run in which the vehicle moves on its own, ready for a fit."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import Channel, Quantity
+from daq.runs import Run, SampleGroup
+from dbc.frames import read_only
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelGroup:
+    """Channels that are sampled at the same instants, equally late, through the same low-pass."""
+
+    name: str
+    """Name of the sample group."""
+    channels: tuple[Channel, ...]
+    """In the order of the columns of the values."""
+
+    @property
+    def delay_s(self) -> float:
+        """Nominal lateness of the samples, s."""
+        return self.channels[0].delay_s
+
+    @property
+    def delay_sigma_s(self) -> float:
+        """Standard uncertainty of `delay_s`, s."""
+        return self.channels[0].delay_sigma_s
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """The samples of one clock, with the nominal lateness taken off their times."""
+
+    clock: ChannelGroup
+    """Which channels."""
+    time_s: NDArray[np.float64]
+    """When the motion was as measured, shape (n,); in a `FreeDecay` since its start."""
+    values: NDArray[np.float64]
+    """SI values, no NaN, shape (n, n_channels)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time_s", read_only(self.time_s))
+        object.__setattr__(self, "values", read_only(self.values))
+
+    def between(self, start_s: float, end_s: float) -> Recording:
+        """Return the samples with start <= time < end, times counted from the start."""
+        keep = (self.time_s >= start_s) & (self.time_s < end_s)
+        return Recording(self.clock, self.time_s[keep] - start_s, self.values[keep])
+
+    def thinned(self, rate_hz: float) -> Recording:
+        """Return every k-th sample, so that about `rate_hz` are left (all, if there are fewer)."""
+        own = (len(self.time_s) - 1) / float(self.time_s[-1] - self.time_s[0])
+        step = max(1, round(own / rate_hz))
+        return Recording(self.clock, self.time_s[::step], self.values[::step])
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+class Record:
+    """What the identification takes from a run: usable samples of usable channels.
+
+    Equal to itself alone, so that what was found out of it once can be kept beside it.
+    """
+
+    label: str
+    mass_state: str
+    """`label`, `mass_state`: of the run."""
+    bump_s: float
+    """Duration of the bump as stated, s; NaN if unknown."""
+    recordings: tuple[Recording, ...]
+    """One for each clock."""
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first sample of the clock that begins last."""
+        return max(float(r.time_s[0]) for r in self.recordings)
+
+    @property
+    def end_s(self) -> float:
+        """Time just after the last sample of the clock that ends first."""
+        return min(float(r.time_s[-1]) for r in self.recordings) + 1e-9
+
+    def decay(self, start_s: float) -> FreeDecay:
+        """Return the free decay from `start_s` to the end of the record."""
+        end = np.inf
+        recordings = tuple(r.between(start_s, end) for r in self.recordings)
+        return FreeDecay(self.label, self.mass_state, start_s, recordings)
+
+
+@dataclass(frozen=True, slots=True)
+class FreeDecay:
+    """A run from the moment on which no force acts but gravity."""
+
+    label: str
+    mass_state: str
+    """`label`, `mass_state`: of the run."""
+    start_s: float
+    """Start within the run, s."""
+    recordings: tuple[Recording, ...]
+    """Times count from the start."""
+
+    @property
+    def n_values(self) -> int:
+        """Number of measured values."""
+        return sum(r.values.size for r in self.recordings)
+
+    def thinned(self, rate_hz: float) -> FreeDecay:
+        """Return the decay with about `rate_hz` samples a second of each clock."""
+        thin = tuple(r.thinned(rate_hz) for r in self.recordings)
+        return FreeDecay(self.label, self.mass_state, self.start_s, thin)
+
+
+def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
+    """Take the usable samples out of a run.
+
+    Rows with a NaN are left out: a lost sample costs its information and nothing else.
+
+    Parameters
+    ----------
+    run : Run
+        With its sample groups.
+    channels : tuple of Channel
+        The session's channels; those of quantity `unused` are passed over.
+    """
+    used = {c.name: c for c in channels if c.quantity is not Quantity.UNUSED}
+    recordings = [r for group in run.groups for r in _by_clock(group, used)]
+    return Record(
+        run.label, run.mass_state, run.bump_s, tuple(r for r in recordings if len(r.time_s))
+    )
+
+
+def _by_clock(group: SampleGroup, used: dict[str, Channel]) -> list[Recording]:
+    recordings = []
+    for members in _alike(tuple(used[name] for name in group.values if name in used)):
+        values = np.column_stack([group.values[c.name] for c in members])
+        good = np.isfinite(values).all(axis=1)
+        time = group.time_s[good] - members[0].delay_s
+        recordings.append(Recording(ChannelGroup(group.name, members), time, values[good]))
+    return recordings
+
+
+def _alike(channels: tuple[Channel, ...]) -> list[tuple[Channel, ...]]:
+    """Group the channels of one sample group that are equally late and have one low-pass."""
+    groups: defaultdict[tuple[float, ...], list[Channel]] = defaultdict(list)
+    for c in channels:
+        groups[c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order].append(c)
+    return [tuple(members) for members in groups.values()]
+
+
+def with_channels(decay: FreeDecay, change: Callable[[Channel], Channel | None]) -> FreeDecay:
+    """Return a decay whose channels are described otherwise.
+
+    Parameters
+    ----------
+    decay : FreeDecay
+        The samples, which stay as they are.
+    change : callable
+        From a channel to the channel in its place, or to None to leave it out.  The nominal
+        lateness must stay.
+    """
+    recordings = []
+    for r in decay.recordings:
+        changed = {c.name: change(c) for c in r.clock.channels}
+        kept = tuple(c for c in changed.values() if c is not None)
+        order = [c.name for c in r.clock.channels]
+        for members in _alike(kept):
+            columns = [order.index(c.name) for c in members]
+            clock = ChannelGroup(r.clock.name, members)
+            recordings.append(Recording(clock, r.time_s, r.values[:, columns]))
+    return replace(decay, recordings=tuple(recordings))

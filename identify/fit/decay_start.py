@@ -1,0 +1,252 @@
+"""Where a free decay begins, to the sample: how far back a fitted model explains a record.
+
+Every sample of the first 50 ms counts: the wheels' motion has lost half its size by then.  From a
+start that is late enough the samples before it are predicted one by one, each prediction mended by
+the samples already accepted (recursive least squares).  The errors of prediction are independent
+and of known variance as long as the motion is free; the bump's last force shows sooner or later.
+
+A sensor of displacement shows it later than one of acceleration, so some forced samples may have
+passed.  The end of the force is therefore estimated by itself: near its end any smooth force is a
+ramp, and the ramp of unknown size at each wheel that explains all samples best has its foot there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import TIME_DERIVATIVE
+
+from ..decays.decay import Record, Recording
+from .varpro import Evaluated, LinearPart, linear_part, slopes
+
+_WINDOWS = (1, 2, 4, 8, 16)
+"""Samples taken together; many tell a small force that one does not."""
+_Z = 4.5
+"""Normal deviate beyond which a window is no free decay: one false alarm in 300,000."""
+_SURE = 6.0
+"""What the squared residuals must rise by to exclude a later end of the force."""
+_SPAN_S = 0.04
+"""Before this the force is seen by any sensor."""
+_BEFORE_S = 0.005
+"""So much of what is surely forced helps to find the foot of the ramp."""
+_WHEELS = slice(3, 7)
+
+
+@dataclass(frozen=True, slots=True)
+class _Early:
+    """The samples before the start, the last one first, in units of sigma."""
+
+    time_s: NDArray[np.float64]
+    """From the start, negative, shape (n,); one entry for each value."""
+    rows: NDArray[np.float64]
+    """Slope of each value by the unknowns of the fit and the linear part of the run, shape (n,
+    n_unknown)."""
+    error: NDArray[np.float64]
+    """Measured less predicted, shape (n,)."""
+    output: NDArray[np.float64]
+    """Output row of each value's channel, shape (n, 14)."""
+    force: NDArray[np.float64]
+    """What a newton at each wheel does to it at once, shape (n, 4)."""
+    covariance: NDArray[np.float64]
+    """Of what the predictions rest on, shape (n_unknown, n_unknown)."""
+
+
+def earliest_start_s(
+    at: Evaluated, covariance: NDArray[np.float64], record: Record, start_s: float, lower_s: float
+) -> float:
+    """Return the earliest start from which the samples are free decay, s.
+
+    Parameters
+    ----------
+    at : Point
+        The fitted model for the record's mass state.
+    covariance : (P, P) float64
+        Of the unknowns of the fit.
+    record : Record
+        The run.
+    start_s : float
+        A start that is late enough.
+    lower_s : float
+        No start before this time is considered.
+    """
+    early = _early(at, covariance, record, start_s, lower_s)
+    if len(early.time_s) == 0:
+        return start_s
+    instants, known, failed = _free_instants(early)
+    if failed is not None:
+        settled = sum(instant > failed + _SPAN_S for instant in instants)
+        end = _end_of_force_s(at, early, known[settled], failed)
+        instants = [instant for instant in instants if instant > end - 1e-7]
+    return start_s + min(instants) - 1e-7 if instants else start_s
+
+
+def _early(
+    at: Evaluated, covariance: NDArray[np.float64], record: Record, start_s: float, lower_s: float
+) -> _Early:
+    decay = record.decay(start_s)
+    linear = linear_part(at, decay)
+    z = at.modes.W @ linear.solution[: len(at.modes.poles)]
+    inverse_mass = _wheel_mobility(at)
+    size, P = len(linear.solution), len(covariance)
+    mixed = np.zeros((size, P))
+    parts: list[tuple[NDArray[np.float64], ...]] = []
+    for whole, later, product, stack in zip(
+        record.recordings, decay.recordings, linear.seen, linear.coefficients, strict=True
+    ):
+        J = slopes(at, later.clock, z)
+        weight = at.weights(later.clock)
+        seen = product.gram[:, : J.shape[1]] @ J
+        mixed += np.einsum("cms,cmp->sp", stack * weight[:, None, None], seen, optimize=True)
+        before = whole.between(lower_s, start_s)
+        moved = Recording(before.clock, before.time_s + (lower_s - start_s), before.values)
+        parts.append(_recording(at, moved, stack, J, linear, inverse_mass))
+    time, rows, error, output, force = (
+        np.concatenate([part[i] for part in parts]) for i in range(5)
+    )
+    order = np.argsort(-time, kind="stable")
+    return _Early(
+        time[order],
+        rows[order],
+        error[order],
+        output[order],
+        force[order],
+        _joint(covariance, mixed, linear.normal_inverse),
+    )
+
+
+def _recording(
+    at: Evaluated,
+    early: Recording,
+    stack: NDArray[np.float64],
+    J: NDArray[np.float64],
+    linear: LinearPart,
+    mobility: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], ...]:
+    channels = early.clock.channels
+    level = np.sqrt(at.weights(early.clock))[:, None]
+    basis = at.basis(early)
+    by_unknown = np.einsum("nm,cmp->ncp", basis[:, : J.shape[1]], J, optimize=True) * level
+    by_linear = np.einsum("nm,cms->ncs", basis, stack, optimize=True) * level
+    error = early.values * level[:, 0] - by_linear @ linear.solution
+    n, c = early.values.shape
+    output = np.array([at.system.rows[channel.name] for channel in channels])
+    second = np.array([TIME_DERIVATIVE[channel.quantity] == 2 for channel in channels])
+    # An acceleration feels a force at once: A21 = -M^-1 K gives back the row of displacements.
+    displaced = output[:, :7] @ np.linalg.inv(at.system.A[7:, :7]) * second[:, None]
+    return (
+        np.repeat(early.time_s, c),
+        np.concatenate([by_unknown, by_linear], axis=-1).reshape(
+            n * c, J.shape[2] + stack.shape[2]
+        ),
+        error.ravel(),
+        np.tile(output * level, (n, 1)),
+        np.tile(displaced @ mobility * level, (n, 1)),
+    )
+
+
+def _wheel_mobility(at: Evaluated) -> NDArray[np.float64]:
+    """Return the accelerations of the degrees of freedom by a unit force at each wheel, (7, 4).
+
+    A wheel is a mass of its own in every mass state, so only it is moved at once; the size of the
+    force is unknown anyway, and with it that of the mass.
+    """
+    return np.asarray(np.eye(7)[:, _WHEELS] * np.abs(np.diag(at.system.A[7:, :7])[_WHEELS]))
+
+
+def _joint(
+    covariance: NDArray[np.float64], mixed: NDArray[np.float64], inverse: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the covariance of the unknowns together with the linear part of one run."""
+    C = np.where(np.isfinite(covariance), covariance, 0.0)
+    across = -inverse @ mixed @ C
+    own = inverse - across @ mixed.T @ inverse
+    return np.block([[C, across.T], [across, own]])
+
+
+Known = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Unknowns and linear part, less their first estimate, and their covariance."""
+
+
+def _free_instants(early: _Early) -> tuple[list[float], list[Known], float | None]:
+    """Return the instants up to the first that is no free decay, and that one.
+
+    Beside them, what is known before each of them is looked at.
+    """
+    n = early.rows.shape[1]
+    state, covariance = np.zeros(n), early.covariance
+    accepted: list[float] = []
+    known: list[Known] = []
+    squares: list[tuple[float, int]] = []
+    edges = np.flatnonzero(np.diff(early.time_s, prepend=np.inf))
+    for first, last in zip(edges, [*edges[1:], len(early.time_s)], strict=True):
+        rows, time = early.rows[first:last], float(early.time_s[first])
+        known.append((state, covariance))
+        error = early.error[first:last] - rows @ state
+        spread = np.eye(len(error)) + rows @ covariance @ rows.T
+        gain = np.linalg.solve(spread, rows @ covariance).T
+        squares.append((float(error @ np.linalg.solve(spread, error)), len(error)))
+        if _is_forced(squares):
+            return accepted, known, time
+        accepted.append(time)
+        state = state + gain @ error
+        covariance = covariance - gain @ rows @ covariance
+    return accepted, known, None
+
+
+def _is_forced(squares: list[tuple[float, int]]) -> bool:
+    """Tell whether any window of last samples is no free decay."""
+    for width in _WINDOWS[: 1 + int(np.log2(len(squares)))]:
+        total = sum(square for square, _ in squares[-width:])
+        freedom = sum(n for _, n in squares[-width:])
+        # The limit of chi2 by Wilson and Hilferty (1931).
+        spread = 2.0 / (9.0 * freedom)
+        if total > freedom * (1.0 - spread + _Z * np.sqrt(spread)) ** 3:
+            return True
+    return False
+
+
+def _end_of_force_s(at: Evaluated, early: _Early, known: Known, failed_s: float) -> float:
+    """Return the latest instant at which the force may have ended, s from the start."""
+    from scipy.linalg import solve_triangular
+
+    away = early.time_s - failed_s
+    near = (away > -_BEFORE_S) & (away <= _SPAN_S)
+    rows, time = early.rows[near], early.time_s[near]
+    state, covariance = known
+    spread = np.eye(len(time)) + rows @ covariance @ rows.T
+    root = np.linalg.cholesky(spread)
+    error = solve_triangular(root, early.error[near] - rows @ state, lower=True)
+    # The start itself may be the end of the force: then nothing is gained.
+    instants = [
+        t for t in dict.fromkeys([0.0, *time.tolist()]) if failed_s <= t <= failed_s + _SPAN_S
+    ]
+    costs = []
+    for end in instants:
+        traces = solve_triangular(root, _ramps(at, early, near, end), lower=True)
+        size = np.linalg.norm(traces, axis=0)
+        traces = traces / np.where(size > 0.0, size, 1.0)
+        found = np.linalg.lstsq(traces, error, rcond=1e-9)[0]
+        costs.append(float(np.sum((error - traces @ found) ** 2)))
+    likely = [t for t, cost in zip(instants, costs, strict=True) if cost <= min(costs) + _SURE]
+    return float(max(likely))
+
+
+def _ramps(
+    at: Evaluated, early: _Early, near: NDArray[np.bool_], end_s: float
+) -> NDArray[np.float64]:
+    """Return what a force at each wheel that falls to zero at `end_s` adds to the values, (n, 4).
+
+    Seen backwards from its end, ``t' = end - t``, the motion beyond the free decay obeys
+    ``dz/dt' = -lambda z - u t'`` in each mode and begins with zero.
+    """
+    before = np.maximum(end_s - early.time_s[near], 0.0)
+    poles = at.modes.poles
+    u = at.modes.W[:, 7:] @ _wheel_mobility(at)
+    turned = np.multiply.outer(before, poles)
+    grown = -(turned - 1.0 + np.exp(-turned)) / poles**2  # (n, 14)
+    seen = early.output[near] @ at.modes.V
+    motion = ((seen * grown) @ u).real
+    return np.asarray(motion + early.force[near] * before[:, None])

@@ -1,0 +1,302 @@
+"""From records to the optimum: noise levels, start values, and the start of each free decay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..decays.decay import FreeDecay, Record
+from ..decays.onset import decay_start_s, difference_noise, onset_s, quiet_counts, quiet_noise
+from .decay_start import earliest_start_s
+from .grey_box import GreyBox
+from .likelihood import HOLD, Fit, Residuals, fit, residuals
+from .varpro import point
+
+_BASIN_CHI2 = 1.3
+_LIMIT_SIGMAS = 5.0
+_LEAST_EXCESS = 0.02
+"""What clocks that are fitted to arrival times, and quantisation, may add to chi2/n."""
+_SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
+_FLOOR = 1e-6  # of a channel's rms: the noise of noise-free data
+_LATER_S = (0.02, 0.05)
+"""Tried when the model does not fit from the stated end of the bump on.  No later: what is wrong
+with the wheels' motion dies within 0.2 s, and a start after that would hide it."""
+_LATER_UNSTATED_S = (0.1, 0.2, 0.4)
+"""Tried where no bump is stated and a record may begin within it."""
+_UNEXPLAINED = 0.03
+"""Share of the motion's power that a model of the right basin may leave, even if it is wrong."""
+_SAME_COST = 0.01
+_ROUGH = 0.1  # of a standard deviation: a search is followed by a fit
+_SEARCH_STEPS = 40
+_FIT_STEPS = 30
+_SCANS = 3
+
+_MID_SIZE_CAR = np.array(
+    [1500, 2500, 500, 40, 40, 20e3, 20e3, 200e3, 200e3, 1500, 1500, 1.3, 1.4, 0.75, 0.75]
+)
+_INERTIAS = slice(0, 5)
+_FORCES = slice(5, 11)
+
+
+def generic_vehicles() -> tuple[NDArray[np.float64], ...]:
+    """Return the vehicles, each (15,), from which a search may start: a car, and kin of it.
+
+    The kin are lighter, heavier, stiffer and more strongly damped; together they lie within a
+    factor of two or three of anything on four wheels that is bumped by hand.
+    """
+    vehicles = []
+    for mass, force in ((1.0, 1.0), (2.0, 2.0), (0.5, 0.5), (1.0, 2.0), (2.0, 1.0), (4.0, 4.0)):
+        vehicle = _MID_SIZE_CAR.copy()
+        vehicle[_INERTIAS] *= mass
+        vehicle[_FORCES] *= force
+        vehicles.append(vehicle)
+    return tuple(vehicles)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimation:
+    """A fit with everything it rests on."""
+
+    box: GreyBox
+    """Structure of the problem."""
+    records: tuple[Record, ...]
+    """All runs."""
+    fit: Fit
+    """The optimum."""
+    decays: tuple[FreeDecay, ...]
+    """The windows used, one for each record."""
+    sigma: dict[str, float]
+    """Noise level by which each channel is weighted, SI: measured at rest and, if the model holds,
+    in the residuals."""
+    rest: dict[str, float]
+    """Noise level measured at rest; empty if there was no quiet stretch."""
+    residuals: tuple[Residuals, ...]
+    """One for each decay."""
+    chi2_per_n: float
+    """Mean square residual in units of the noise at rest, by degrees of freedom: 1 if the model
+    holds.  Without a quiet stretch the noise is the rough part of the residuals."""
+    later_s: float = 0.0
+    """How much later than expected the decays were first fitted with success, s."""
+
+    @property
+    def chi2_limit(self) -> float:
+        """What chi2/n stays below if the model holds: noise levels rest on finite samples too."""
+        freedom = sum(sum(r.freedom.values()) for r in self.residuals)
+        quiet = sum(quiet_counts(self.records).values()) if self.rest else freedom / 2.0
+        if freedom <= 0.0:
+            return 1.0
+        return 1.0 + max(_LEAST_EXCESS, _LIMIT_SIGMAS * float(np.sqrt(2 / freedom + 2 / quiet)))
+
+    @property
+    def holds(self) -> bool:
+        """Whether the model explains the decays up to the noise."""
+        return self.chi2_per_n <= self.chi2_limit
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """The noise that residuals are compared with: at rest where it was measured."""
+        return _floored(self.rest, self.decays) if self.rest else self.sigma
+
+
+def estimate(
+    box: GreyBox, records: Sequence[Record], starts: Sequence[NDArray[np.float64]]
+) -> Estimation:
+    """Find the most likely parameters of all records.
+
+    The decays start where the stated bump ends; if the model does not fit from there on, a later
+    start is tried.  Once it fits, it tells itself how far back each decay reaches.
+
+    Parameters
+    ----------
+    box : GreyBox
+        Structure of the problem.
+    records : sequence of Record
+        All runs.
+    starts : sequence of (15,) float64
+        Parameters to begin from, the most trusted first; the next are tried only where the first
+        lead to nothing.
+    """
+    records = tuple(records)
+    first = np.array([decay_start_s(record) for record in records])
+    rest = quiet_noise(records)
+    stated = all(np.isfinite(record.bump_s) for record in records)
+    # Where rest was seen and no bump is stated, the first guess is late enough for any bump.
+    movable = np.array([stated or onset_s(record) is None for record in records])
+    laters = (_LATER_S if stated else _LATER_UNSTATED_S) if movable.any() else ()
+    etas = [box.unknowns(theta) for theta in starts]
+    near = _basin(box, records, rest, first, etas)
+    best: Estimation | None = None
+    for later in (0.0, *laters):
+        begin = first + later * movable
+        if best is not None:
+            # With the bump's last force in the window the first search may have gone astray.
+            trials = [_search(box, records, rest, begin, eta) for eta in (near, etas[0])]
+            near = min(trials, key=lambda found: found.cost).eta
+        trial = _from(box, records, rest, begin, near)
+        if trial.holds:
+            return settled(replace(trial, later_s=later))
+        best = best or trial
+    assert best is not None  # there is always a window to start with
+    return best
+
+
+def _basin(
+    box: GreyBox,
+    records: tuple[Record, ...],
+    rest: dict[str, float],
+    start_s: NDArray[np.float64],
+    etas: Sequence[NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Return an optimum, (P,): one that explains nearly all, or that two starts led to."""
+    best: _Found | None = None
+    for eta in etas:
+        found = _search(box, records, rest, start_s, eta)
+        again = best is not None and abs(found.cost / best.cost - 1.0) < _SAME_COST
+        best = found if best is None or found.cost < best.cost else best
+        if best.explains or again:
+            break
+    assert best is not None  # there is always a generic vehicle
+    return best.eta
+
+
+def settled(late: Estimation) -> Estimation:
+    """Move each decay's start as far back as the model holds; weigh the channels by their noise."""
+    best = late
+    for _ in range(_SCANS):
+        points = {d.mass_state: None for d in best.decays}
+        at = {s: point(best.box, best.fit.eta, s, best.sigma) for s in points}
+        starts = [
+            earliest_start_s(
+                at[d.mass_state], best.fit.covariance, record, d.start_s, _lower_s(record)
+            )
+            for record, d in zip(best.records, best.decays, strict=True)
+        ]
+        if starts == [d.start_s for d in best.decays]:
+            break
+        moved = _from(best.box, best.records, best.rest, np.array(starts), best.fit.eta)
+        if not moved.holds:
+            break
+        best = replace(moved, later_s=late.later_s)
+    return _reweighted(best)
+
+
+def _lower_s(record: Record) -> float:
+    onset = onset_s(record)
+    return record.start_s if onset is None else onset
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Result of a search: the point (P,), its cost, whether it explains nearly all."""
+
+    eta: NDArray[np.float64]
+    cost: float
+    explains: bool
+
+
+def _search(
+    box: GreyBox,
+    records: tuple[Record, ...],
+    rest: dict[str, float],
+    start_s: NDArray[np.float64],
+    eta: NDArray[np.float64],
+) -> _Found:
+    """Find an optimum on thinned samples."""
+    decays = tuple(
+        r.decay(float(s)).thinned(_SEARCH_RATE_HZ) for r, s in zip(records, start_s, strict=True)
+    )
+    sigma = _floored(rest or _rough_noise(decays), decays)
+    n = sum(decay.n_values for decay in decays)
+    power = 0.0
+    for recording in (r for decay in decays for r in decay.recordings):
+        moving = recording.values - recording.values.mean(axis=0)
+        level = [sigma[c.name] for c in recording.clock.channels]
+        power += float(np.sum((moving / level) ** 2))
+    found = fit(box, decays, sigma, eta, _ROUGH, _SEARCH_STEPS, HOLD)
+    return _Found(found.eta, found.cost, found.cost < _BASIN_CHI2 * n + _UNEXPLAINED * power)
+
+
+def _from(
+    box: GreyBox,
+    records: tuple[Record, ...],
+    rest: dict[str, float],
+    start_s: NDArray[np.float64],
+    eta: NDArray[np.float64],
+) -> Estimation:
+    """Fit the decays that begin at the given times, (n_records,), from near the optimum."""
+    decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
+    sigma = _floored(rest or _rough_noise(decays), decays)
+    fine = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
+    left = residuals(box, decays, sigma, fine.eta)
+    if not rest:
+        for _ in range(2):  # the noise and the fit settle together
+            sigma = _floored(_residual_noise(left), decays)
+            fine = fit(box, decays, sigma, fine.eta)
+            left = residuals(box, decays, sigma, fine.eta)
+    chi2 = _chi2_per_n(box, left, sigma)
+    return Estimation(box, records, fine, decays, sigma, rest, left, chi2)
+
+
+def _reweighted(best: Estimation) -> Estimation:
+    """Pool the noise at rest, a few dozen samples perhaps, with that of the residuals."""
+    if not best.rest:
+        return best
+    counts = quiet_counts(best.records)
+    pooled = {}
+    for name, level in best.rest.items():
+        squares = sum(float(r.values[name] @ r.values[name]) for r in best.residuals)
+        freedom = sum(r.freedom[name] for r in best.residuals)
+        total = counts[name] * level**2 + squares
+        pooled[name] = float(np.sqrt(total / (counts[name] + freedom)))
+    sigma = _floored(pooled, best.decays)
+    fine = fit(best.box, best.decays, sigma, best.fit.eta)
+    left = residuals(best.box, best.decays, sigma, fine.eta)
+    chi2 = _chi2_per_n(best.box, left, best.noise)
+    return replace(best, fit=fine, sigma=sigma, residuals=left, chi2_per_n=chi2)
+
+
+def _chi2_per_n(box: GreyBox, left: Sequence[Residuals], sigma: dict[str, float]) -> float:
+    squares = sum(
+        float(values @ values) / sigma[name] ** 2
+        for decay in left
+        for name, values in decay.values.items()
+    )
+    freedom = sum(sum(decay.freedom.values()) for decay in left) - len(box.parameters)
+    return squares / freedom if freedom > 0 else float("inf")
+
+
+def _rough_noise(decays: Sequence[FreeDecay]) -> dict[str, float]:
+    """Return an upper bound of the noise from the samples themselves."""
+    worst: dict[str, float] = {}
+    for decay in decays:
+        for recording in decay.recordings:
+            noise = difference_noise(recording.values)
+            for channel, level in zip(recording.clock.channels, noise.tolist(), strict=True):
+                worst[channel.name] = max(worst.get(channel.name, 0.0), level)
+    return worst
+
+
+def _residual_noise(left: Sequence[Residuals]) -> dict[str, float]:
+    names = {name for decay in left for name in decay.values}
+    return {
+        name: float(
+            np.sqrt(
+                np.mean([difference_noise(d.values[name]) ** 2 for d in left if name in d.values])
+            )
+        )
+        for name in names
+    }
+
+
+def _floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, float]:
+    """Keep noise levels above what rounding makes of noise-free data."""
+    power: dict[str, list[float]] = {}
+    for decay in decays:
+        for recording in decay.recordings:
+            for channel, column in zip(recording.clock.channels, recording.values.T, strict=True):
+                power.setdefault(channel.name, []).append(float(np.mean(column**2)))
+    floor = {name: _FLOOR * float(np.sqrt(np.mean(p))) for name, p in power.items()}
+    return {name: max(level, floor[name], 1e-300) for name, level in sigma.items()}

@@ -1,0 +1,266 @@
+"""The grey box: from a vector of unknowns to the state matrix and output rows of each mass state.
+
+Unknowns are the parameters of the vehicle (logarithms of those that cannot be negative) and, where
+the session states an uncertainty, small corrections to what is nominally known: the place of a body
+sensor, the lateness of a sample clock, the mass of a weight.  Each correction carries its standard
+uncertainty as a prior, so that it widens the intervals of the parameters as much as it should and
+no more.  Facts (scales, tape measure) are data like the samples.  Derivatives are exact, by a
+complex step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import TIME_DERIVATIVE, Channel
+from daq.vehicle import Fact, MassState, Structure, VehicleGeometry, parameter_names
+from dbc.frames import read_only
+
+from ..decays.decay import ChannelGroup
+from ..model.facts import CORNERS, predicted
+from ..model.matrices import (
+    SYMMETRIC,
+    delta_mass,
+    expansion,
+    full_matrices,
+    motion_row,
+    state_matrix,
+)
+
+COMPLEX_STEP = 1e-30
+"""Of derivatives: there is no subtraction, so no lower limit from rounding."""
+_CROSS_SCALE_KG = 10.0
+
+SIGNED = {"k_af": 1e4, "k_ar": 1e4, "c_tf": 100.0, "c_tr": 100.0, "y_s": 0.1}
+"""Parameters that may be zero or negative, each with the size that counts as one unknown."""
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """One mass state at one point of the unknowns, with its derivatives."""
+
+    A: NDArray[np.float64]
+    """State matrix, shape (14, 14)."""
+    dA: NDArray[np.float64]
+    """Its derivative by each unknown, shape (P, 14, 14)."""
+    rows: dict[str, NDArray[np.float64]]
+    """Output row: channel = row , each shape (14,). state."""
+    d_rows: dict[str, NDArray[np.float64]]
+    """Its derivative, each shape (P, 14)."""
+
+
+@dataclass(frozen=True, slots=True)
+class GreyBox:
+    """Structure of the problem: what is unknown, and how it enters.
+
+    Attributes
+    ----------
+    names : tuple of str
+        All parameters of the structure.
+    parameters : tuple of str
+        Those that are unknown; they are the first unknowns, in this order.
+    prior_sigma : (P,) float64
+        Standard uncertainty of each unknown before any run; infinite for the parameters.
+    """
+
+    clocks: tuple[ChannelGroup, ...]
+    """Every sample clock of the session."""
+    mass_states: tuple[MassState, ...]
+    """With their added masses."""
+    geometry: VehicleGeometry | None
+    """The four lengths where they are measured; they are then no unknowns."""
+    structure: Structure = field(default_factory=Structure)
+    """Which parameters the vehicle has."""
+    facts: tuple[Fact, ...] = ()
+    """What is known of them beforehand."""
+    names: tuple[str, ...] = field(init=False)
+    parameters: tuple[str, ...] = field(init=False)
+    prior_sigma: NDArray[np.float64] = field(init=False)
+    _channels: tuple[Channel, ...] = field(init=False)
+    _loose: tuple[str, ...] = field(init=False)
+    _late: tuple[int, ...] = field(init=False)
+    _weights: tuple[tuple[str, int], ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        known = () if self.geometry is None else ("a", "b", "t_f", "t_r")
+        names = parameter_names(self.structure)
+        channels = {c.name: c for clock in self.clocks for c in clock.channels}
+        loose = [c for c in channels.values() if c.position_sigma_m > 0 and not c.at_cg]
+        late = tuple(i for i, clock in enumerate(self.clocks) if clock.delay_sigma_s > 0)
+        weights = {
+            (state.name, i): weight.sigma_kg
+            for state in self.mass_states
+            for i, weight in enumerate(state.added.weights)
+            if weight.sigma_kg > 0
+        }
+        parameters = tuple(name for name in names if name not in known)
+        free_cross = any(fact.quantity in CORNERS for fact in self.facts)
+        prior = [
+            *[np.inf] * len(parameters),
+            *[c.position_sigma_m for c in loose for _ in "xy"],
+            *[self.clocks[i].delay_sigma_s for i in late],
+            *weights.values(),
+            *[np.inf] * free_cross,
+        ]
+        for name, value in (
+            ("names", names),
+            ("parameters", parameters),
+            ("prior_sigma", read_only(np.array(prior))),
+            ("_channels", tuple(channels.values())),
+            ("_loose", tuple(c.name for c in loose)),
+            ("_late", late),
+            ("_weights", tuple(weights)),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def _first_delay(self) -> int:
+        return len(self.parameters) + 2 * len(self._loose)
+
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        """What is stated with an uncertainty, in the order of the unknowns after the parameters."""
+        return (
+            *(f"{axis} of {name}" for name in self._loose for axis in "xy"),
+            *(f"delay of {self.clocks[i].name}" for i in self._late),
+            *(f"weight {i + 1} of state {state}" for state, i in self._weights),
+        )
+
+    def pulls(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far each of `corrections` lies from what is stated, in its sigmas."""
+        stated = slice(len(self.parameters), len(self.parameters) + len(self.corrections))
+        return np.asarray(eta[stated] / self.prior_sigma[stated])
+
+    def unknowns(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the vector of unknowns, (P,), for a symmetric vehicle, (15,), no correction."""
+        return self.unknowns_of(SYMMETRIC @ theta)
+
+    def unknowns_of(self, full: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the vector of unknowns, (P,), for full parameters, (28,), and no correction.
+
+        Where the structure has one parameter for both corners, it is their geometric mean.
+        """
+        E = expansion(self.structure)
+        eta = np.zeros(len(self.prior_sigma))
+        for i, name in enumerate(self.parameters):
+            own = full[E[:, self.names.index(name)] > 0]
+            eta[i] = own[0] / SIGNED[name] if name in SIGNED else np.mean(np.log(own))
+        return eta
+
+    def values(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the value of each parameter of `names`, SI."""
+        return self._values(eta.astype(complex)).real
+
+    def parameter_slopes(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivative of each of `parameters` by its own unknown."""
+        known = dict(zip(self.names, self.values(eta).tolist(), strict=True))
+        return np.array([SIGNED.get(name, known[name]) for name in self.parameters])
+
+    def full(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the full parameters, (..., 28), at the unknowns `eta`, (..., P)."""
+        return np.asarray(self._values(eta) @ expansion(self.structure).T)
+
+    def _values(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        values = np.zeros((*eta.shape[:-1], len(self.names)), dtype=complex)
+        for i, name in enumerate(self.names):
+            if name in self.parameters:
+                unknown = eta[..., self.parameters.index(name)]
+                scale = SIGNED.get(name)
+                values[..., i] = np.exp(unknown) if scale is None else scale * unknown
+            elif self.geometry is not None:
+                values[..., i] = getattr(self.geometry, name)
+        return values
+
+    def delays_s(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the lateness of each clock beyond its nominal one, (n_clocks,) s."""
+        delays = np.zeros(len(self.clocks))
+        delays[list(self._late)] = eta[self._first_delay : self._first_delay + len(self._late)]
+        return delays
+
+    def delay_index(self, clock: int) -> int | None:
+        """Return which unknown is the lateness of a clock, None if it is exact."""
+        return self._first_delay + self._late.index(clock) if clock in self._late else None
+
+    def system(self, eta: NDArray[np.float64], mass_state: str) -> System:
+        """Return state matrix, output rows and their derivatives for one mass state."""
+        state = next(s for s in self.mass_states if s.name == mass_state)
+        A, rows = self._evaluate(stepped(eta), state)
+        slopes = rows[1:].imag / COMPLEX_STEP  # (P, n_channels, 14)
+        names = [channel.name for channel in self._channels]
+        return System(
+            A[0].real,
+            A[1:].imag / COMPLEX_STEP,
+            dict(zip(names, rows[0].real, strict=True)),
+            {name: slopes[:, i] for i, name in enumerate(names)},
+        )
+
+    def fact_misfits(
+        self, eta: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what the facts say more than the unknowns, in sigmas, and its negative slope.
+
+        Returns
+        -------
+        misfits : (n_facts,) float64
+            Measured less predicted.
+        slopes : (n_facts, P) float64
+            Derivative of the predicted value.
+        """
+        points = stepped(eta)
+        # The cross weight is the last unknown, if there is one; no other fact asks for it.
+        full, cross = self.full(points), _CROSS_SCALE_KG * points[:, -1]
+        misfits, slopes = np.zeros(len(self.facts)), np.zeros((len(self.facts), len(eta)))
+        for i, fact in enumerate(self.facts):
+            value = predicted(fact, full, cross)
+            misfits[i] = (fact.value - value[0].real) / fact.sigma
+            slopes[i] = value[1:].imag / COMPLEX_STEP / fact.sigma
+        return misfits, slopes
+
+    def _evaluate(
+        self, eta: NDArray[np.complex128], state: MassState
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return A, (n, 14, 14), and the output rows, (n, n_channels, 14), at `eta`, (n, P)."""
+        full = self.full(eta)
+        M, C, K = full_matrices(full)
+        first = self._first_delay + len(self._late)
+        masses = np.tile(
+            np.array([w.mass_kg for w in state.added.weights], dtype=complex), (len(eta), 1)
+        )
+        for p, (name, i) in enumerate(self._weights, start=first):
+            if name == state.name:
+                masses[:, i] += eta[:, p]
+        A = state_matrix(M + delta_mass(state.added, full[:, 19], masses, full[:, 27]), C, K)
+        rows = [self._row(channel, eta, full, A) for channel in self._channels]
+        return A, np.stack(rows, axis=1)
+
+    def _row(
+        self,
+        channel: Channel,
+        eta: NDArray[np.complex128],
+        full: NDArray[np.complex128],
+        A: NDArray[np.complex128],
+    ) -> NDArray[np.complex128]:
+        """Return the output row of a channel on the state (X, dX/dt), (n, 14)."""
+        x, y = channel.x_m + full[:, 19], channel.y_m - full[:, 27]
+        if channel.at_cg:
+            x, y = 0.0 * x, 0.0 * y
+        elif channel.name in self._loose:
+            p = len(self.parameters) + 2 * self._loose.index(channel.name)
+            x, y = x + eta[:, p], y + eta[:, p + 1]
+        row = motion_row(channel, x, y, full[:, [19, 20, 21, 22, 27]])
+        zero = np.zeros_like(row)
+        match TIME_DERIVATIVE[channel.quantity]:
+            case 2:
+                return np.asarray((row[:, None] @ A[:, row.shape[1] :])[:, 0])
+            case 1:
+                return np.concatenate([zero, row], axis=-1)
+        return np.concatenate([row, zero], axis=-1)
+
+
+def stepped(eta: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return the point itself and one `COMPLEX_STEP` along each unknown, (P + 1, P)."""
+    steps = np.vstack([np.zeros(len(eta)), np.eye(len(eta))])
+    return np.asarray(eta + 1j * COMPLEX_STEP * steps)

@@ -1,0 +1,203 @@
+"""Maximum likelihood on the free decays: unknowns, their covariance, the residuals.
+
+White Gaussian noise of known level per channel, so the estimate is the weighted least-squares fit
+of the free decays of all runs and mass states at once (output error), of the facts, and of the
+stated uncertainties.  What is linear in each decay is projected out (`projection`); the rest is
+iterated by Levenberg-Marquardt.  The inverse of the projected normal matrix is the covariance; at
+the optimum it is the Cramer-Rao bound (METHOD, section 5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..decays.decay import FreeDecay
+from .grey_box import GreyBox
+from .varpro import NormalBlock, linear_part, point, share
+
+_MAX_STEP = 0.5  # largest change of a logarithm in one iteration
+_BAD = 2.0  # chi2/n above which a fit counts as bad
+_LOOSEN = 0.7  # change of the hold with each step
+_LET_GO = 1e-3  # of the first hold
+HOLD = 300.0
+"""Hold with which 200 of 200 starts, wrong by up to a factor three, led to the optimum."""
+FACTS = "facts"
+PRIORS = "stated uncertainties"
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """The optimum."""
+
+    eta: NDArray[np.float64]
+    """Unknowns of the grey box, shape (P,)."""
+    covariance: NDArray[np.float64]
+    """Of `eta`, shape (P, P); infinite on the diagonal where the data do not determine it."""
+    cost: float
+    """Sum of squared residuals in units of sigma, facts and priors included."""
+    information: Mapping[str, NDArray[np.float64]]
+    """What each run contributes to the inverse of the covariance, by its label, each shape (P, P);
+    also what the facts (`FACTS`) and the stated uncertainties (`PRIORS`) do."""
+    iterations: int
+    """Levenberg-Marquardt steps taken."""
+    converged: bool
+    """Whether the last step was below the tolerance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """What a fit leaves of one decay."""
+
+    label: str
+    """Of the run."""
+    values: Mapping[str, NDArray[np.float64]]
+    """Measured minus fitted, SI, each shape (n,)."""
+    freedom: Mapping[str, float]
+    """Samples less the share of the fitted constants and initial states."""
+
+
+def fit(
+    box: GreyBox,
+    decays: tuple[FreeDecay, ...],
+    sigma: Mapping[str, float],
+    start: NDArray[np.float64],
+    tolerance: float = 1e-3,
+    max_iterations: int = 60,
+    hold: float = 0.0,
+) -> Fit:
+    """Find the most likely unknowns.
+
+    Parameters
+    ----------
+    box : GreyBox
+        Structure.
+    decays : tuple of FreeDecay
+        All runs of all mass states.
+    sigma : mapping of channel name to float
+        Standard deviation of the noise, SI.
+    start : (P,) float64
+        Where to begin.
+    tolerance : float
+        Stop when a step changes no unknown by more than this share of its standard deviation
+        (that with all others known, the smallest one there is).
+    max_iterations : int
+        Give up after so many steps.
+    hold : float
+        How strongly the unknowns are held near the start in the first steps, in units of the
+        misfit.  Without it a parameter that is far off may run to zero before the others have
+        come near (`HOLD`).
+
+    Returns
+    -------
+    Fit
+    """
+    eta = start.copy()
+    parts = shares(box, decays, sigma, eta)
+    here = _sum(parts)
+    # What rounding leaves of a difference of large sums; a cost can be compared no better.
+    rounding = 1e-13 * sum(
+        float(np.sum((r.values / [sigma[c.name] for c in r.clock.channels]) ** 2))
+        for decay in decays
+        for r in decay.recordings
+    )
+    # From near the optimum the first step may be the last.
+    damping = 1e-3 if hold else 1e-4
+    converged = False
+    iterations = 0
+    n = sum(decay.n_values for decay in decays)
+    let_go = _LET_GO * hold
+    while iterations < max_iterations and not converged:
+        iterations += 1
+        held = hold * here.cost / n if here.cost > _BAD * n and hold > let_go else 0.0
+        diagonal = np.diag(here.information) + held
+        scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        H = (here.information + held * np.eye(len(eta))) / np.outer(scale, scale)
+        downhill = here.gradient - held * (eta - start)
+        step = np.linalg.solve(H + damping * np.eye(len(eta)), downhill / scale) / scale
+        step *= min(1.0, _MAX_STEP / max(float(np.max(np.abs(step))), 1e-300))
+        trial_parts = shares(box, decays, sigma, eta + step)
+        trial = _sum(trial_parts)
+        pull = held * float(np.sum((eta + step - start) ** 2) - np.sum((eta - start) ** 2))
+        if np.isfinite(trial.cost) and trial.cost + pull <= here.cost + rounding:
+            # Where the model does not hold, residuals are larger than sigma says, and so is the
+            # uncertainty that a step is measured by.
+            fine = tolerance * max(1.0, trial.cost / n) ** 0.5
+            small = damping < 1e-3 and float(np.max(np.abs(step) * scale)) < fine
+            converged = small and not held
+            eta, here, parts = eta + step, trial, trial_parts
+            damping = max(damping / 10, 1e-12)
+            hold *= _LOOSEN
+        elif damping > 1e8:
+            break
+        else:
+            damping *= 10 if damping > 1e-9 else 1e6
+    information = {label: part.information for label, part in parts.items()}
+    return Fit(eta, covariance_of(here.information), here.cost, information, iterations, converged)
+
+
+def shares(
+    box: GreyBox,
+    decays: tuple[FreeDecay, ...],
+    sigma: Mapping[str, float],
+    eta: NDArray[np.float64],
+) -> dict[str, NormalBlock]:
+    """Return what each decay, the facts and the stated uncertainties contribute at `eta`."""
+    misfits, slopes = box.fact_misfits(eta)
+    prior = box.prior_sigma**-2
+    result = {
+        FACTS: NormalBlock(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits),
+        PRIORS: NormalBlock(float(prior @ eta**2), np.diag(prior), -prior * eta),
+    }
+    points = {state: point(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
+    return result | {decay.label: share(points[decay.mass_state], decay) for decay in decays}
+
+
+def _sum(parts: Mapping[str, NormalBlock]) -> NormalBlock:
+    return NormalBlock(
+        sum(part.cost for part in parts.values()),
+        np.sum([part.information for part in parts.values()], axis=0),
+        np.sum([part.gradient for part in parts.values()], axis=0),
+    )
+
+
+def covariance_of(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Invert the normal matrix; unknowns it leaves undetermined get an infinite variance."""
+    diagonal = np.diag(normal)
+    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
+    good = values > 1e-11 * values[-1]
+    inverse = np.where(good, 1 / np.where(good, values, 1.0), 0.0)
+    covariance = (vectors * inverse) @ vectors.T * np.outer(scale, scale)
+    lost = (np.abs(vectors[:, ~good]) > 1e-3).any(axis=1)
+    covariance[lost, lost] = np.inf
+    return np.asarray(covariance)
+
+
+def residuals(
+    box: GreyBox,
+    decays: tuple[FreeDecay, ...],
+    sigma: Mapping[str, float],
+    eta: NDArray[np.float64],
+) -> tuple[Residuals, ...]:
+    """Return what the model at `eta` leaves of each decay."""
+    points = {state: point(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
+    result = []
+    for decay in decays:
+        at = points[decay.mass_state]
+        linear = linear_part(at, decay)
+        values: dict[str, NDArray[np.float64]] = {}
+        freedom: dict[str, float] = {}
+        for r, product, stack in zip(
+            decay.recordings, linear.seen, linear.coefficients, strict=True
+        ):
+            left = r.values - at.basis(r) @ (stack @ linear.solution).T
+            for c, channel in enumerate(r.clock.channels):
+                values[channel.name] = left[:, c]
+                used = stack[c].T @ product.gram @ stack[c] * linear.normal_inverse
+                freedom[channel.name] = len(left) - float(used.sum()) / sigma[channel.name] ** 2
+        result.append(Residuals(decay.label, values, freedom))
+    return tuple(result)

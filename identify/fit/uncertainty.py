@@ -1,0 +1,157 @@
+"""Estimates with their 95 % confidence intervals, and what the intervals rest on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.vehicle import parameter_unit
+from dbc.frames import read_only
+
+from ..model.derived import derived_quantities
+from ..model.exponentials import spectrum
+from .grey_box import COMPLEX_STEP, GreyBox, stepped
+from .likelihood import Fit
+
+COVERAGE_95 = 1.959964  # standard deviations, normal distribution
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number with its standard deviation and 95 % interval, in `unit`."""
+
+    value: float
+    std: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class ModeEstimate:
+    """Frequency and damping ratio of one mode of the identified vehicle, with their intervals."""
+
+    frequency: Estimate
+    damping_ratio: Estimate
+
+
+@dataclass(frozen=True, slots=True)
+class Correlation:
+    """How the errors of the parameters hang together."""
+
+    names: tuple[str, ...]
+    """The identified parameters."""
+    matrix: NDArray[np.float64]
+    """Correlation coefficients, -1..1, shape (n, n)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrix", read_only(self.matrix))
+
+
+def estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
+    """Return every physical parameter with its interval.
+
+    Lengths that were given, not identified, have none.
+
+    Parameters
+    ----------
+    box : GreyBox
+        Which parameters were unknown.
+    fit : Fit
+        Their optimum and covariance.
+    """
+    n = len(box.parameters)
+    std = np.sqrt(np.diag(fit.covariance)[:n]) * box.parameter_slopes(fit.eta)
+    known = dict(zip(box.parameters, std.tolist(), strict=True))
+    values = zip(box.names, box.values(fit.eta).tolist(), strict=True)
+    return {
+        name: _estimate(value, known.get(name, 0.0), parameter_unit(name)) for name, value in values
+    }
+
+
+def derived_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
+    """Return the quantities of `identify.model.derived` with their intervals."""
+    quantities = derived_quantities(box.full(stepped(fit.eta)))
+    return {
+        name: _estimate(
+            float(value[0].real), _spread(value[1:].imag / COMPLEX_STEP, fit.covariance), unit
+        )
+        for name, (value, unit) in quantities.items()
+    }
+
+
+def mode_estimates(box: GreyBox, fit: Fit, mass_state: str) -> tuple[ModeEstimate, ...]:
+    """Return frequency and damping of each oscillating mode of a mass state, by frequency.
+
+    A pole moves by ``w dA v`` with its left and right eigenvector, so its error follows from that
+    of the parameters.
+    """
+    system = box.system(fit.eta, mass_state)
+    modes = spectrum(system.A)
+    upper = np.flatnonzero(modes.poles.imag > 0)
+    result = []
+    for k in upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")]:
+        pole = modes.poles[k]
+        slope = (modes.W[k] @ system.dA) @ modes.V[:, k]  # (P,)
+        size = abs(pole)
+        d_size = (pole.conjugate() * slope).real / size
+        d_damping = -slope.real / size + pole.real * d_size / size**2
+        frequency_std = _spread(d_size, fit.covariance) / (2.0 * np.pi)
+        damping_std = _spread(d_damping, fit.covariance)
+        result.append(
+            ModeEstimate(
+                _estimate(size / (2.0 * np.pi), frequency_std, "Hz"),
+                _estimate(-pole.real / size, damping_std, "1"),
+            )
+        )
+    return tuple(result)
+
+
+def correlation(box: GreyBox, fit: Fit) -> Correlation:
+    """Return the correlation of the identified parameters; NaN with one that is undetermined."""
+    n = len(box.parameters)
+    covariance = fit.covariance[:n, :n]
+    variance = np.where(np.isfinite(np.diag(covariance)), np.diag(covariance), np.nan)
+    std = np.sqrt(variance)
+    return Correlation(box.parameters, covariance / np.outer(std, std))
+
+
+def drivers(box: GreyBox, fit: Fit) -> dict[str, dict[str, float]]:
+    """Say what each parameter's precision rests on.
+
+    Were one source's information larger by a small share, the variance would fall by this share of
+    that share: ``(C H_source C)_jj / C_jj`` with the covariance C and the source's information H.
+    Over all sources it adds up to one.
+
+    Returns
+    -------
+    dict of parameter to dict of source to float
+        Sources are the labels of the runs, `likelihood.FACTS` and `likelihood.PRIORS`; the
+        largest share first.
+    """
+    C = fit.covariance
+    result: dict[str, dict[str, float]] = {}
+    for j, name in enumerate(box.parameters):
+        if not np.isfinite(C[j, j]):
+            result[name] = {}
+            continue
+        shares = {source: float(C[j] @ H @ C[j] / C[j, j]) for source, H in fit.information.items()}
+        result[name] = dict(sorted(shares.items(), key=lambda item: -item[1]))
+    return result
+
+
+def _spread(slope: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    """Return the standard deviation of a quantity from its slope by the unknowns, (P,)."""
+    lost = ~np.isfinite(np.diag(covariance))
+    if np.any(slope[lost] != 0.0):
+        return float("inf")
+    kept = np.where(lost, 0.0, slope)
+    finite = np.where(np.isfinite(covariance), covariance, 0.0)
+    return float(np.sqrt(kept @ finite @ kept))
+
+
+def _estimate(value: float, std: float, unit: str) -> Estimate:
+    half = COVERAGE_95 * std
+    return Estimate(value, std, value - half, value + half, unit)

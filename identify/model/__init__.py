@@ -1,0 +1,1 @@
+"""The vehicle as matrices, sensors and facts."""

@@ -1,0 +1,77 @@
+"""What scales and a tape measure say, as functions of the vehicle's parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.vehicle import Corner, Fact, FactQuantity
+
+from .matrices import FULL_NAMES
+
+CORNERS = {
+    FactQuantity.CORNER_FL: Corner.FRONT_LEFT,
+    FactQuantity.CORNER_FR: Corner.FRONT_RIGHT,
+    FactQuantity.CORNER_RL: Corner.REAR_LEFT,
+    FactQuantity.CORNER_RR: Corner.REAR_RIGHT,
+}
+SCALED = {FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE, *CORNERS}
+"""Quantities that scales show; one of them fixes the scale that free decays leave open."""
+
+
+def predicted(
+    fact: Fact, full: NDArray[np.complex128], cross_kg: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Return what the parameters say of a fact.
+
+    Four wheels carry a body in one way too many: how much more the diagonal FL-RR carries than the
+    other depends on the ground and on how the springs are set, not on the parameters.  That cross
+    weight is an unknown of its own.
+
+    Parameters
+    ----------
+    fact : Fact
+        What was measured.
+    full : (..., 28) complex128
+        In the order of `identify.model.matrices.FULL_NAMES`.
+    cross_kg : (...) complex128
+        What the front left corner carries beyond its share, kg.
+
+    Returns
+    -------
+    (...) complex128
+        In the unit of the fact.
+    """
+    a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
+    match fact.quantity:
+        case FactQuantity.TOTAL_MASS:
+            return np.asarray(full[..., 0] + full[..., 3:7].sum(axis=-1))
+        case FactQuantity.FRONT_AXLE:
+            return np.asarray(full[..., 0] * b / (a + b) + full[..., 3:5].sum(axis=-1))
+        case FactQuantity.REAR_AXLE:
+            return np.asarray(full[..., 0] * a / (a + b) + full[..., 5:7].sum(axis=-1))
+        case FactQuantity.WHEELBASE:
+            return np.asarray(a + b)
+        case FactQuantity.FRONT_TRACK:
+            return np.asarray(2.0 * t_f)
+        case FactQuantity.REAR_TRACK:
+            return np.asarray(2.0 * t_r)
+    corner = CORNERS.get(FactQuantity(fact.quantity)) if fact.quantity in CORNERS else None
+    if corner is not None:
+        return corner_load(corner, full, cross_kg)
+    # A parameter of a symmetric vehicle stands for both corners of its axle.
+    return full[..., next(i for i, n in enumerate(FULL_NAMES) if fact.quantity in (n, n[:-1]))]
+
+
+def corner_load(
+    corner: Corner, full: NDArray[np.complex128], cross_kg: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Return what the scales show under one wheel, kg; arguments as in `predicted`."""
+    a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
+    half_width, other = (t_f, b) if corner.front else (t_r, a)
+    axle = full[..., 0] * other / (a + b)
+    diagonal = corner.side * (1.0 if corner.front else -1.0)
+    # The cross weights of both axles must not turn the body over: they go with 1 / half width.
+    cross = diagonal * cross_kg * t_f / half_width
+    offset = corner.side * axle * full[..., 27] / (2.0 * half_width)
+    return np.asarray(axle / 2.0 + offset + cross + full[..., 3 + corner.position])

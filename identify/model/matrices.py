@@ -1,0 +1,270 @@
+"""The linear 7-DOF model (Eqs. 1-10): parameters to matrices, the only assembly there is.
+
+Symbols are the paper's; axes and degrees of freedom are those of `daq.vehicle`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from daq.channels import Channel, Quantity
+from daq.vehicle import (
+    AddedMass,
+    BodyWeight,
+    Structure,
+    VehicleGeometry,
+    VehicleParameters,
+    parameter_names,
+)
+from dbc.errors import InputError
+from dbc.frames import read_only
+
+N_DOF = 7
+
+FULL_NAMES = parameter_names(Structure(False, True, True, True))
+"""Parameters of the richest structure, 28: every other one is a case of it."""
+
+_AXLE_DIFFERENCE = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class PhysicalModel:
+    """Mass, damping and stiffness matrix of Eq. 1."""
+
+    M: NDArray[np.float64]
+    C: NDArray[np.float64]
+    K: NDArray[np.float64]
+    """`M`, `C`, `K`: kg, N s/m, N/m and their rotational counterparts, order `daq.vehicle.DOF`,
+    shape (7, 7)."""
+
+    def __post_init__(self) -> None:
+        for name in ("M", "C", "K"):
+            object.__setattr__(self, name, read_only(np.array(getattr(self, name), dtype=float)))
+
+    @property
+    def A(self) -> NDArray[np.float64]:
+        """State matrix of Eq. 12 for the state (X, dX/dt), (14, 14)."""
+        return np.asarray(state_matrix(self.M, self.C, self.K), dtype=np.float64)
+
+    def with_mass(self, delta_M: NDArray[np.float64]) -> PhysicalModel:
+        """Return the model with `delta_M`, (7, 7) in kg and kg m2, added (Eq. 25)."""
+        return PhysicalModel(self.M + delta_M, self.C, self.K)
+
+
+def expansion(structure: Structure) -> NDArray[np.float64]:
+    """Return the 0-1 matrix, (28, n), from the parameters of a structure to `FULL_NAMES`.
+
+    A parameter that the structure does not have is zero; one that it has for both corners of an
+    axle serves both.
+    """
+    names = parameter_names(structure)
+    matrix = np.zeros((len(FULL_NAMES), len(names)))
+    for i, full in enumerate(FULL_NAMES):
+        own = full if full in names else full[:-1]
+        if own in names:
+            matrix[i, names.index(own)] = 1.0
+    return matrix
+
+
+SYMMETRIC = expansion(Structure())
+"""From the 15 parameters of the symmetric vehicle to the full ones."""
+
+
+def full_matrices(
+    full: NDArray[np.complex128],
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+    """Assemble M, C and K (Eqs. 3-10) from the parameters of the richest structure.
+
+    Every spring and damper acts on a difference of motions; the matrix it makes is its rate times
+    the square of that difference.
+
+    Parameters
+    ----------
+    full : (..., 28) complex128
+        In the order of `FULL_NAMES`; complex so that derivatives can be taken by a complex step.
+
+    Returns
+    -------
+    M, C, K : (..., 7, 7) complex128
+    """
+    m_u, k_s, k_t, c_s = (full[..., 3 + 4 * i : 7 + 4 * i] for i in range(4))
+    travel = travel_rows(full)
+    twist = _AXLE_DIFFERENCE @ travel
+    wheels = np.eye(N_DOF)[3:]
+    M = _diagonal(np.concatenate([full[..., :3], m_u], axis=-1))
+    K = _square(travel, k_s) + _square(twist, full[..., 23:25]) + _square(wheels, k_t)
+    C = _square(travel, c_s) + _square(wheels, np.repeat(full[..., 25:27], 2, axis=-1))
+    return M, C, K
+
+
+def travel_rows(full: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return what each corner's suspension travel is of the degrees of freedom, (..., 4, 7)."""
+    a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
+    y_s = full[..., 27]
+    travel = np.zeros((*full.shape[:-1], 4, N_DOF), dtype=complex)
+    travel[..., 0] = -1.0
+    travel[..., 1] = np.stack([a, a, -b, -b], axis=-1)
+    travel[..., 2] = -np.stack([t_f - y_s, -t_f - y_s, t_r - y_s, -t_r - y_s], axis=-1)
+    travel[..., 3:] = np.eye(4)
+    return travel
+
+
+def _diagonal(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    return np.asarray(values[..., None] * np.eye(values.shape[-1]))
+
+
+def _square(difference: NDArray[Any], rate: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the matrix of springs or dampers between motions (Eqs. 4, 5), (..., 7, 7)."""
+    return np.asarray(np.swapaxes(difference, -1, -2) @ (rate[..., None] * difference))
+
+
+def matrices(
+    theta: NDArray[np.complex128] | NDArray[np.float64],
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+    """Assemble M, C and K (Eqs. 3-10) from the 15 parameters of the symmetric vehicle.
+
+    Parameters
+    ----------
+    theta : (..., 15) float64 or complex128
+        Parameters in the order of `daq.vehicle.PARAMETER_NAMES`.
+
+    Returns
+    -------
+    M, C, K : (..., 7, 7) complex128
+        Complex so that derivatives can be taken by a complex step.
+    """
+    full = np.asarray(theta, dtype=complex) @ SYMMETRIC.T
+    return full_matrices(full.astype(complex))
+
+
+def state_matrix(M: NDArray[Any], C: NDArray[Any], K: NDArray[Any]) -> NDArray[Any]:
+    """Return A of Eq. 12, (..., 2n, 2n), for real or complex (..., n, n) matrices."""
+    n = M.shape[-1]
+    lower = -np.linalg.solve(M, np.concatenate([K, C], axis=-1))
+    upper = np.broadcast_to(np.eye(n, 2 * n, n), lower.shape)
+    return np.concatenate([upper, lower], axis=-2)
+
+
+def loaded_model(full: NDArray[np.float64], added: AddedMass) -> PhysicalModel:
+    """Return M, C and K of a vehicle with its added mass.
+
+    Parameters
+    ----------
+    full : (28,) float64
+        In the order of `FULL_NAMES`.
+    added : AddedMass
+        What it carries.
+    """
+    M, C, K = full_matrices(full.astype(complex))
+    total = M + delta_mass(added, full[19], y_s=full[27])
+    return PhysicalModel(total.real, C.real, K.real)
+
+
+def physical_model(parameters: VehicleParameters) -> PhysicalModel:
+    """Return M, C and K of a vehicle without added mass."""
+    M, C, K = matrices(parameters.to_array())
+    return PhysicalModel(M.real, C.real, K.real)
+
+
+def state_space(parameters: VehicleParameters) -> PhysicalModel:
+    """Return the model of a vehicle: its attributes are M, C, K and the state matrix A."""
+    return physical_model(parameters)
+
+
+def delta_mass(
+    added: AddedMass,
+    a: complex | NDArray[np.complex128],
+    masses_kg: NDArray[np.complex128] | NDArray[np.float64] | None = None,
+    y_s: complex | NDArray[np.complex128] = 0.0,
+) -> NDArray[np.complex128]:
+    """Mass matrix of the added weights about the CG of the *baseline*.
+
+    A weight m at (x, y) from the CG adds ``m r r^T`` with ``r = (1, -x, y, 0, 0, 0, 0)``, and
+    m h^2 to both inertias for its height h above the CG; a weight on a hub adds to that wheel.
+
+    Parameters
+    ----------
+    added : AddedMass
+        Weights, positions counted from the middle of the front axle.
+    a, y_s : complex or (...) complex128
+        Place of the CG, m: behind the front axle, and to the left of the middle.
+    masses_kg : (..., n_weights) float64 or complex128, optional
+        Masses in place of the nominal ones.
+
+    Returns
+    -------
+    (..., 7, 7) complex128
+        In the order `daq.vehicle.DOF`; complex for complex-step derivatives.
+    """
+    a, y_s = np.broadcast_arrays(np.asarray(a, dtype=complex), np.asarray(y_s, dtype=complex))
+    total = np.broadcast_to(added.matrix, (*a.shape, N_DOF, N_DOF)).astype(complex)
+    for i, weight in enumerate(added.weights):
+        mass = weight.mass_kg if masses_kg is None else masses_kg[..., i]
+        if isinstance(weight, BodyWeight):
+            r = np.stack([np.ones_like(a), -(weight.x_m + a), weight.y_m - y_s], axis=-1)
+            tilt = np.diag([0.0, 1.0, 1.0]) * weight.height_m**2
+            square = r[..., :, None] * r[..., None, :] + tilt
+            total[..., :3, :3] += np.asarray(mass)[..., None, None] * square
+        else:
+            wheel = 3 + weight.corner.position
+            total[..., wheel, wheel] += mass
+    return total
+
+
+def motion_row(channel: Channel, x: ArrayLike, y: ArrayLike, lengths: ArrayLike) -> NDArray[Any]:
+    """Return what a sensor sees of the seven degrees of freedom, its time derivative apart.
+
+    Parameters
+    ----------
+    channel : Channel
+        The sensor.
+    x, y : (...) array_like
+        Where it sits from the CG, m; only a sensor on the body asks for it.
+    lengths : (..., 4) array_like
+        a, b, t_f, t_r, m, and if the CG is off the middle, y_s as a fifth; only a suspension
+        travel asks for them.
+
+    Returns
+    -------
+    (..., 7) complex128
+        Row times displacements of `daq.vehicle.DOF` is the sensor's motion.
+
+    Raises
+    ------
+    InputError
+        If the channel is no motion of the model.
+    """
+    x, y, lengths = (np.asarray(given, dtype=complex) for given in (x, y, lengths))
+    row = np.zeros((*np.broadcast_shapes(x.shape, lengths.shape[:-1]), N_DOF), dtype=complex)
+    match channel.quantity:
+        case Quantity.BODY_ACCELERATION | Quantity.BODY_DISPLACEMENT:
+            row[..., 0] = 1.0
+            row[..., 1] = -x
+            row[..., 2] = y
+        case Quantity.PITCH_RATE | Quantity.PITCH_ACCELERATION:
+            row[..., 1] = 1.0
+        case Quantity.ROLL_RATE | Quantity.ROLL_ACCELERATION:
+            row[..., 2] = 1.0
+        case _ if channel.corner is not None:
+            row[..., 3 + channel.corner.position] = 1.0
+            if channel.quantity is Quantity.SUSPENSION_TRAVEL:  # wheel less corner of the body
+                a, b, t_f, t_r, *y_s = np.moveaxis(lengths, -1, 0)
+                along, half = (a, t_f) if channel.corner.front else (-b, t_r)
+                row[..., 0] = -1.0
+                row[..., 1] = along
+                row[..., 2] = sum(y_s) - channel.corner.side * half
+        case _:
+            where = f"channel {channel.name}"
+            raise InputError(where, f"{channel.quantity} is not a motion", "leave it out")
+    return row
+
+
+def with_geometry(parameters: VehicleParameters, geometry: VehicleGeometry) -> VehicleParameters:
+    """Return the parameters with their four lengths replaced."""
+    theta = parameters.to_array()
+    theta[-4:] = (geometry.a, geometry.b, geometry.t_f, geometry.t_r)
+    return VehicleParameters(*theta)

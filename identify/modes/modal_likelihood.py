@@ -1,0 +1,157 @@
+"""Maximum likelihood of modes on free decays: the last step of the modal identification.
+
+A free decay is a sum of ``shape amplitude exp(pole t)``.  A mode has one pole and one shape in all
+runs, and in each run an amplitude of its own; each channel has white noise of its own size.  Shapes
+enter linearly and are projected out at every step (variable projection); poles and amplitudes are
+found together by Levenberg-Marquardt, because taking them in turn crawls where two modes have
+nearly one pole.  Every function is evaluated at the samples' own times, and all that a step needs
+are products of ``exp(pole t)`` and ``t exp(pole t)`` with each other and with the residuals: the
+cost is linear in the samples.
+
+The curvature of the likelihood gives the Cramer-Rao bound of every pole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import read_only
+
+from .normal_equations import Point, Problem, Ties, problem_of, unit_scale
+from .products import Block
+
+_STEPS = 60
+_SETTLED = 1e-5
+"""Gain of likelihood (in units of 1) below which a step is the last."""
+_DAMPING = 1e-3
+_MAX_DAMPING = 1e8
+
+
+@dataclass(frozen=True, slots=True)
+class LikelyModes:
+    """Modes of the highest likelihood."""
+
+    poles: NDArray[np.complex128]
+    """rad/s, shape (m,); one of each conjugate pair, and real ones, in the order of the start."""
+    shapes: NDArray[np.complex128]
+    """Entries in each channel, shape (n_channels, m)."""
+    amplitudes: NDArray[np.complex128]
+    """Of each mode at t = 0 of each run, shape (n_runs, m)."""
+    ties: Ties
+    """What was known of the shapes."""
+    pole_covariance: NDArray[np.float64]
+    """Of the real parts and then of the imaginary parts of the poles, (rad/s)^2, shape (2 m, 2
+    m)."""
+    noise: NDArray[np.float64]
+    """Standard deviation, shape (n_channels,)."""
+    log_likelihood: float
+    """Twice the logarithm of the likelihood, constants apart."""
+    n_unknowns: int
+    """Numbers fitted, levels apart."""
+
+    def __post_init__(self) -> None:
+        for name in ("poles", "shapes", "amplitudes", "pole_covariance", "noise"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def frequency_std_hz(self) -> NDArray[np.float64]:
+        """Standard deviation of ``|pole| / 2 pi``, (m,)."""
+        size = np.abs(self.poles)
+        return self._std(self.poles.real / size, self.poles.imag / size) / (2.0 * np.pi)
+
+    @property
+    def damping_ratio_std(self) -> NDArray[np.float64]:
+        """Standard deviation of ``-Re(pole) / |pole|``, (m,)."""
+        cube = np.abs(self.poles) ** 3
+        return self._std(-(self.poles.imag**2) / cube, self.poles.real * self.poles.imag / cube)
+
+    def _std(
+        self, by_real: NDArray[np.float64], by_imag: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        slope = np.hstack([np.diag(by_real), np.diag(by_imag)])
+        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", slope, self.pole_covariance, slope)))
+
+
+def most_likely_modes(
+    blocks: Sequence[Block],
+    poles: NDArray[np.complex128],
+    shapes: NDArray[np.complex128],
+    ties: Ties | None = None,
+    steps: int = _STEPS,
+) -> LikelyModes:
+    """Fit poles, shapes and amplitudes to all samples at once.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        The samples.
+    poles : (m,) complex128
+        Poles to start from, imaginary parts of at least zero, rad/s; m >= 1.  A real pole stays
+        real.
+    shapes : (n_channels, m) complex128
+        Shapes to start from.
+    ties : Ties or None
+        What is known of the shapes; nothing by default.
+    steps : int
+        Steps at most.
+    """
+    problem = problem_of(blocks, ties or Ties.none(len(shapes), len(poles)), poles.imag > 0.0)
+    point = problem.start(poles, shapes)
+    damping = _DAMPING
+    for _ in range(steps):
+        system = problem.linearise(point)
+        gain = 0.0
+        while damping < _MAX_DAMPING:
+            trial = problem.move(point, system, damping)
+            damping = max(damping / 10.0, 1e-12) if trial else damping * 10.0
+            if trial:
+                gain, point = point.objective - trial.objective, trial
+                break
+        if gain < _SETTLED:
+            break
+    return _result(problem, point)
+
+
+def likelihood_near(
+    blocks: Sequence[Block],
+    poles: NDArray[np.complex128],
+    shapes: NDArray[np.complex128],
+    ties: Ties,
+) -> float:
+    """Return the `log_likelihood` of given poles, shapes and amplitudes improved once.
+
+    Parameters are those of `most_likely_modes`; this ranks sets that begin near their optimum.
+    """
+    problem = problem_of(blocks, ties, poles.imag > 0.0)
+    return problem.log_likelihood(problem.start(poles, shapes))
+
+
+def _result(problem: Problem, point: Point) -> LikelyModes:
+    """Return the modes at a point with their covariance."""
+    m = len(point.waves.poles)
+    system = problem.linearise(point)
+    n_unknowns = len(system.free) + int(np.sum(~problem.known))
+    share = 1.0 - n_unknowns / problem.count.sum()
+    # A mode at which the information is nil has no bound: its variance is left large.
+    scale = np.multiply.outer(*[unit_scale(system.normal)] * 2)
+    strength, directions = np.linalg.eigh(scale * system.normal)
+    inverse = (directions / np.maximum(strength, 1e-15)) @ directions.T
+    inverse *= scale / max(share, 1e-3)
+    covariance = np.zeros((2 * m, 2 * m))
+    of_poles = system.free < 2 * m
+    where = system.free[of_poles]
+    covariance[np.ix_(where, where)] = inverse[np.ix_(of_poles, of_poles)]
+    return LikelyModes(
+        point.waves.poles,
+        problem.spread(point.shapes),
+        point.amplitudes,
+        problem.ties,
+        covariance,
+        np.sqrt(point.squares / problem.count / max(share, 1e-3)),
+        problem.log_likelihood(point),
+        n_unknowns,
+    )

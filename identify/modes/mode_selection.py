@@ -1,0 +1,220 @@
+"""Which poles are modes: the choice without an oracle.
+
+Noise-free records say it themselves: behind the last mode the singular values drop to rounding.
+From noisy ones the State Variable Method gives as many poles as it is asked for.  A mode is then
+what
+
+- is a conjugate pair that decays and oscillates (a damping ratio up to critical: a vehicle's modes
+  have 24 to 36 %, so the usual limit of 20 % would leave none),
+- comes again, pole and shape (MAC), at the next higher ranks (`identify.modes.stabilisation`), or
+  parts from one that does under maximum likelihood (`identify.modes.order_selection`),
+- explains so much of the records that noise would feign as much in one of 1000 records.
+
+Phase collinearity is no criterion here: the channels may be accelerations, rates and displacements
+at once, and a vehicle's dampers make its shapes complex anyway.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .modal import ModalModel
+from .order_selection import likely_modes
+from .products import even_blocks
+from .shape_fit import ModalFit, fit_modes
+from .stabilisation import Poles, diagram_of, seen_in
+from .svm import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
+
+_GAP = 100.0
+_ROUNDING = 1e-11
+"""Noise-free: singular values drop by `_GAP` to below `_ROUNDING` of the largest."""
+
+_SAME_POLE_CLEAN = 1e-4
+_MAX_DAMPING = 0.98
+
+_LIKE = 0.003
+"""Sets of poles that differ by no more, relative, lead to the same optimum."""
+_TRIAL_SWEEPS = 2
+"""A set with one pole less begins near its optimum; two sweeps rank the sets."""
+
+
+def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
+    """Identify the modes of a structure from its free decays.
+
+    Nothing is assumed of the structure: any number of modes, seen by any channels (accelerations,
+    rates and displacements may be mixed, each in its own unit).  All records go into one
+    regression; each has its own initial state.  Noisy records are fitted by maximum likelihood from
+    there, which gives the standard deviations.
+
+    Parameters
+    ----------
+    records : sequence of (n_samples, n_channels) array_like
+        Free decays, evenly sampled, the same channels in each; lengths may differ.
+    rate_hz : float
+        Samples a second.
+
+    Returns
+    -------
+    ModalModel
+        Poles in rad/s and shapes in the channels' own quantities.  Empty if the records show no
+        mode that stands out from their noise.
+
+    Raises
+    ------
+    InputError
+        No record, different numbers of channels, fewer than 8 samples, values that are not finite,
+        or a rate that is not positive.
+    """
+    return _modes(records, rate_hz, noisy_modes)
+
+
+def regression_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
+    """Return what regression alone says, to start a fit from; with noise, real poles as well.
+
+    Parameters and Raises are those of `identify_modes`.
+    """
+    return _modes(records, rate_hz, noisy_start)
+
+
+def _modes(
+    records: Sequence[ArrayLike],
+    rate_hz: float,
+    noisy: Callable[
+        [Sequence[DelaySpace], Sequence[NDArray[np.float64]], float],
+        ModalModel,
+    ],
+) -> ModalModel:
+    decays = checked_records(records, rate_hz)
+    size = np.sqrt(np.mean(np.concatenate(decays) ** 2, axis=0))
+    alive = size > 0.0
+    shapes = np.zeros((len(size), 0), dtype=complex)
+    if not np.any(alive):
+        return ModalModel(np.zeros(0, dtype=complex), shapes)
+    scaled = [decay[:, alive] / size[alive] for decay in decays]
+    spaces = [delay_space(scaled, rate_hz, delays) for delays in layouts(scaled, rate_hz)]
+    found = clean_modes(spaces)
+    if found is None:
+        found = noisy(spaces, scaled, rate_hz)
+    shapes = np.zeros((len(size), len(found)), dtype=complex)
+    shapes[alive] = found.shapes * size[alive, None]
+    return ModalModel(found.poles, shapes, found.frequency_std_hz, found.damping_ratio_std)
+
+
+def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
+    """Return the modes of noise-free records, or None if the records are noisy.
+
+    They are taken from the layout that shows most, and must come again in another one.
+
+    Parameters
+    ----------
+    spaces : sequence of DelaySpace
+        The records in several layouts, the preferred first.
+    """
+    found = []
+    for space in spaces:
+        rank = _numerical_rank(space.strength)
+        if rank is not None:
+            poles, shapes = poles_of_rank(space, rank)
+            modes = vibrates(poles)
+            found.append((poles[modes], shapes[:, modes]))
+    if not found:
+        return None
+    poles, shapes = most = max(found, key=lambda layout: len(layout[0]))
+    tolerance = _SAME_POLE_CLEAN * np.abs(poles)
+    again = [seen_in(most, other, tolerance) for other in found if other is not most]
+    confirmed = np.any(again, axis=0) if again else np.ones(len(poles), dtype=bool)
+    exact = np.zeros(int(confirmed.sum()))
+    return ModalModel(poles[confirmed], shapes[:, confirmed], exact, exact)
+
+
+def noisy_modes(
+    spaces: Sequence[DelaySpace], decays: Sequence[NDArray[np.float64]], rate_hz: float
+) -> ModalModel:
+    """Return the modes of noisy records; none if there are none to be sure of.
+
+    Parameters
+    ----------
+    spaces : sequence of DelaySpace
+        The records in several layouts.
+    decays : sequence of (n_i, n_channels) float64
+        The records, scaled as in `spaces`.
+    rate_hz : float
+        Samples a second.
+    """
+    start = noisy_start(spaces, decays, rate_hz)
+    if not len(start):
+        return start
+    likely = likely_modes(even_blocks(decays, rate_hz), start.poles, start.shapes)
+    modes = vibrates(likely.poles)
+    return ModalModel(
+        likely.poles[modes],
+        likely.shapes[:, modes],
+        likely.frequency_std_hz[modes],
+        likely.damping_ratio_std[modes],
+    )
+
+
+def noisy_start(
+    spaces: Sequence[DelaySpace], decays: Sequence[NDArray[np.float64]], rate_hz: float
+) -> ModalModel:
+    """Return the best founded set of stable poles, real ones among them; none if there are none.
+
+    Parameters are those of `noisy_modes`.
+    """
+    duration_s = max(len(decay) for decay in decays) / rate_hz
+    stable = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
+    fits = [
+        fit_modes(decays, rate_hz, poles, shapes, _TRIAL_SWEEPS)
+        for poles, shapes in _worth_trying(stable)
+    ]
+    if not fits:
+        return ModalModel(np.zeros(0, complex), np.zeros((decays[0].shape[1], 0), complex))
+    best = _without_needless(max(fits, key=lambda fit: fit.merit), decays, rate_hz)
+    return ModalModel(best.poles, best.shapes)
+
+
+def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:
+    """Return the sets without those that are like one before, or much smaller than another."""
+    most = max((len(poles) for poles, _ in sets), default=0)
+    chosen: list[Poles] = []
+    for poles, shapes in sets:
+        like = any(
+            len(poles) == len(other) and np.all(np.abs(poles - other) < _LIKE * np.abs(other))
+            for other, _ in chosen
+        )
+        if 2 * len(poles) >= most and not like:
+            chosen.append((poles, shapes))
+    return chosen
+
+
+def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """Tell which poles stand for a mode; of a pair, the one with positive imaginary part."""
+    return np.asarray((poles.imag > 0.0) & (-poles.real < _MAX_DAMPING * np.abs(poles)))
+
+
+def _without_needless(
+    fit: ModalFit, decays: Sequence[NDArray[np.float64]], rate_hz: float
+) -> ModalFit:
+    """Take out one pole after the other as long as that raises the merit."""
+    while len(fit.poles):
+        fewer = (np.delete(np.arange(len(fit.poles)), leave) for leave in range(len(fit.poles)))
+        trials = [
+            fit_modes(decays, rate_hz, fit.poles[i], fit.shapes[:, i], _TRIAL_SWEEPS) for i in fewer
+        ]
+        ahead = max(trials, key=lambda trial: trial.merit)
+        best = fit_modes(decays, rate_hz, ahead.poles, ahead.shapes)
+        if best.merit <= fit.merit:
+            break
+        fit = best
+    return fit
+
+
+def _numerical_rank(strength: NDArray[np.float64]) -> int | None:
+    """Return the number of singular values before the drop to rounding, None without a drop."""
+    relative = np.maximum(strength / strength[0], np.finfo(float).eps / 16.0)
+    drop = np.where(relative[1:] < _ROUNDING, relative[:-1] / relative[1:], 0.0)
+    rank = int(np.argmax(drop)) + 1 if len(drop) else 0
+    return rank if rank and drop[rank - 1] > _GAP else None

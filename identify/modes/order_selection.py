@@ -1,0 +1,115 @@
+"""How many modes there are: the likelihood adds what is missing and takes out what is needless.
+
+The State Variable Method may give one pole where there are two that nearly coincide; the slope of
+the residual along ``t exp(pole t)`` tells, and shows the shape of the second.  And it may give
+poles that only follow noise; without them the likelihood falls by no more than noise would feign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from .modal_likelihood import LikelyModes, likelihood_near, most_likely_modes
+from .normal_equations import Ties
+from .products import Block
+from .shape_fit import feigned
+
+_FALSE_ALARM = 1e-3
+_MOST_SPLITS = 4
+_TRIAL_STEPS = 8
+"""A second mode that is there has shown its worth by then."""
+_TINY = 1e-100
+_DETUNED = 1.03
+"""Where the second of two poles starts: near the first, and not on it."""
+
+Start = tuple[NDArray[np.complex128], NDArray[np.complex128], Ties]
+"""Poles (m,), shapes (n_channels, m) and what ties them."""
+
+
+def likely_modes(
+    blocks: Sequence[Block],
+    poles: NDArray[np.complex128],
+    shapes: NDArray[np.complex128],
+    ties: Ties | None = None,
+) -> LikelyModes:
+    """Return the best founded set of modes near a given one.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        The samples; no channel of zeros.  Levels are fitted if that pays.
+    poles : (m,) complex128
+    shapes : (n_channels, m) complex128
+        The set to start from, real poles included; m >= 1.
+    ties : Ties or None
+        What is known of the shapes; a mode that is added is of the kind of that which hid it.
+    """
+    best = most_likely_modes(blocks, poles, shapes, ties)
+    n_levels = sum(block.values.shape[1] for block in blocks if not block.free_level)
+    if n_levels:
+        floating = tuple(replace(block, free_level=True) for block in blocks)
+        free = most_likely_modes(floating, best.poles, best.shapes, ties)
+        if free.log_likelihood - best.log_likelihood > chdtri(n_levels, _FALSE_ALARM):
+            blocks, best = floating, free
+    n = sum(block.values.size for block in blocks) // len(shapes)
+    for _ in range(_MOST_SPLITS):
+        trial = most_likely_modes(blocks, *_split(blocks, best), steps=_TRIAL_STEPS)
+        if _merit(trial, n) <= _merit(best, n):
+            break
+        best = most_likely_modes(blocks, trial.poles, trial.shapes, trial.ties)
+    while len(best.poles) > 1:
+        left = _least_needed(blocks, best)
+        trial = most_likely_modes(blocks, *_chosen(best, left), steps=_TRIAL_STEPS)
+        if _merit(trial, n) <= _merit(best, n):
+            break
+        best = most_likely_modes(blocks, trial.poles, trial.shapes, trial.ties)
+    return best
+
+
+def _merit(modes: LikelyModes, n: int) -> float:
+    n_channels, n_runs = len(modes.shapes), len(modes.amplitudes)
+    return modes.log_likelihood - feigned(modes.poles, n_channels, n_runs, n)
+
+
+def _chosen(modes: LikelyModes, which: NDArray[np.intp]) -> Start:
+    ties = Ties(modes.ties.owner, modes.ties.sign[:, which])
+    return modes.poles[which], modes.shapes[:, which], ties
+
+
+def _split(blocks: Sequence[Block], modes: LikelyModes) -> Start:
+    """Return the modes with a second one beside that which hides it best."""
+    m, (n_channels, n_runs) = len(modes.poles), (len(modes.shapes), len(modes.amplitudes))
+    pattern = np.zeros((m, n_channels, n_runs), dtype=complex)
+    for block in blocks:
+        wave = np.exp(np.multiply.outer(block.time_s, modes.poles))
+        residue = modes.shapes[block.channel] * modes.amplitudes[block.run]
+        left = (block.deviations - (wave @ residue.T).real) / modes.noise[block.channel]
+        slope = block.time_s[:, None] * wave
+        size = np.linalg.norm(slope, axis=0) + _TINY  # zero if it decays within the first sample
+        pattern[:, block.channel, block.run] = (slope / size).conj().T @ left
+    u, strength, _ = np.linalg.svd(pattern * np.abs(modes.ties.sign.T)[..., None])
+    k = int(np.argmax(np.where(modes.poles.imag > 0.0, strength[:, 0], -1.0)))
+    poles, shapes, ties = _chosen(modes, np.append(np.arange(m), k))
+    shape = u[k, :, 0] * modes.noise
+    poles[-1] *= _DETUNED
+    shapes[:, -1] = shape / np.linalg.norm(shape)
+    return poles, shapes, ties
+
+
+def _least_needed(blocks: Sequence[Block], modes: LikelyModes) -> NDArray[np.intp]:
+    """Return the modes without the one whose loss costs least."""
+    m = len(modes.poles)
+    n = sum(block.values.size for block in blocks) // len(modes.shapes)
+    fewer = [np.delete(np.arange(m), leave) for leave in range(m)]
+    n_channels, n_runs = len(modes.shapes), len(modes.amplitudes)
+    merits = [
+        likelihood_near(blocks, *_chosen(modes, left))
+        - feigned(modes.poles[left], n_channels, n_runs, n)
+        for left in fewer
+    ]
+    return fewer[int(np.argmax(merits))]

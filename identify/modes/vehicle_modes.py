@@ -1,0 +1,181 @@
+"""Modes of a vehicle as its sensors see them, and the paper's chain from there (Eqs. 22-33).
+
+The State Variable Method wants samples on one grid, so the clocks are interpolated onto the slowest
+of them; from there on the modal likelihood takes every sample at its own time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from daq.channels import Channel
+from dbc.errors import InputError
+
+from ..decays.decay import FreeDecay, Record
+from ..decays.onset import onset_s
+from ..model.matrices import N_DOF
+from .modal import ModalModel
+from .modal_likelihood import LikelyModes, most_likely_modes
+from .mode_selection import regression_modes, vibrates
+from .order_selection import likely_modes
+from .products import Block
+from .symmetry import Mirror, mirror_of
+
+_RATE_HZ = 125.0  # ten times the fastest mode of a vehicle
+_LENGTH_S = 1.5  # two time constants of the slowest mode; what follows is mostly noise
+_BLUR = 0.03
+_FALSE_ALARM = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class SensedModes:
+    """Modes as the sensors see them."""
+
+    channels: tuple[Channel, ...]
+    """Rows of the shapes."""
+    model: ModalModel
+    """Poles with their standard deviations, and shapes in the channels' own quantities."""
+    mirrored: bool
+    """Whether left and right were found to be alike, and each mode symmetric or antisymmetric."""
+
+
+def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> SensedModes:
+    """Identify the modes of one mass state from its decays, all runs in one fit.
+
+    Where the sensors can tell left from right, the modes are sought as symmetric and antisymmetric
+    ones.  If shapes free of that are more likely than chance allows, the vehicle is not symmetric,
+    and they stand.
+
+    Parameters
+    ----------
+    records, decays : sequences of equal length
+        The runs and their free decays; channels that are not in all of them are left out.
+
+    Raises
+    ------
+    InputError
+        If the decays are too short or have no channel in common.
+    """
+    common = {c.name for r in decays[0].recordings for c in r.clock.channels}
+    for decay in decays:
+        common &= {c.name for r in decay.recordings for c in r.clock.channels}
+    if not common:
+        raise InputError("free decays", "no channel is in every run", "record the same sensors")
+    channels = tuple(c for r in decays[0].recordings for c in r.clock.channels if c.name in common)
+    slowest = min(_rate_hz(r.time_s) for d in decays for r in d.recordings if len(r.time_s) > 1)
+    rate_hz = slowest / max(1, round(slowest / _RATE_HZ))
+    grids = [on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
+    alive = np.any([np.ptp(grid, axis=0) > 0.0 for grid in grids], axis=0)
+    live = tuple(channel for channel, lives in zip(channels, alive, strict=True) if lives)
+    grids = [grid[:, alive] for grid in grids]
+    grids = _blurred(grids)
+    blocks = _blocks(decays, live)
+    likely = _mirrored_modes(grids, rate_hz, blocks, mirror_of(live))
+    mirrored = likely is not None
+    if likely is None:
+        start = regression_modes(grids, rate_hz)
+        if len(start):
+            likely = likely_modes(blocks, start.poles, start.shapes)
+    return SensedModes(channels, _model(likely, alive), mirrored)
+
+
+def _mirrored_modes(
+    grids: Sequence[NDArray[np.float64]], rate_hz: float, blocks: Sequence[Block], mirror: Mirror
+) -> LikelyModes | None:
+    """Return symmetric and antisymmetric modes, None if the data are against them."""
+    poles, shapes, parity = [], [], []
+    for kind in (1.0, -1.0):
+        combinations = mirror.combinations(kind)
+        if not len(combinations):
+            return None
+        found = regression_modes([grid @ combinations.T for grid in grids], rate_hz)
+        poles.append(found.poles)
+        shapes.append(combinations.T @ found.shapes)
+        parity.append(np.full(len(found), kind))
+    if not sum(len(kind) for kind in poles):
+        return None
+    ties = mirror.ties(np.concatenate(parity))
+    tied = likely_modes(blocks, np.concatenate(poles), np.hstack(shapes), ties)
+    if np.sum(vibrates(tied.poles)) > N_DOF:  # modes that are neither kind are found as both
+        return None
+    free = most_likely_modes(blocks, tied.poles, tied.shapes)
+    gain = free.log_likelihood - tied.log_likelihood
+    more = free.n_unknowns - tied.n_unknowns
+    return tied if gain <= (chdtri(more, _FALSE_ALARM) if more > 0 else 0.0) else None
+
+
+def _blurred(grids: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Add a little noise: errors of interpolation decay like modes and would be taken for some.
+
+    Only the start comes from these grids.
+    """
+    rng = np.random.default_rng(0)
+    size = _BLUR * np.std(np.concatenate(grids), axis=0)
+    return [grid + size * rng.standard_normal(grid.shape) for grid in grids]
+
+
+def _blocks(decays: Sequence[FreeDecay], channels: Sequence[Channel]) -> tuple[Block, ...]:
+    """Return the samples of some channels; the level of each sensor is unknown."""
+    position = {channel.name: number for number, channel in enumerate(channels)}
+    blocks = []
+    for run, decay in enumerate(decays):
+        for recording in decay.recordings:
+            names = [channel.name for channel in recording.clock.channels]
+            columns = [number for number, name in enumerate(names) if name in position]
+            if columns and len(recording.time_s):
+                mine = np.array([position[names[column]] for column in columns])
+                values = recording.values[:, columns]
+                blocks.append(
+                    Block(recording.time_s, values, np.full(len(mine), run), mine, free_level=True)
+                )
+    return tuple(blocks)
+
+
+def _model(likely: LikelyModes | None, alive: NDArray[np.bool_]) -> ModalModel:
+    """Return the vibrating ones of some modes, with zeros in the silent channels."""
+    if likely is None:
+        return ModalModel(np.zeros(0, complex), np.zeros((len(alive), 0), complex))
+    modes = vibrates(likely.poles)
+    shapes = np.zeros((len(alive), int(modes.sum())), dtype=complex)
+    shapes[alive] = likely.shapes[:, modes]
+    return ModalModel(
+        likely.poles[modes],
+        shapes,
+        likely.frequency_std_hz[modes],
+        likely.damping_ratio_std[modes],
+    )
+
+
+def _rate_hz(time_s: NDArray[np.float64]) -> float:
+    return (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+
+
+def on_grid(
+    record: Record, decay: FreeDecay, channels: Sequence[Channel], rate_hz: float
+) -> NDArray[np.float64]:
+    """Bring a decay, less the level of rest, on a common grid, (n, n_channels).
+
+    Fast clocks are averaged in blocks first: a mean of exponentials has the same exponents, and
+    less noise.
+    """
+    onset = onset_s(record)
+    columns: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    for before, after in zip(record.recordings, decay.recordings, strict=True):
+        width = max(1, round(_rate_hz(after.time_s) / rate_hz))
+        n = len(after.time_s) // width
+        time = after.time_s[: n * width].reshape(n, width).mean(axis=1)
+        level = 0.0
+        if onset is not None:
+            level = before.values[before.time_s < onset].mean(axis=0)
+        values = (after.values - level)[: n * width].reshape(n, width, -1).mean(axis=1)
+        for channel, column in zip(after.clock.channels, values.T, strict=True):
+            columns[channel.name] = (time, column)
+    first = max(float(columns[channel.name][0][0]) for channel in channels)
+    last = min(float(columns[channel.name][0][-1]) for channel in channels)
+    grid = first + np.arange(int(min(last - first, _LENGTH_S) * rate_hz)) / rate_hz
+    return np.column_stack([np.interp(grid, *columns[channel.name]) for channel in channels])

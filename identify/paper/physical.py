@@ -1,0 +1,268 @@
+"""From modes to mass, damping and stiffness, and on to the parameters (Eqs. 22-33).
+
+The modes of one mass state give M^-1 K and M^-1 C; those of a second one, heavier by a known
+delta-M, give the scale that the first leaves open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.vehicle import DOF, VehicleGeometry, VehicleParameters
+from dbc.errors import InputError
+
+from ..model.matrices import N_DOF, PhysicalModel, matrices, with_geometry
+from ..modes.modal import ModalModel
+
+MASS_ADVICE = "add weights to the body at three places or more and to each of the four hubs"
+_SINGULAR = 1e-9
+_N_GEOMETRY = 4
+_MAX_STEPS = 100
+"""Ten lead to a vehicle; a fit that needs more wanders among matrices that are none."""
+_LEAST_SHARE = 1e-3
+"""Of the largest diagonal element; a smaller one (noise) would weigh its row without bound."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedForm:
+    """What the paper's equations give."""
+
+    model: PhysicalModel
+    """M, C and K of Eqs. 30, 31 and 33, every element as it comes out."""
+    parameters: VehicleParameters
+    """The symmetric vehicle whose matrices come nearest."""
+    damping: Mapping[str, NDArray[np.float64]]
+    """C by each way there is (`damping_matrices`), each shape (7, 7); `model` has the first."""
+
+    def corner_damping(self) -> dict[str, dict[str, float]]:
+        """Return c_sf and c_sr by each way to C, read from the heave row as the paper does."""
+        return {
+            way: {"c_sf": float(-C[0, 3:5].mean()), "c_sr": float(-C[0, 5:7].mean())}
+            for way, C in self.damping.items()
+        }
+
+
+def identify_parameters(
+    baseline: ModalModel,
+    added: ModalModel,
+    delta_M: NDArray[np.float64],
+    geometry: VehicleGeometry | None,
+) -> ClosedForm:
+    """Identify a vehicle from its modes without and with added mass.
+
+    Parameters
+    ----------
+    baseline, added : ModalModel
+        Seven modes each, shapes as displacements of `daq.vehicle.DOF`.
+    delta_M : (7, 7) float64
+        Added mass about the CG of the baseline; full matrices are welcome.
+    geometry : VehicleGeometry or None
+        The four lengths if they are measured; None identifies them.
+
+    Raises
+    ------
+    InputError
+        If a state does not have seven modes with independent shapes, or `delta_M` leaves a degree
+        of freedom without mass.
+    """
+    A, A_added = state_matrix_of(baseline), state_matrix_of(added)
+    model = physical_matrices(A, A_added, delta_M)
+    damping = damping_matrices(A, A_added, delta_M, model.M)
+    return ClosedForm(model, nearest_vehicle(model, geometry), damping)
+
+
+def state_matrix_of(modal: ModalModel) -> NDArray[np.float64]:
+    """Return the state matrix that has the given modes (Eq. 22), (2n, 2n).
+
+    Parameters
+    ----------
+    modal : ModalModel
+        n modes with displacement shapes of n degrees of freedom.
+
+    Raises
+    ------
+    InputError
+        If the number of modes is not n, or the shapes are not independent.
+    """
+    n = len(modal.shapes)
+    if len(modal) != n:
+        raise InputError(
+            "state matrix",
+            f"{len(modal)} modes for {n} degrees of freedom",
+            "excite and measure all modes: bounce, pitch and roll, or more",
+        )
+    upper = np.vstack([modal.shapes, modal.shapes * modal.poles])
+    vectors = np.hstack([upper, upper.conj()])
+    vectors = vectors / np.linalg.norm(vectors, axis=0)
+    if np.linalg.cond(vectors) > 1.0 / np.finfo(float).eps:
+        raise InputError(
+            "state matrix",
+            "two modes have the same pole and shape",
+            "add a run that excites them apart, such as warp",
+        )
+    poles = np.concatenate([modal.poles, modal.poles.conj()])
+    return np.asarray(np.linalg.solve(vectors.T, (vectors * poles).T).T.real)
+
+
+def physical_matrices(
+    A: NDArray[np.float64], A_added: NDArray[np.float64], delta_M: NDArray[np.float64]
+) -> PhysicalModel:
+    """Return M, C and K from the state matrices of two mass states (Eqs. 30, 31, 33).
+
+    Parameters
+    ----------
+    A, A_added : (2n, 2n) float64
+        State matrices (Eq. 12) without and with the added mass.
+    delta_M : (n, n) float64
+        The added mass.
+
+    Raises
+    ------
+    InputError
+        If `delta_M` is singular: Eq. 30 then leaves some of M open.
+    """
+    n = len(delta_M)
+    _require_mass_everywhere(delta_M)
+    A21, A22, A21_added = A[n:, :n], A[n:, n:], A_added[n:, :n]
+    M = delta_M @ np.linalg.solve((A21 - A21_added).T, A21_added.T).T
+    return PhysicalModel(M, -M @ A22, -M @ A21)
+
+
+def damping_matrices(
+    A: NDArray[np.float64],
+    A_added: NDArray[np.float64],
+    delta_M: NDArray[np.float64],
+    M: NDArray[np.float64],
+) -> dict[str, NDArray[np.float64]]:
+    """Return C from the baseline, from the added state, and from both.
+
+    Noise apart they are equal; how far they differ shows how far noise has come.
+
+    Parameters
+    ----------
+    A, A_added, delta_M
+        As in `physical_matrices`.
+    M : (n, n) float64
+        Mass matrix of Eq. 30.
+
+    Returns
+    -------
+    dict of str to (n, n) float64
+        `baseline` (Eq. 31), `added` (Eq. 32), and their `mean`, which is the least-squares
+        solution of Eqs. 27 and 29 for known masses.
+    """
+    n = len(M)
+    baseline = -M @ A[n:, n:]
+    added = -(M + delta_M) @ A_added[n:, n:]
+    return {"baseline": baseline, "added": added, "mean": (baseline + added) / 2.0}
+
+
+def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> VehicleParameters:
+    """Return the 15 parameters whose matrices (Eqs. 3-10) are nearest to the given ones.
+
+    Least squares over all elements of M, C and K; each is scaled by the diagonal of its matrix, so
+    that newton metres a radian and newtons a metre weigh alike.  With the geometry given, the
+    other 11 are found for it.
+
+    Parameters
+    ----------
+    model : PhysicalModel
+        M, C and K as identified, (7, 7).
+    geometry : VehicleGeometry or None
+        The four lengths if they are measured.
+
+    Raises
+    ------
+    InputError
+        If the matrices are not finite, or so far from a vehicle's that no fit is found or one
+        with a negative mass, spring or damper.
+    """
+    identified = (model.M, model.C, model.K)
+    if not all(np.all(np.isfinite(matrix)) for matrix in identified):
+        raise InputError("structured fit", "the matrices are not finite", "check the modes")
+    weights = tuple(_equalising(matrix) for matrix in identified)
+    start = _start(model, geometry)
+    free = len(start) - (0 if geometry is None else _N_GEOMETRY)
+    size = np.abs(start[:free])
+
+    def elements(scaled: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        rest = np.broadcast_to(start[free:], (*scaled.shape[:-1], len(start) - free))
+        theta = np.concatenate([scaled * size, rest], axis=-1)
+        parts = zip(weights, matrices(theta), strict=True)
+        flat = [(weight * matrix).reshape(*scaled.shape[:-1], -1) for weight, matrix in parts]
+        return np.concatenate(flat, axis=-1)
+
+    target = np.concatenate(
+        [(weight * matrix).ravel() for weight, matrix in zip(weights, identified, strict=True)]
+    )
+
+    def jacobian(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        return elements(scaled + 1e-30j * np.eye(free)).imag.T / 1e-30
+
+    from scipy.optimize import least_squares  # a third of a second to import
+
+    fit = least_squares(
+        lambda scaled: elements(scaled.astype(complex)).real - target,
+        start[:free] / size,
+        jac=jacobian,
+        method="lm",
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
+        max_nfev=_MAX_STEPS,
+    )
+    theta = np.concatenate([fit.x * size, start[free:]])
+    if not (fit.success and np.all(theta > 0.0)):
+        raise InputError("structured fit", "no vehicle comes near the matrices", "check the modes")
+    return VehicleParameters(*(float(value) for value in theta))
+
+
+def _start(model: PhysicalModel, geometry: VehicleGeometry | None) -> NDArray[np.float64]:
+    """Read each parameter from the elements that show it by itself, as the paper does."""
+    M, C, K = np.diag(model.M), model.C, model.K
+    front, rear = slice(3, 5), slice(5, 7)
+    k_s = np.array([-K[0, front].mean(), -K[0, rear].mean()])
+    c_s = np.array([-C[0, front].mean(), -C[0, rear].mean()])
+    k_t = np.array([np.diag(K)[front].mean(), np.diag(K)[rear].mean()]) - k_s
+    lengths = (
+        K[1, front].mean(),
+        -K[1, rear].mean(),
+        (K[2, 4] - K[2, 3]) / 2,
+        (K[2, 6] - K[2, 5]) / 2,
+    ) / np.array([k_s[0], k_s[1], k_s[0], k_s[1]])
+    inertia = [*M[:3], M[front].mean(), M[rear].mean()]
+    theta = np.concatenate([inertia, k_s, k_t, c_s, lengths])
+    if geometry is None:
+        return theta
+    return with_geometry(VehicleParameters(*theta), geometry).to_array()
+
+
+def _equalising(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the factor of each element that makes the diagonal one, (n, n)."""
+    diagonal = np.abs(np.diag(matrix))
+    root = np.sqrt(np.maximum(diagonal, _LEAST_SHARE * diagonal.max()))
+    return np.asarray(1.0 / np.outer(root, root))
+
+
+def massless_motions(delta_M: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return the degrees of freedom in which an added mass, (n, n), leaves some motion massless."""
+    size = np.sqrt(np.abs(np.diag(delta_M)))
+    size = np.where(size > 0.0, size, 1.0)
+    _, strength, directions = np.linalg.svd(delta_M / np.outer(size, size))
+    massless = directions[strength < _SINGULAR]
+    if len(massless) == 0:
+        return ()
+    idle = np.max(np.abs(massless / size), axis=0) > _SINGULAR
+    names = DOF if len(delta_M) == N_DOF else tuple(f"x{i + 1}" for i in range(len(delta_M)))
+    return tuple(name for name, bare in zip(names, idle, strict=True) if bare)
+
+
+def _require_mass_everywhere(delta_M: NDArray[np.float64]) -> None:
+    """Say which degrees of freedom carry no added mass, if there are any."""
+    bare = massless_motions(delta_M)
+    if bare:
+        raise InputError("added mass", f"no mass moves with {', '.join(bare)}", MASS_ADVICE)

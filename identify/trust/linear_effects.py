@@ -1,0 +1,146 @@
+"""What a model may lack: each effect by the trace of one unit of it in a decay.
+
+Springs, dampers, unequal sides, wrong lengths; sensors that are late or read too much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.vehicle import Structure, parameter_unit
+
+from ..fit.estimation import Estimation
+from ..fit.grey_box import SIGNED, GreyBox
+from ..fit.varpro import motion, point, slopes
+from .score_test import FittedDecay, Trace
+
+RICHEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
+_LATE_S = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """One effect."""
+
+    cause: str
+    """What is suspected; several effects may share it (both anti-roll bars)."""
+    label: str
+    """Which of them."""
+    unit: str
+    """Of its size, for people."""
+    factor: float = 1.0
+    """From one unit of the trace to `unit`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effects:
+    """Effects of one kind and how to find their traces."""
+
+    effects: tuple[Effect, ...]
+    trace_of: Callable[[FittedDecay], Trace]
+
+
+def structural(estimation: Estimation) -> Effects:
+    """Return the springs, dampers, places and differences that the structure does not have."""
+    box = estimation.box
+    rich = GreyBox(box.clocks, box.mass_states, None, RICHEST)
+    n = len(box.parameters)
+    corrections = estimation.fit.eta[n : n + len(rich.prior_sigma) - len(rich.parameters)]
+    full = box.full(estimation.fit.eta.astype(complex)).real
+    eta = np.concatenate([rich.unknowns_of(full)[: len(rich.parameters)], corrections])
+    effects, directions = _lacking(box, rich)
+    points = {
+        state: point(rich, eta, state, estimation.noise)
+        for state in {decay.mass_state for decay in estimation.decays}
+    }
+
+    def trace_of(one: FittedDecay) -> Trace:
+        at = points[one.decay.mass_state]
+        z = at.modes.W @ one.linear.solution[: len(at.modes.poles)]
+        return tuple(
+            np.einsum(
+                "nm,cmq->ncq",
+                at.modes.basis(at.time_s(recording)),
+                slopes(at, recording.clock, z) @ directions,
+                optimize=True,
+            )
+            for recording in one.decay.recordings
+        )
+
+    return Effects(effects, trace_of)
+
+
+def _lacking(box: GreyBox, rich: GreyBox) -> tuple[tuple[Effect, ...], NDArray[np.float64]]:
+    """Return the effects and the direction of each among the unknowns of the richest structure."""
+    effects, columns = [], []
+
+    def add(effect: Effect, **weights: float) -> None:
+        column = np.zeros(len(rich.prior_sigma))
+        for name, weight in weights.items():
+            column[rich.parameters.index(name)] = weight
+        effects.append(effect)
+        columns.append(column)
+
+    causes = {"k_a": "anti-roll bars", "c_t": "tyre damping", "y_s": "CG off the middle"}
+    for name, scale in SIGNED.items():
+        if name not in box.parameters:
+            add(Effect(causes[name[:3]], name, parameter_unit(name), scale), **{name: 1.0})
+    if box.structure.symmetric:
+        for name in ("m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "c_sf", "c_sr"):
+            effect = Effect("left and right differ", name, "% more left than right", 200.0)
+            add(effect, **{f"{name}l": 1.0, f"{name}r": -1.0})
+    if box.geometry is not None:
+        for name in ("a", "b", "t_f", "t_r"):
+            add(Effect("a length is wrong", name, "%", 100.0), **{name: 1.0})
+    return tuple(effects), np.array(columns).reshape(-1, len(rich.prior_sigma)).T
+
+
+def lateness(estimation: Estimation) -> Effects:
+    """Return each sensor group's lateness beyond what is stated; also that of all hubs at once."""
+    kinds: dict[str, tuple[str, ...]] = {}
+    for clock in estimation.box.clocks:
+        kind = "hub sensors" if clock.channels[0].corner else "body sensors"
+        kinds[kind] = (*kinds.get(kind, ()), clock.name)
+    names = dict.fromkeys(clock.name for clock in estimation.box.clocks)
+    groups: dict[str, tuple[str, ...]] = {name: (name,) for name in names}
+    groups |= {kind: members for kind, members in kinds.items() if len(set(members)) > 1}
+    effects = tuple(Effect(f"{g} late", g, "ms", _LATE_S * 1e3) for g in groups)
+
+    def trace_of(one: FittedDecay) -> Trace:
+        z = modal_start(one)
+        traces = []
+        for r in one.decay.recordings:
+            rate = one.at.modes.basis(one.at.time_s(r)) @ motion(one.at, r.clock, z, 1).T
+            mine = np.array([r.clock.name in members for members in groups.values()], dtype=float)
+            traces.append(-_LATE_S * rate[..., None] * mine)
+        return tuple(traces)
+
+    return Effects(effects, trace_of)
+
+
+def gains(estimation: Estimation) -> Effects:
+    """Return each channel's error of gain."""
+    clocks = estimation.box.clocks
+    names = tuple(dict.fromkeys(c.name for clock in clocks for c in clock.channels))
+    effects = tuple(Effect(f"gain of {name}", name, "%", 100.0) for name in names)
+
+    def trace_of(one: FittedDecay) -> Trace:
+        z = modal_start(one)
+        traces = []
+        for r in one.decay.recordings:
+            moved = one.at.modes.basis(one.at.time_s(r)) @ motion(one.at, r.clock, z, 0).T
+            own = np.array([[c.name == name for name in names] for c in r.clock.channels], float)
+            traces.append(moved[..., None] * own)
+        return tuple(traces)
+
+    return Effects(effects, trace_of)
+
+
+def modal_start(one: FittedDecay) -> NDArray[np.complex128]:
+    """Return the fitted initial state of a decay in modal coordinates, (14,)."""
+    modes = one.at.modes
+    return np.asarray(modes.W @ one.linear.solution[: len(modes.poles)])

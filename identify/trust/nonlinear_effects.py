@@ -1,0 +1,113 @@
+"""Forces that a linear model lacks: friction, and dampers that differ in compression and rebound.
+
+They act along the fitted motion; what they add to it is computed to first order, by driving the
+fitted vehicle with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import TIME_DERIVATIVE
+
+from ..decays.decay import Recording
+from ..fit.estimation import Estimation
+from ..fit.varpro import Evaluated
+from ..model.matrices import loaded_model, travel_rows
+from .linear_effects import Effect, Effects, modal_start
+from .score_test import FittedDecay, Trace
+
+_GRID_S = 0.001
+_FRICTION_SPEED_M_S = 0.005
+"""Friction turns its sign over this speed; a bushing gives way before a seal slides."""
+_AXLES = (slice(0, 2), slice(2, 4))
+
+
+@dataclass(frozen=True, slots=True)
+class _Drives:
+    """One unit of each of q forces, on the two corners of an axle."""
+
+    force: NDArray[np.float64]
+    """Over the time grid, N, shape (n, q, 2)."""
+    push: NDArray[np.float64]
+    """Acceleration of the degrees of freedom by one newton at either corner, shape (q, 7, 2)."""
+    state: NDArray[np.float64]
+    """What it moves, from rest, shape (n, q, 14)."""
+
+
+def suspension_forces(estimation: Estimation) -> Effects:
+    """Return friction, N, and what rebound has more than compression, N s/m, of each axle."""
+    friction = "friction in the suspension"
+    one_sided = "dampers stronger in rebound than in compression"
+    effects = (
+        *(Effect(friction, axle, "N") for axle in ("front", "rear")),
+        *(Effect(one_sided, axle, "N s/m", 2.0) for axle in ("front", "rear")),
+    )
+    full = estimation.box.full(estimation.fit.eta.astype(complex)).real
+    travel = travel_rows(full.astype(complex)).real
+    push = {
+        state.name: np.asarray(-np.linalg.solve(loaded_model(full, state.added).M, travel.T), float)
+        for state in estimation.box.mass_states
+    }
+
+    def trace_of(one: FittedDecay) -> Trace:
+        at = one.at
+        end = max(float(at.time_s(r)[-1]) for r in one.decay.recordings)
+        grid = np.arange(0.0, end + 2.0 * _GRID_S, _GRID_S)
+        speed = _speeds(one, grid) @ travel.T
+        forces = (np.tanh(speed / _FRICTION_SPEED_M_S), -np.abs(speed))
+        pushed = push[one.decay.mass_state]
+        drives = _drives(
+            at,
+            np.stack([force[:, axle] for force in forces for axle in _AXLES], axis=1),
+            np.stack([pushed[:, axle] for _ in forces for axle in _AXLES]),
+        )
+        return tuple(_seen(at, r, grid, drives) for r in one.decay.recordings)
+
+    return Effects(effects, trace_of)
+
+
+def _speeds(one: FittedDecay, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the fitted velocities of the degrees of freedom, (n, 7)."""
+    modes = one.at.modes
+    z = modal_start(one)
+    upper = modes.poles.imag >= 0
+    share = np.where(modes.poles[upper].imag > 0, 2.0, 1.0)  # a conjugate pair counts twice
+    wave = np.exp(np.multiply.outer(time_s, modes.poles[upper])) * (z[upper] * share)
+    return np.asarray((wave @ modes.V[7:, upper].T).real)
+
+
+def _drives(at: Evaluated, force: NDArray[np.float64], push: NDArray[np.float64]) -> _Drives:
+    """Drive the vehicle from rest with forces that are linear between the points of the grid."""
+    modes = at.modes
+    inward = np.einsum("nqc,qkc->nqk", force, modes.W[:, 7:] @ push, optimize=True)
+    s = modes.poles * _GRID_S
+    step = np.exp(s)
+    now, before = (step - 1.0 - s) / s**2 * _GRID_S, (step * (s - 1.0) + 1.0) / s**2 * _GRID_S
+    gained = now * inward
+    gained[1:] += before * inward[:-1]
+    z = np.zeros_like(gained)
+    for k in range(1, len(z)):
+        z[k] = step * z[k - 1] + gained[k]
+    return _Drives(force, push, (z @ modes.V.T).real)
+
+
+def _seen(
+    at: Evaluated, recording: Recording, grid: NDArray[np.float64], drives: _Drives
+) -> NDArray[np.float64]:
+    """Return what the driven motions give in each channel, (n_samples, n_channels, q)."""
+    time = at.time_s(recording)
+    channels = recording.clock.channels
+    rows = np.array([at.system.rows[c.name] for c in channels])
+    # An acceleration feels the force itself, not only the motion that it makes.
+    accelerations = np.array([TIME_DERIVATIVE[c.quantity] == 2 for c in channels])
+    displaced = rows[:, :7] @ np.linalg.inv(at.system.A[7:, :7]) * accelerations[:, None]
+    at_once = np.einsum("nqc,qdc->nqd", drives.force, displaced @ drives.push, optimize=True)
+    on_grid = drives.state @ rows.T + at_once
+    before = np.clip(np.searchsorted(grid, time) - 1, 0, len(grid) - 2)
+    share = ((time - grid[before]) / _GRID_S)[:, None, None]
+    between = on_grid[before] * (1.0 - share) + on_grid[before + 1] * share
+    return np.asarray(between.swapaxes(1, 2))

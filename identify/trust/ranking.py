@@ -1,0 +1,98 @@
+"""Likely causes: which effect that the model lacks would explain what the residuals show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fit.estimation import Estimation
+from ..fit.grey_box import SIGNED
+from .linear_effects import Effect, gains, lateness, structural
+from .nonlinear_effects import suspension_forces
+from .score_test import FittedDecay, Score, Trace, fitted_decays, scores
+
+_NAMED = 3  # parts of a cause that are listed, the surest first
+_RATE_HZ = 500.0  # the motion ends at 20 Hz; more samples say little more
+
+
+@dataclass(frozen=True, slots=True)
+class Suspect:
+    """A cause and how well it is founded."""
+
+    cause: str
+    """What the model lacks."""
+    effects: tuple[Effect, ...]
+    """Its parts."""
+    score: Score
+    """Their sizes, and what they would change."""
+    explained: float
+    """Share of the excess of the squared residuals over the noise that it explains."""
+    strength: float
+    """Fall of the squared residuals in units of what chance would give to so many effects; noise
+    stays below 1 in all but one of a million cases."""
+    shift: float
+    """Largest relative change of a parameter that it means."""
+    shifted: str
+    """Which parameter that is."""
+
+    @property
+    def sizes(self) -> str:
+        """The size of the surest parts with their standard deviations, for people."""
+        rows = [
+            (abs(size / std), f"{effect.label} {size * effect.factor:.3g} ± "
+             f"{std * abs(effect.factor):.1g} {effect.unit}")
+            for effect, size, std in zip(
+                self.effects, self.score.sizes, self.score.stds, strict=True
+            )
+            if std > 0.0
+        ]  # fmt: skip
+        return ", ".join(text for _, text in sorted(rows, reverse=True)[:_NAMED])
+
+
+def rank_causes(estimation: Estimation) -> tuple[Suspect, ...]:
+    """Hold every known cause against the residuals; the one that explains most comes first.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        At its optimum.
+    """
+    fitted = fitted_decays(estimation, _RATE_HZ)
+    kinds = [kind(estimation) for kind in (structural, lateness, gains, suspension_forces)]
+    effects = [effect for kind in kinds for effect in kind.effects]
+
+    def trace_of(one: FittedDecay) -> Trace:
+        parts = zip(*(kind.trace_of(one) for kind in kinds), strict=True)
+        return tuple(np.concatenate(part, axis=-1) for part in parts)
+
+    tests = scores(estimation, fitted, trace_of, len(effects))
+    causes: dict[str, list[int]] = {}
+    for i, effect in enumerate(effects):
+        causes.setdefault(effect.cause, []).append(i)
+    thinned = sum(one.decay.n_values for one in fitted)
+    found = [
+        _suspect(estimation, cause, tuple(effects[i] for i in chosen), tests.test(chosen), thinned)
+        for cause, chosen in causes.items()
+    ]
+    return tuple(sorted(found, key=lambda suspect: -suspect.strength))
+
+
+def _suspect(
+    estimation: Estimation, cause: str, effects: tuple[Effect, ...], score: Score, n: int
+) -> Suspect:
+    chi2 = max(1.0, estimation.chi2_per_n)
+    excess = max((estimation.chi2_per_n - 1.0) * n, 1e-9)
+    chance = (np.sqrt(len(effects)) + 5.0) ** 2
+    names = estimation.box.parameters
+    moved = [0.0 if name in SIGNED else abs(score.shift[i]) for i, name in enumerate(names)]
+    worst = int(np.argmax(moved))
+    return Suspect(
+        cause,
+        effects,
+        score,
+        explained=score.gain / excess,
+        strength=score.gain / chi2 / chance,
+        shift=moved[worst],
+        shifted=names[worst],
+    )

@@ -1,0 +1,148 @@
+"""Score tests: whether a fit would be better with something more, and with how much of it.
+
+At the optimum of a model, an effect that the model lacks leaves a trace of known shape in the
+residuals.  How much of the effect there is, how surely, and by how much it has moved the
+parameters follow from one projection (Lagrange multiplier test, Rao 1948): no other fit is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..decays.decay import FreeDecay
+from ..fit.estimation import Estimation
+from ..fit.varpro import Evaluated, LinearPart, linear_part, point, slopes
+
+Trace = tuple[NDArray[np.float64], ...]
+"""What each effect does to the channels of each recording, (n_samples, n_channels, q)."""
+
+
+@dataclass(frozen=True, slots=True)
+class FittedDecay:
+    """A decay beside its fit."""
+
+    at: Evaluated
+    """The model."""
+    decay: FreeDecay
+    """The samples."""
+    linear: LinearPart
+    """Initial state and constants."""
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """Outcome of the test of q effects."""
+
+    sizes: NDArray[np.float64]
+    stds: NDArray[np.float64]
+    """`sizes`, `stds`: how much there is of each effect, all q present, and its standard deviation,
+    shape (q,)."""
+    gain: float
+    """By how much the squared residuals would fall, in units of the noise."""
+    shift: NDArray[np.float64]
+    """By how much the unknowns would move, shape (P,)."""
+    covariance: NDArray[np.float64]
+    """Of the sizes, shape (q, q)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """Traces of many effects, seen by the fit; any choice of them can be tested."""
+
+    gradient: NDArray[np.float64]
+    """Traces times residuals, less what the unknowns would take over: thinned samples have an
+    optimum of their own, a little beside that of all, shape (q,)."""
+    information: NDArray[np.float64]
+    """Of the effects, everything linear projected out, shape (q, q)."""
+    mixed: NDArray[np.float64]
+    """Of effects with unknowns, shape (q, P)."""
+    fit_covariance: NDArray[np.float64]
+    """Of the unknowns, shape (P, P)."""
+
+    def test(self, chosen: Sequence[int]) -> Score:
+        """Test the chosen effects together."""
+        rows = list(chosen)
+        X = self.mixed[rows]
+        left = self.information[np.ix_(rows, rows)] - X @ self.fit_covariance @ X.T
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(self.information)[rows], 1e-300))
+        values, vectors = np.linalg.eigh(left * np.outer(scale, scale))
+        seen = values > _SEEN
+        inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T * np.outer(scale, scale)
+        g = self.gradient[rows]
+        sizes = inverse @ g
+        shift = -self.fit_covariance @ X.T @ sizes
+        return Score(sizes, np.sqrt(np.diag(inverse)), float(g @ sizes), shift, inverse)
+
+
+_SEEN = 1e-9
+"""Share of an effect that the unknowns must leave over for it to be testable."""
+
+
+def fitted_decays(estimation: Estimation, rate_hz: float) -> tuple[FittedDecay, ...]:
+    """Return the decays of an estimation beside their fits, thinned to about `rate_hz`."""
+    fit, sigma = estimation.fit, estimation.noise
+    states = {decay.mass_state for decay in estimation.decays}
+    points = {state: point(estimation.box, fit.eta, state, sigma) for state in states}
+    result = []
+    for decay in estimation.decays:
+        at, thin = points[decay.mass_state], decay.thinned(rate_hz)
+        result.append(FittedDecay(at, thin, linear_part(at, thin)))
+    return tuple(result)
+
+
+def scores(
+    estimation: Estimation,
+    fitted: Sequence[FittedDecay],
+    trace_of: Callable[[FittedDecay], Trace],
+    q: int,
+) -> Scores:
+    """Hold effects against the residuals of a fit.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        At its optimum.
+    fitted : sequence of FittedDecay
+        Its decays.
+    trace_of : callable
+        What each of the effects, one unit of it, does to a decay.
+    q : int
+        Number of effects.
+    """
+    eta, prior = estimation.fit.eta, estimation.box.prior_sigma**-2
+    misfits, by_fact = estimation.box.fact_misfits(eta)
+    P = len(eta)
+    gradient, information, mixed = np.zeros(q), np.zeros((q, q)), np.zeros((q, P))
+    unknown = np.diag(prior) + by_fact.T @ by_fact
+    downhill = by_fact.T @ misfits - prior * eta
+    for one in fitted:
+        linear = one.linear
+        size = len(linear.solution)
+        with_linear, between = np.zeros((q, size)), np.zeros((size, P))
+        z = one.at.modes.W @ linear.solution[: len(one.at.modes.poles)]
+        for r, R, product, stack in zip(
+            one.decay.recordings, trace_of(one), linear.seen, linear.coefficients, strict=True
+        ):
+            basis, weight = one.at.basis(r), one.at.weights(r.clock)[:, None]
+            J = slopes(one.at, r.clock, z)
+            m = J.shape[1]
+            left = r.values - basis @ (stack @ linear.solution).T
+            RB = np.einsum("ncq,nm->cqm", R * weight, basis, optimize=True)
+            GJ = product.gram[:, :m] @ J
+            weighted = stack * weight[:, None]
+            gradient += np.einsum("ncq,nc->q", R * weight, left, optimize=True)
+            information += np.einsum("ncq,ncr->qr", R * weight, R, optimize=True)
+            mixed += np.einsum("cqm,cmp->qp", RB[..., :m], J, optimize=True)
+            unknown += np.einsum("cmp,cmr->pr", J * weight[:, None], GJ[:, :m], optimize=True)
+            downhill += np.einsum("cmp,cm->p", J * weight[:, None], (left.T @ basis)[:, :m])
+            with_linear += np.einsum("cqm,cms->qs", RB, stack, optimize=True)
+            between += np.einsum("cms,cmp->sp", weighted, GJ, optimize=True)
+        information -= with_linear @ linear.normal_inverse @ with_linear.T
+        mixed -= with_linear @ linear.normal_inverse @ between
+        unknown -= between.T @ linear.normal_inverse @ between
+    covariance = np.asarray(np.linalg.pinv(unknown, hermitian=True), dtype=np.float64)
+    return Scores(gradient - mixed @ covariance @ downhill, information, mixed, covariance)

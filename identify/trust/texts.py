@@ -1,0 +1,91 @@
+"""The likely cause in words: what the model lacks or which sensor is wrong, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..fit.estimation import Estimation
+from .finding import Finding, Verdict
+from .ranking import Suspect
+from .sensors import Explanation, gain_of, sensor_explanations
+
+_MATTERS = 0.02
+"""Relative change of a parameter from which on an effect makes the result doubtful."""
+_REFUSES = 0.10
+"""Relative change from which on the result must not be used."""
+_EXPLAINS = 0.35
+"""Share of the misfit from which on an effect is called its cause."""
+_CLEARLY = 0.9
+"""Share from which on no other cause is looked for."""
+_AHEAD = 0.95
+"""An effect of the vehicle gives way to a sensor only if that explains clearly more."""
+
+_ADVICE = {
+    "anti-roll bars": "set anti_roll_bars = true in [vehicle.structure]",
+    "tyre damping": "set tyre_damping = true in [vehicle.structure]",
+    "CG off the middle": "set cg_offset = true in [vehicle.structure]",
+    "left and right differ": "set symmetric = false in [vehicle.structure]",
+    "a length is wrong": "measure the lengths of [vehicle.geometry] again, or leave them out",
+    "friction in the suspension": (
+        "bump higher, so that friction counts less, or free the suspension; c_s and k_s hold for "
+        "this amplitude only"
+    ),
+    "dampers stronger in rebound than in compression": (
+        "the dampers are not linear: c_s is a mean, and the other parameters suffer"
+    ),
+}
+
+
+def cause_findings(estimation: Estimation, suspects: Sequence[Suspect]) -> tuple[Finding, ...]:
+    """Name the likely cause of a misfit, or an effect that hides below it and matters.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        At its optimum.
+    suspects : sequence of Suspect
+        Its causes as `rank_causes` has them.
+    """
+    ranked = [suspect for suspect in suspects if suspect.strength > 1.0]
+    if not ranked:
+        return ()
+    if estimation.holds:
+        return (_finding(_in_words(estimation, _preferred(ranked))),)
+    first = _in_words(estimation, _preferred(ranked))
+    found = [first] if first.explained > _EXPLAINS else []
+    if first.explained < _CLEARLY:
+        suspected = [s.effects[0].label for s in ranked if s.cause.startswith("gain of ")]
+        others = sensor_explanations(estimation, suspected)
+        found += [other for other in others if other.explained * _AHEAD > first.explained]
+    return tuple(_finding(best) for best in found[-1:])
+
+
+def _preferred(ranked: list[Suspect]) -> Suspect:
+    """Return the strongest; of lateness against earliness of the others, the lateness."""
+    best = ranked[0].strength
+    equal = [s for s in ranked if s.strength > 0.98 * best]
+    return max(equal, key=lambda s: ("late" in s.cause and s.score.sizes[0] > 0, s.strength))
+
+
+def _in_words(estimation: Estimation, suspect: Suspect) -> Explanation:
+    cause, sizes = suspect.cause, suspect.sizes
+    advice = _ADVICE.get(cause, "")
+    if cause.startswith("gain of "):
+        found = gain_of(estimation, suspect.effects[0].label)
+        sizes, advice = found.sizes, found.advice
+    elif cause.endswith(" late"):
+        advice = "state delay_s and delay_sigma_s of these channels, or mend their clock"
+    explained = 0.0 if estimation.holds else suspect.explained
+    return Explanation(cause, sizes, advice, explained, suspect.shift, suspect.shifted)
+
+
+def _finding(cause: Explanation) -> Finding:
+    severity = Verdict.OK
+    if cause.shift > _MATTERS:
+        severity = Verdict.REFUSED if cause.shift > _REFUSES else Verdict.DOUBTFUL
+    share = f", explains {min(cause.explained, 1.0) * 100:.0f} % of the misfit"
+    text = (
+        f"likely cause: {cause.name} ({cause.sizes}{share if cause.explained else ''}; moves "
+        f"{cause.shifted} by about {min(cause.shift, 1.0) * 100:.1f} %): {cause.advice}"
+    )
+    return Finding(cause.name.split(" of ")[0].replace(" ", "_"), severity, text)

@@ -1,0 +1,382 @@
+"""R9, the sources: what backends really raise, through link and watch, beside a healthy bus.
+
+Time is injected: both clocks advance by a tenth of a second a turn.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import can
+import pytest
+
+from daq.bench.config import BusConfig
+from daq.bus.link import Link
+from daq.bus.slcan.adapter import SlcanSource
+from daq.bus.socketcan import abi as abi
+from daq.bus.socketcan.reader import SocketCanSource
+from daq.bus.source import FrameSource, SourceLosses
+from daq.bus.steady_clock import HostAxis
+from dbc import FrameBatch
+
+from ..sick_bus import Device, opener
+from ..watched_bench import FOREIGN_ID, START_NS, WatchedBench
+
+HEALTHY_TURNS, FAULTY_TURNS = 15, 20
+NAMED_WITHIN_S, OVER_WITHIN_S = 1.2, 5.0
+"""A bus is silent after a second, and a block takes a tenth."""
+
+
+class Steady:
+    """A healthy source: a turn of the bench each time it is read."""
+
+    name = "can0"
+
+    def __init__(self, bench: WatchedBench) -> None:
+        self._bench = bench
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        return self._bench.healthy()
+
+    def losses(self) -> SourceLosses:
+        return SourceLosses()
+
+    def close(self) -> None:
+        pass
+
+
+class TwoBuses:
+    """The bench on a healthy bus, and a sick bus beside it."""
+
+    def __init__(self, interface: str, open_sick: Callable[[BusConfig, int], FrameSource]) -> None:
+        self.bench = WatchedBench(["can0", "sick"])
+        self.links = [
+            Link(BusConfig("virtual", "0", 500_000), 0, lambda *_: Steady(self.bench), self.clock),
+            Link(BusConfig(interface, "1", 500_000), 1, open_sick, self.clock),
+        ]
+        self.received = [0, 0]
+
+    def clock(self) -> float:
+        return self.bench.now_s
+
+    def turn(self) -> None:
+        """Read both, as their threads would, and watch."""
+        batches = [link.read(0.0) for link in self.links]
+        for number, batch in enumerate(batches):
+            self.received[number] += len(batch)
+        self.bench.links = [link.facts() for link in self.links]
+        self.bench.turn(FrameBatch.concatenate(batches))
+
+    def codes(self, subject: str) -> list[str]:
+        """Return the alarms of a subject."""
+        return [alarm.code for alarm in self.bench.alarms if alarm.subject == subject]
+
+
+def message(bench: WatchedBench, **other: object) -> can.Message:
+    fields = {"is_extended_id": False, "data": bytes(8), "timestamp": bench.t_ns * 1e-9, **other}
+    return can.Message(arbitration_id=FOREIGN_ID, **fields)  # type: ignore[arg-type]
+
+
+def impossible(**fields: object) -> can.Message:
+    made = can.Message(arbitration_id=FOREIGN_ID, is_extended_id=False, data=bytes(8))
+    made.timestamp = START_NS * 1e-9
+    for name, value in fields.items():
+        setattr(made, name, value)
+    return made
+
+
+def told(bench: WatchedBench, error_class: int) -> can.Message:
+    """Return an error frame as python-can's socketcan hands it out."""
+    return can.Message(
+        timestamp=bench.t_ns * 1e-9, arbitration_id=error_class, is_error_frame=True, data=bytes(8)
+    )
+
+
+def parse_error() -> Exception:
+    """python-can's slcan on a byte that is no UTF-8: a parser's exception behind a CanError."""
+    error = can.CanOperationError("Could not read from serial device")
+    error.__cause__ = UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
+    return error
+
+
+@dataclass(frozen=True)
+class Sickness:
+    """A fault of the device, each turn of it, and what is to be counted."""
+
+    code: str
+    breaks: Callable[[Device], object] = lambda _: None
+    each_turn: Callable[[WatchedBench], list[can.Message | Exception]] = field(default=lambda _: [])
+    count: int = 0
+    opened_again: bool = False
+    interface: str = "kvaser"
+
+
+def set_fault(error: Exception, open_error: Exception | None = None) -> Callable[[Device], None]:
+    def breaks(device: Device) -> None:
+        device.fault, device.open_fault = error, open_error
+
+    return breaks
+
+
+def swallow(device: Device) -> None:
+    device.swallows = True
+
+
+SICKNESSES = {
+    "every recv fails": Sickness(
+        "disconnected", set_fault(can.CanOperationError("bus gone")), opened_again=True
+    ),
+    "no such device": Sickness(
+        "disconnected", set_fault(OSError(errno.ENODEV, "No such device")), opened_again=True
+    ),
+    "vendor library missing": Sickness(
+        "disconnected",
+        set_fault(can.CanOperationError("x"), NameError("name 'canlib' is not defined")),
+        opened_again=True,
+    ),
+    "interface not implemented": Sickness(
+        "disconnected",
+        set_fault(OSError(5, "I/O error"), can.CanInterfaceNotImplementedError("no driver")),
+        opened_again=True,
+    ),
+    "initialisation fails": Sickness(
+        "disconnected",
+        set_fault(OSError(5, "I/O error"), can.CanInitializationError("busy")),
+        opened_again=True,
+    ),
+    "usb error swallowed": Sickness("bus_silent", swallow, opened_again=True, interface="gs_usb"),
+    "cable pulled": Sickness("bus_silent"),
+    "bus-off": Sickness("bus_off", each_turn=lambda b: [told(b, 0x40)], count=FAULTY_TURNS),
+    "ValueError of a parser": Sickness(
+        "garbled", each_turn=lambda b: [message(b), ValueError("int()")], count=FAULTY_TURNS
+    ),
+    "IndexError of a parser": Sickness(
+        "garbled", each_turn=lambda b: [message(b), IndexError("x")] * 2, count=2 * FAULTY_TURNS
+    ),
+    "a byte that is no text": Sickness(
+        "garbled", each_turn=lambda b: [parse_error(), message(b)], count=FAULTY_TURNS
+    ),
+    "length code 9": Sickness(
+        "garbled", each_turn=lambda b: [message(b), impossible(dlc=9)], count=FAULTY_TURNS
+    ),
+    "2 bytes of 8": Sickness(
+        "garbled",
+        each_turn=lambda b: [message(b), impossible(data=bytearray(2))],
+        count=FAULTY_TURNS,
+    ),
+    "identifier of 32 bits": Sickness(
+        "garbled",
+        each_turn=lambda b: [
+            message(b),
+            impossible(arbitration_id=0xFFFFFFFF, is_extended_id=True),
+        ],
+        count=FAULTY_TURNS,
+    ),
+    "FD of 9 bytes": Sickness(
+        "garbled",
+        each_turn=lambda b: [message(b), impossible(is_fd=True, dlc=9, data=bytearray(9))],
+        count=FAULTY_TURNS,
+    ),
+    "time goes back": Sickness(
+        "time_back",
+        each_turn=lambda b: [message(b), message(b, timestamp=b.t_ns * 1e-9 - 0.02)],
+        count=FAULTY_TURNS,
+    ),
+    "another epoch": Sickness(
+        "restamped", each_turn=lambda b: [message(b, timestamp=12.5)] * 3, count=3 * FAULTY_TURNS
+    ),
+    "error frames only": Sickness("check_bitrate", each_turn=lambda b: [told(b, 0x88)]),
+}
+
+
+@pytest.mark.parametrize("name", SICKNESSES)
+def test_a_sick_backend_is_named_counted_and_well_again_and_the_other_bus_never_knows(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for pause in ("GATHER_S", "FAULT_PAUSE_S"):  # no real time passes here
+        monkeypatch.setattr(f"daq.bus.interfaces.{pause}", 0.0)
+    sickness, device = SICKNESSES[name], Device()
+    clock: list[WatchedBench] = []
+    buses = TwoBuses(sickness.interface, opener(device, lambda: clock[0].t_ns))
+    bench = buses.bench
+    clock.append(bench)
+    for _ in range(HEALTHY_TURNS):
+        device.sent.append(message(bench))
+        buses.turn()
+    sick = buses.links[1].facts().name
+    assert buses.codes(sick) == ["unknown_id"]
+    received = buses.received[1]
+
+    began_s, named_s = bench.now_s, None
+    sickness.breaks(device)
+    for _ in range(FAULTY_TURNS):
+        device.sent.extend(sickness.each_turn(bench))
+        buses.turn()
+        if named_s is None and sickness.code in buses.codes(sick):
+            named_s = bench.now_s
+    alarm = bench.alarm(sickness.code, sick)
+    assert named_s is not None, bench.alarms
+    assert alarm is not None
+    assert named_s - began_s <= NAMED_WITHIN_S
+    assert alarm.count == sickness.count
+
+    device.fault = device.open_fault = None
+    device.swallows = False
+    device.sent.clear()
+    over_s = bench.now_s
+    while buses.codes(sick) != ["unknown_id"] and bench.now_s < over_s + OVER_WITHIN_S:
+        device.sent.append(message(bench))
+        buses.turn()
+    assert buses.codes(sick) == ["unknown_id"]
+    assert buses.received[1] > received
+    assert (device.opened > 1) == sickness.opened_again
+    assert buses.links[1].facts().reopened == device.opened - 1
+    # Nothing of the healthy bus was lost or late; the first turn opened it.
+    assert buses.received[0] == 400 * (bench.turns - 1)
+    assert bench.state.buses[0].frames == buses.received[0]
+    assert buses.codes("virtual 0") == []
+    assert bench.state.sensors_alive == 6
+
+
+class SerialLine:
+    """A serial line into which a test types."""
+
+    def __init__(self) -> None:
+        self.text = b""
+        self.timeout = 0.0
+        self.gone = False
+
+    @property
+    def in_waiting(self) -> int:
+        return len(self.text)
+
+    def read(self, size: int) -> bytes:
+        if self.gone:
+            raise OSError(errno.EIO, "device reports readiness to read but returned no data")
+        piece, self.text = self.text[:size], self.text[size:]
+        return piece
+
+    def write(self, data: bytes) -> None:
+        if self.gone:
+            raise OSError(errno.EIO, "write failed")
+
+    def close(self) -> None:
+        pass
+
+
+GOOD_LINE = b"t70080011223344556677\r"
+GARBAGE = [
+    b"t7009001122334455667788\r",  # length code 9
+    b"t70080011\r",  # 2 bytes where 8 are stated
+    b"TFFFFFFFF0\r",  # an identifier of 32 bits
+    b"t7008\xff\xfe11223344556677\r",  # no text
+    b"d70091122\r",  # FD, cut short
+    b"hello\r",
+]
+
+
+def test_garbage_on_a_serial_line_is_counted_to_the_line_and_an_unplugged_adapter_comes_back() -> (
+    None
+):
+    lines: list[SerialLine] = []
+
+    def open_slcan(config: BusConfig, number: int) -> FrameSource:
+        if lines and lines[-1].gone:
+            raise FileNotFoundError(errno.ENOENT, "No such file or directory")
+        lines.append(SerialLine())
+        return SlcanSource(lines[-1], "slcan 1", config.bitrate, number, lambda: bench.t_ns)
+
+    buses = TwoBuses("slcan", open_slcan)
+    bench = buses.bench
+    buses.turn()
+    for _ in range(HEALTHY_TURNS):
+        lines[0].text += GOOD_LINE * 2
+        buses.turn()
+    for _ in range(FAULTY_TURNS):
+        lines[0].text += GOOD_LINE + b"".join(GARBAGE) + GOOD_LINE
+        buses.turn()
+    alarm = bench.alarm("garbled", "slcan 1")
+    assert alarm is not None
+    assert alarm.count == len(GARBAGE) * FAULTY_TURNS
+    assert buses.received[1] == 2 * (HEALTHY_TURNS + FAULTY_TURNS)
+    for _ in range(15):  # a line without end, for a while
+        lines[0].text += b"x" * 20_000
+        buses.turn()
+    lines[0].text += b"\r"
+    for _ in range(50):
+        lines[0].text += GOOD_LINE
+        buses.turn()
+    assert buses.codes("slcan 1") == ["unknown_id"]
+    assert buses.links[1].facts().losses.garbled == len(GARBAGE) * FAULTY_TURNS + 1
+
+    lines[0].gone = True
+    for _ in range(10):
+        buses.turn()
+    assert buses.codes("slcan 1")[0] == "disconnected"
+    lines[0].gone = False
+    for _ in range(50):
+        lines[-1].text += GOOD_LINE
+        buses.turn()
+    assert buses.codes("slcan 1") == ["unknown_id"]
+    assert len(lines) == 2
+    assert buses.links[1].facts().losses.garbled == len(GARBAGE) * FAULTY_TURNS + 1
+    assert buses.received[0] == 400 * (bench.turns - 1)
+
+
+class Buffers(abi.FrameBuffers):
+    """The kernel's answers, after the faults of the test."""
+
+    faults: tuple[int, ...] = ()
+
+    def receive(self, descriptor: int) -> int:
+        if Buffers.faults:
+            code, Buffers.faults = Buffers.faults[0], Buffers.faults[1:]
+            raise OSError(code, "injected")
+        return super().receive(descriptor)
+
+
+def test_an_interface_taken_down_and_one_that_has_gone_both_come_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(abi, "FrameBuffers", Buffers)
+    wires: list[socket.socket] = []
+
+    def open_socketcan(config: BusConfig, number: int) -> FrameSource:
+        kernel, wire = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        wires.append(wire)
+        return SocketCanSource(
+            kernel, "socketcan 1", number, HostAxis(lambda: bench.t_ns, lambda: 0)
+        )
+
+    buses = TwoBuses("socketcan", open_socketcan)
+    bench = buses.bench
+    buses.turn()
+
+    def run(turns: int, bus_is_up: bool = True) -> list[str]:
+        for _ in range(turns):
+            if bus_is_up:
+                wires[-1].send(struct.pack("=IB3x8s", FOREIGN_ID, 8, bytes(8)))
+            buses.turn()
+        # Frames of a socket pair have no stamp of a kernel.
+        return [code for code in buses.codes("socketcan 1") if code != "restamped"]
+
+    assert run(15) == ["unknown_id"]
+    Buffers.faults = (errno.ENETDOWN,)
+    assert run(15, bus_is_up=False) == ["interface_down", "unknown_id"]
+    assert run(25) == ["unknown_id"]
+    assert buses.links[1].facts().reopened == 0
+
+    Buffers.faults = (errno.ENODEV,)
+    assert "disconnected" in run(2, bus_is_up=False)
+    assert run(30) == ["unknown_id"]
+    assert buses.links[1].facts().reopened == 1
+    assert bench.told("alarm").count("disconnected socketcan 1") == 1
+    assert buses.received == [400 * (bench.turns - 1), 70]
+    for link in buses.links:
+        link.close()
+    for wire in wires:
+        wire.close()

@@ -1,0 +1,328 @@
+"""The watch of a healthy bench, of a hopeless one, and of faults that come and go."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import numpy as np
+import pytest
+
+from daq.alarms import ALARM, ALARM_END, CLOCK_STEP, acknowledged
+from daq.alarms.debounce import RETELL_S
+from daq.bus.error_frames import ErrorClass, describe_error_frame, tally_error_frames
+from daq.channels import Channel, Quantity
+from daq.control.messages import BusState
+from daq.samples.mapping import map_channels
+from dbc import FrameBatch, FrameFlag, parse_codec
+
+from ..watched_bench import (
+    FOREIGN_ID,
+    WatchedBench,
+    both,
+    error_frames,
+    foreign,
+    frames,
+    saturating,
+)
+
+OFF, PROT = ErrorClass.BUS_OFF, ErrorClass.PROTOCOL
+
+
+def test_a_healthy_bench_raises_nothing_and_its_figures_are_right() -> None:
+    bench = WatchedBench(["can0"])
+    for _ in range(50):
+        bench.turn(bench.healthy(motion=1.0))
+    assert bench.alarms == []
+    assert bench.events == []
+    (bus,) = bench.state.buses
+    # 1000 of 6 and 8 bytes each a second: 2 x 500 of 8, 2 x 1000 of 6, 2 x 500 of 6
+    assert bus.frames_per_s == pytest.approx(4000, rel=1e-6)
+    assert bus.frames == 20_000
+    # Without any stuff bit and with as many as there can be.
+    least = 1000 * (47 + 64) + 3000 * (47 + 48)
+    most = 1000 * (47 + 64 + (34 + 64 - 1) // 4) + 3000 * (47 + 48 + (34 + 48 - 1) // 4)
+    assert least < bus.load * 1_000_000 < most
+    assert bus.state is BusState.OK
+    assert (bench.state.sensors_alive, bench.state.sensors_expected) == (6, 6)
+
+
+def test_what_piled_up_before_the_start_fills_no_bus() -> None:
+    bench = WatchedBench(["can0"])
+    bench.turn(FrameBatch.empty())
+    piled = []
+    for _ in range(30):  # 3 s of the bus, taken in at once
+        piled.append(bench.healthy())
+        bench.turns += 1
+    bench.turns = 1
+    bench.turn(FrameBatch.concatenate(piled))
+    (bus,) = bench.state.buses
+    assert bus.frames_per_s == pytest.approx(4000, rel=1e-3)
+    assert 0.3 < bus.load < 0.6
+
+
+def test_a_bus_that_is_being_opened_is_given_its_time() -> None:
+    bench = WatchedBench(["can0"])
+    bench.link(0, connected=False, heartbeat_s=5000.0)  # now
+    for _ in range(9):
+        bench.turn(FrameBatch.empty())
+        assert bench.alarms == []
+    for _ in range(3):
+        bench.turn(FrameBatch.empty())
+    assert [(alarm.code, alarm.text) for alarm in bench.alarms] == [
+        ("disconnected", "not connected")
+    ]
+
+
+def test_the_alarms_come_in_order_of_gravity() -> None:
+    bench = WatchedBench()
+    for _ in range(15):
+        bench.turn(bench.healthy().select(slice(1, None)), foreign(bench))
+    bench.link(1, connected=False, error="gone")
+    bench.turn()
+    codes = [alarm.code for alarm in bench.alarms]
+    assert codes == ["disconnected", "counter_gap", "unknown_id"]
+
+
+def test_sensors_on_a_bus_that_has_gone_are_counted_but_not_named_one_by_one() -> None:
+    bench = WatchedBench(["can0"])
+    for _ in range(10):
+        bench.turn()
+    bench.link(0, connected=False, error="has gone: No such device", advice="plug it in")
+    for _ in range(40):
+        bench.turn(FrameBatch.empty())
+    assert [(a.code, a.text, a.advice) for a in bench.alarms] == [
+        ("disconnected", "has gone: No such device", "plug it in")
+    ]
+    assert bench.bus_state(0) is BusState.DISCONNECTED
+    assert (bench.state.sensors_alive, bench.state.sensors_expected) == (0, 6)
+    bench.link(0, connected=True, error="", advice="", reopened=1)
+    for _ in range(20):
+        bench.turn()
+    assert bench.alarms == []
+    assert bench.state.sensors_alive == 6
+    assert bench.state.buses[0].reopened == 1
+
+
+def test_a_sensor_that_never_comes_is_named_and_a_bus_without_the_bench_is_one_alarm() -> None:
+    bench = WatchedBench(["can0"])
+    for _ in range(15):
+        bench.turn(bench.healthy(without=["HUB_Rear"]))
+    assert [(a.code, a.subject) for a in bench.alarms] == [("stale", "HUB_Rear")]
+
+    strange = WatchedBench()
+    for _ in range(30):
+        strange.turn(foreign(strange))
+    told = [(a.code, a.subject) for a in strange.alarms]
+    assert told == [("bus_silent", "can0"), ("none_of_dbc", ""), ("unknown_id", "can1")]
+    assert "0x700 (50 Hz)" in strange.alarms[-1].text
+
+
+def test_the_unknown_identifiers_are_named_most_frequent_first_and_their_number_is_bounded() -> (
+    None
+):
+    bench = WatchedBench()
+    for _ in range(20):
+        many = [frames(0x600 + i, [bytes(8)] * (i % 3 + 1), bench.t_ns, bus=1) for i in range(100)]
+        noise = [
+            frames(int(i), [b""], bench.t_ns, FrameFlag.EXTENDED, bus=1)
+            for i in np.random.default_rng(bench.turns).integers(0, 1 << 29, 200)
+        ]
+        bench.turn(bench.healthy(), *many, *noise)
+    alarm = bench.alarm("unknown_id", "can1")
+    assert alarm is not None
+    assert alarm.text.startswith("256 identifiers are not in the DBC: 0x602 (30 Hz), 0x605 (30 Hz)")
+    assert len(alarm.text) < 250
+    assert len(bench.state.messages.strangers) == 256
+
+
+def test_a_loose_contact_is_shown_each_time_and_does_not_fill_the_journal() -> None:
+    bench = WatchedBench(["can0"])
+    shown = 0
+    for _ in range(60):  # five minutes of 2 s with and 3 s without
+        bench.link(0, connected=False, error="gone")
+        for _ in range(20):
+            bench.turn(FrameBatch.empty())
+        shown += bench.alarm("disconnected", "can0") is not None
+        bench.link(0, connected=True, error="")
+        for _ in range(30):
+            bench.turn(frames(FOREIGN_ID, [bytes(8)], bench.t_ns))
+        shown -= bench.alarm("disconnected", "can0") is not None
+    assert shown == 60
+    began = bench.told(ALARM).count("disconnected can0")
+    assert 5 <= began <= 300 / RETELL_S + 1
+    assert bench.told(ALARM_END).count("disconnected can0") == began
+
+
+def test_a_fault_that_hovers_at_its_threshold_does_not_flap() -> None:
+    bench = WatchedBench(["can0"])
+    for k in range(300):  # some seconds have five, others four or six
+        bad = error_frames(PROT, b"", bench.t_ns + 99_500_000, bus=0, n=k * 7 % 2)
+        bench.turn(bench.healthy(), *[bad] * (k % 20 != 3))
+    assert bench.told(ALARM) == ["error_frames can0"]
+    assert bench.told(ALARM_END) == []
+
+
+SLOW_DBC = """VERSION ""
+BU_: S
+BO_ 512 Slow: 8 S
+ SG_ level : 0|16@1+ (1,0) [0|0] "" S
+"""
+
+
+def test_a_period_is_learned_and_what_comes_when_it_likes_is_never_late() -> None:
+    codec = parse_codec(SLOW_DBC, "slow")
+    regular = WatchedBench(["can0"], codec, ())
+    for k in range(200):  # every 0.3 s for 12 s, then no more; another keeps the bus alive
+        comes = [frames(512, [bytes(8)], regular.t_ns)] if k % 3 == 0 and k < 120 else []
+        regular.turn(frames(0x7, [b""], regular.t_ns), *comes)
+        if k != 117 + 15:  # five periods to the bit
+            assert (regular.alarm("stale", "Slow") is None) == (k < 117 + 15), k
+    wilful = WatchedBench(["can0"], codec, ())
+    rng = np.random.default_rng(2)
+    for _ in range(600):
+        comes = [frames(512, [bytes(8)], wilful.t_ns)] * int(rng.random() < 0.05)
+        wilful.turn(frames(0x7, [b""], wilful.t_ns), *comes)
+        assert wilful.alarm("stale", "Slow") is None
+
+
+RANGED_DBC = """VERSION ""
+BU_: S
+BO_ 256 Sensor: 8 S
+ SG_ real : 0|32@1- (1,0) [0|0] "m/s2" S
+ SG_ ranged : 32|16@1- (0.01,0) [-100|100] "m/s2" S
+ SG_ named : 48|16@1+ (0.01,-100) [-100|500] "m/s2" S
+SIG_VALTYPE_ 256 real : 1;
+VAL_ 256 named 65535 "not available" ;
+"""
+
+
+def test_values_that_are_none_or_cannot_be_are_counted_per_channel() -> None:
+    codec = parse_codec(RANGED_DBC, "ranged")
+    channels = [
+        Channel(name, Quantity.BODY_ACCELERATION, "m/s2", f"Sensor.{name}")
+        for name in ("real", "ranged", "named")
+    ]
+    bench = WatchedBench(["can0"], codec, map_channels(channels, codec.messages, "ranged"))
+    rng = np.random.default_rng(3)
+
+    def payloads(n: int) -> list[bytes]:
+        return [
+            struct.pack("<fhH", rng.normal(), rng.integers(-99, 99), rng.integers(9000, 11000))
+            for _ in range(n)
+        ]
+
+    for _ in range(10):
+        bench.turn(frames(256, payloads(10), bench.t_ns))
+    assert bench.alarms == []
+    for _ in range(10):
+        odd = [
+            struct.pack("<fhH", math.nan, 12_000, 10_000),
+            struct.pack("<fhH", math.inf, 0, 0xFFFF),
+        ]
+        bench.turn(frames(256, [*payloads(8), *odd], bench.t_ns))
+    found = {(a.code, a.subject): a.count for a in bench.alarms}
+    assert found == {
+        ("saturated", "ranged"): 10,
+        ("no_value", "named"): 10,
+        ("not_a_number", "real"): 20,
+        ("out_of_range", "ranged"): 10,
+    }
+    assert bench.state.overloaded == ("ranged",)
+
+
+def test_the_overload_lamp_stays_on_until_it_is_acknowledged() -> None:
+    bench = WatchedBench(["can0"])
+    bench.turn(saturating(bench))
+    for _ in range(50):
+        bench.turn()
+    assert bench.alarms == []
+    assert len(bench.state.overloaded) == 1
+    bench.state = acknowledged(bench.state)
+    bench.turn()
+    assert bench.state.overloaded == ()
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, 3600.0, -0.06])
+def test_a_step_of_the_hosts_clock_is_marked_and_stops_nothing(step_s: float) -> None:
+    bench = WatchedBench(["can0"])
+    for _ in range(20):
+        bench.turn()
+    bench.wall_step_ns = round(step_s * 1e9)
+    bench.turn()
+    marks = [event for _, event in bench.events if event.code == CLOCK_STEP]
+    assert [mark.value for mark in marks] == [pytest.approx(step_s, abs=1e-6)]
+    assert [(a.code, a.count) for a in bench.alarms] == [("clock_step", 1)]
+    for _ in range(60):
+        bench.turn()
+    assert bench.alarms == []
+    assert bench.told(ALARM) == ["clock_step"]
+
+
+def test_a_clock_that_is_slewed_leaves_a_mark_each_time_it_has_gone_far_enough() -> None:
+    bench = WatchedBench(["can0"])
+    for _ in range(100):
+        bench.wall_step_ns += 10**9
+        bench.turn()
+    marks = [event for _, event in bench.events if event.code == CLOCK_STEP]
+    assert sum(mark.value for mark in marks) == pytest.approx(99.0, abs=1e-6)
+    assert bench.told(ALARM) == ["clock_step"]
+
+
+def test_bus_off_lasts_until_a_frame_is_received_and_shows_what_the_controller_counted() -> None:
+    bench = WatchedBench()
+    for _ in range(10):
+        bench.turn(*both(bench))
+    counters = OFF | ErrorClass.COUNTERS
+    bench.turn(bench.healthy(), error_frames(counters, bytes([0] * 6 + [248, 5]), bench.t_ns))
+    bus = bench.state.buses[1]
+    assert (bus.state, bus.tx_errors, bus.rx_errors) == (BusState.BUS_OFF, 248, 5)
+    for _ in range(100):
+        bench.turn(bench.healthy())
+    assert bench.bus_state(1) is BusState.BUS_OFF
+    assert bench.alarms[0].code == "bus_off"
+    assert bench.alarm("bus_silent", "can1") is None  # bus-off says why
+    for _ in range(30):
+        bench.turn(*both(bench))
+    assert bench.bus_state(1) is BusState.OK
+    assert [a.code for a in bench.alarms] == ["unknown_id"]
+
+
+def test_an_error_frame_is_never_decoded_as_the_message_of_its_number() -> None:
+    codec = parse_codec(SLOW_DBC.replace("512", "64"), "0x40")
+    bus_off = error_frames(OFF, bytes(range(8)), 0)
+    remote = frames(0x40, [b""], 0, FrameFlag.REMOTE)
+    extended = frames(0x40, [bytes(8)], 0, FrameFlag.EXTENDED | FrameFlag.ERROR)
+    decoded = codec.decode(FrameBatch.concatenate([bus_off, remote, extended]))
+    assert decoded.samples == {}
+    assert (decoded.counts.error_frames, decoded.counts.remote_frames) == (2, 1)
+    data = codec.decode(frames(0x40, [bytes([7] + [0] * 7)], 0))
+    assert list(data["Slow.level"].value) == [7]
+
+
+def test_a_block_of_error_frames_sums_up_to_what_each_of_them_says() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        n = int(rng.integers(1, 30))
+        classes = rng.choice([0x1, 0x4, 0x8, 0x40, 0x80, 0x100, 0x204, 0x288, 0x44], n)
+        data = rng.choice(np.array([0, 0, 1, 2, 4, 8, 16, 32, 64, 97, 130, 255], np.uint8), (n, 8))
+        block = FrameBatch(
+            np.arange(n),
+            classes,
+            np.full(n, FrameFlag.ERROR),
+            np.zeros(n, np.uint8),
+            np.full(n, 8, np.uint8),
+            data,
+        )
+        tally = tally_error_frames(block)
+        each = [
+            describe_error_frame(int(c), bytes(d)) for c, d in zip(classes, block.data, strict=True)
+        ]
+        states = [(row, e.state) for row, e in enumerate(each) if e.state is not None]
+        counted = [(e.tx_errors, e.rx_errors) for e in each if e.tx_errors is not None]
+        assert (tally.state_row, tally.state) == (states[-1] if states else (-1, None))
+        assert (tally.tx_errors, tally.rx_errors) == (counted[-1] if counted else (None, None))
+        assert tally.frames == n
+        assert tally.overruns == sum(e.overrun for e in each)
+        assert tally.bus_off == sum(ErrorClass.BUS_OFF in e.classes for e in each)
+        assert tally.text == each[-1].text

@@ -1,0 +1,155 @@
+"""A bus that is opened as often as need be, by an injected clock."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from daq.bench.config import BusConfig
+from daq.bus.link import Link
+from daq.bus.source import FrameSource, SourceLosses
+from daq.errors import BusError
+from dbc import FrameBatch
+
+from ..small_campaign import blocks, bumps, small_codec
+
+ONE = blocks(bumps(small_codec(), 1))[0]
+
+
+class Clock:
+    now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+class Source:
+    """Gives out what is written; an exception is raised, silence goes on for ever."""
+
+    name = "test"
+
+    def __init__(self, clock: Clock, given: list[FrameBatch | Exception]) -> None:
+        self.clock, self.given, self.closed = clock, iter(given), False
+        self.frames = 0
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        self.clock.now_s += timeout_s
+        found = next(self.given, FrameBatch.empty())
+        if isinstance(found, Exception):
+            raise found
+        self.frames += len(found)
+        return found
+
+    def losses(self) -> SourceLosses:
+        if self.closed:
+            raise OSError("closed")
+        return SourceLosses(self.frames, 1, 2)
+
+    def close(self) -> None:
+        self.closed = True
+        raise RuntimeError("cannot say goodbye")
+
+
+def link_to(clock: Clock, *found: FrameSource | Exception, interface: str = "gs_usb") -> Link:
+    config = BusConfig(interface, "0", 500_000)
+    opened = iter(found)
+
+    def open_source(_: BusConfig, number: int) -> FrameSource:
+        result = next(opened)
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    return Link(config, 0, open_source, clock)
+
+
+def test_the_pauses_between_openings_grow_to_two_seconds() -> None:
+    clock, tries = Clock(), list[float]()
+
+    def refuse(_: BusConfig, number: int) -> FrameSource:
+        tries.append(clock.now_s)
+        raise BusError("can0", "no such device", "see `ip link`")
+
+    link = Link(BusConfig("socketcan", "can0", 500_000), 0, refuse, clock)
+    while clock.now_s < 120.0:
+        assert not len(link.read(0.0))
+        clock.now_s += 0.05
+        assert link.facts().heartbeat_s == pytest.approx(clock.now_s - 0.05)
+    pauses = [later - sooner for sooner, later in itertools.pairwise(tries)]
+    assert pauses[:5] == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.6], abs=0.06)
+    assert pauses[5:] == pytest.approx([2.0] * len(pauses[5:]), abs=0.06)
+    facts = link.facts()
+    assert (facts.connected, facts.error, facts.advice) == (
+        False,
+        "no such device",
+        "see `ip link`",
+    )
+
+
+def test_losses_add_up_over_openings_and_after_a_success_the_pause_is_short_again() -> None:
+    clock = Clock()
+    first = Source(clock, [ONE, OSError(5, "Input/output error")])
+    second = Source(clock, [ONE, ONE])
+    link = link_to(clock, first, NameError("canlib"), second)
+    counted = 0
+    while counted < 3 * len(ONE):
+        counted += len(link.read(0.05))
+        clock.now_s += 0.1
+    facts = link.facts()
+    assert facts.losses == SourceLosses(3 * len(ONE), 2, 4)
+    assert (facts.connected, facts.reopened, facts.error) == (True, 1, "")
+    assert first.closed
+    link.close()
+    assert second.closed
+    assert link.facts().losses == facts.losses
+    assert not link.facts().connected
+
+
+@pytest.mark.parametrize(("interface", "opened"), [("gs_usb", 3), ("socketcan", 1)])
+def test_a_bus_that_fell_silent_is_opened_anew_unless_its_source_would_tell(
+    interface: str, opened: int
+) -> None:
+    clock = Clock()
+    sources = [Source(clock, [ONE]), Source(clock, []), Source(clock, [ONE])]
+    link = link_to(clock, *sources, interface=interface)
+    for _ in range(115):
+        link.read(0.1)
+    assert sum(source.closed for source in sources) == opened - 1
+    assert link.facts().reopened == opened - 1
+
+
+def test_a_bus_that_was_never_heard_is_left_open() -> None:
+    clock = Clock()
+    source = Source(clock, [])
+    link = link_to(clock, source)
+    for _ in range(1000):
+        link.read(0.1)
+    assert not source.closed
+
+
+class NetworkSource(Source):
+    """On an interface that is down for the second and the third read."""
+
+    reads = 0
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        self.reads += 1
+        return super().read(timeout_s)
+
+    @property
+    def interface_down(self) -> bool:
+        return self.reads in (2, 3)
+
+
+def test_an_interface_that_was_taken_down_is_told_until_frames_come_again() -> None:
+    clock = Clock()
+    nothing = FrameBatch.empty()
+    source = NetworkSource(clock, [ONE, nothing, nothing, ONE])
+    link = link_to(clock, source, interface="socketcan")
+    told = []
+    for _ in range(5):
+        link.read(0.1)
+        told.append(link.facts().interface_down)
+    assert told == [False, False, True, True, False]  # the first turn opens it
+    assert not source.closed

@@ -1,0 +1,268 @@
+from __future__ import annotations
+
+import os
+import tty
+from collections.abc import Iterator
+
+import can
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daq.bus.slcan.adapter import SlcanSource, open_slcan
+from daq.bus.slcan.lines import LONGEST_LINE, parse_slcan
+from daq.errors import BusError
+from dbc.frames import FrameBatch, FrameFlag
+
+from ..pty_pair import pty_pair
+
+FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> can.Message:
+    extended = draw(st.booleans())
+    fd = draw(st.booleans())
+    remote = not fd and draw(st.booleans())
+    size = draw(st.sampled_from(FD_LENGTHS if fd else FD_LENGTHS[:9]))
+    return can.Message(
+        arbitration_id=draw(st.integers(0, 0x1FFFFFFF if extended else 0x7FF)),
+        is_extended_id=extended,
+        is_remote_frame=remote,
+        is_fd=fd,
+        bitrate_switch=fd and draw(st.booleans()),
+        dlc=size,
+        data=None if remote else draw(st.binary(min_size=size, max_size=size)),
+        check=True,
+    )
+
+
+class Line:
+    """A serial line that hands out the given pieces one read at a time."""
+
+    def __init__(self, pieces: list[bytes], fails: bool = False) -> None:
+        self.pieces = [p for p in pieces if p]
+        self.fails = fails
+        self.written = b""
+        self.timeout = 0.0
+        self.closed = False
+
+    @property
+    def in_waiting(self) -> int:
+        return len(self.pieces[0]) if self.pieces else 0
+
+    def read(self, size: int) -> bytes:
+        if not self.pieces:
+            if self.fails:
+                raise OSError(5, "Input/output error")
+            return b""
+        piece = self.pieces.pop(0)
+        if piece[size:]:
+            self.pieces.insert(0, piece[size:])
+        return piece[:size]
+
+    def write(self, data: bytes) -> None:
+        self.written += data
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def source_of(*pieces: bytes, fails: bool = False) -> SlcanSource:
+    clock = iter(range(1_000, 10_000_000, 1_000))
+    return SlcanSource(Line(list(pieces), fails), "slcan test", 500_000, 3, lambda: next(clock))
+
+
+def read_all(source: SlcanSource) -> FrameBatch:
+    blocks = [source.read(0.0)]
+    while len(blocks[-1]) or source._line.pieces:
+        blocks.append(source.read(0.0))
+    return FrameBatch.concatenate(blocks)
+
+
+@pytest.fixture(scope="module")
+def encoder() -> Iterator[can.BusABC]:
+    bus = can.Bus(
+        interface="slcan", channel="loop://", bitrate=None, sleep_after_open=0, ignore_config=True
+    )
+    with bus:
+        yield bus
+
+
+def encoded(encoder: can.BusABC, frames: list[can.Message]) -> bytes:
+    line = encoder.serialPortOrig  # type: ignore[attr-defined]
+    line.reset_input_buffer()
+    for frame in frames:
+        encoder.send(frame)
+    stream = b""
+    while line.in_waiting:  # on a busy machine a read may end by its timeout
+        stream += line.read(line.in_waiting)
+    return stream
+
+
+@given(st.data())
+@settings(max_examples=150, deadline=None)
+def test_frames_of_every_kind_cut_anywhere_arrive_as_python_can_sent_them(
+    encoder: can.BusABC, data: st.DataObject
+) -> None:
+    sent = data.draw(st.lists(messages(), max_size=12))
+    stream = encoded(encoder, sent)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=10)))
+    pieces = [stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
+    source = source_of(*pieces)
+
+    got = read_all(source)
+
+    assert source.losses().garbled == 0
+    assert len(got) == len(sent)
+    assert set(got.bus) <= {3}
+    assert (np.diff(got.t_ns) >= 0).all()
+    for i, frame in enumerate(sent):
+        assert got.can_id[i] == frame.arbitration_id
+        assert got.length[i] == frame.dlc
+        assert bytes(got.data[i, : len(frame.data)]) == bytes(frame.data)
+        assert not got.data[i, len(frame.data) :].any()
+        flags = FrameFlag(int(got.flags[i]))
+        assert bool(flags & FrameFlag.EXTENDED) == frame.is_extended_id
+        assert bool(flags & FrameFlag.REMOTE) == frame.is_remote_frame
+        assert bool(flags & FrameFlag.FD) == frame.is_fd
+        assert bool(flags & FrameFlag.BITRATE_SWITCH) == frame.bitrate_switch
+
+
+@given(st.lists(st.binary(max_size=40), max_size=10), st.binary(max_size=300))
+@settings(max_examples=150, deadline=None)
+def test_any_bytes_whatever_become_frames_or_counts(lines: list[bytes], tail: bytes) -> None:
+    source = source_of(*(line + b"\r" for line in lines), tail)
+    got = read_all(source)
+    ends = sum((line + b"\r").count(b"\r") + line.count(b"\a") for line in lines)
+    ends += tail.count(b"\r") + tail.count(b"\a")
+    assert len(got) + source.losses().garbled <= ends
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"t12",  # too short for an identifier
+        b"t1239001122334455667788",  # a classic frame has no 9 bytes
+        b"t1232001",  # payload cut
+        b"t12320011ff2233",  # payload too long, and not by a time stamp
+        b"t123200g1",  # no hex digit
+        b"t8001aa",  # 12 bits
+        b"T200000001aa",  # 30 bits
+        b"t 231aa",
+        b"d123ga",
+        b"V1013",
+        b"\xff\xfe",
+        b"z1",
+    ],
+)
+def test_a_line_that_is_no_frame_is_counted_and_its_neighbours_are_kept(line: bytes) -> None:
+    source = source_of(b"t1011aa\r" + line + b"\rt1021bb\r")
+    got = read_all(source)
+    assert list(got.can_id) == [0x101, 0x102]
+    assert source.losses().garbled == 1
+
+
+def test_answers_and_commands_are_no_frames_and_no_errors() -> None:
+    frames = parse_slcan(b"\r\az\rZ\r\r\at1231ab\r\a\rC\rS8\rO\r")
+    assert list(frames.can_id) == [0x123]
+    assert frames.garbled == 0
+
+
+def test_a_frame_that_ends_in_an_error_is_garbled() -> None:
+    frames = parse_slcan(b"t1231ab\at1231ab\r")
+    assert len(frames.can_id) == 1
+    assert frames.garbled == 1
+
+
+def test_lower_case_and_adapter_time_stamps_are_understood() -> None:
+    frames = parse_slcan(b"T1abcdef02FfEe\rt1231abEA5F\r")
+    assert list(frames.can_id) == [0x1ABCDEF0, 0x123]
+    assert bytes(frames.data[0, :2]) == b"\xff\xee"
+    assert list(frames.length) == [2, 1]
+
+
+def test_each_frame_carries_the_stamp_of_the_read_that_ended_its_line() -> None:
+    source = source_of(b"t1011aa\rt10", b"21b", b"b\rt1031cc\r")
+    got = read_all(source)
+    assert list(got.can_id) == [0x101, 0x102, 0x103]
+    assert list(got.t_ns) == [1_000, 3_000, 3_000]
+
+
+def test_a_line_without_end_neither_grows_nor_hides_what_follows() -> None:
+    source = source_of(*[b"0" * 1000] * 50, b"\rt1231ab\r")
+    got = read_all(source)
+    assert len(source._begun) <= LONGEST_LINE
+    assert list(got.can_id) == [0x123]
+    assert source.losses().garbled == 1
+
+
+def test_frames_before_the_line_went_dead_are_returned_before_the_error() -> None:
+    source = source_of(b"t1231ab\r", fails=True)
+    assert list(source.read(0.0).can_id) == [0x123]
+    with pytest.raises(BusError, match="slcan test: has gone"):
+        source.read(0.0)
+
+
+def test_the_adapter_is_set_up_on_opening_and_taken_off_the_bus_on_closing() -> None:
+    source = source_of()
+    source.close()
+    assert source._line.written == b"C\rS6\rO\rC\r"
+    assert source._line.closed
+
+
+def test_an_adapter_that_slept_through_its_setup_is_told_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    source = source_of()
+    monkeypatch.setattr("daq.bus.slcan.adapter.SILENCE_S", 0.0)
+    source = source_of()
+    source.read(0.0)
+    source.read(0.0)
+    assert source._line.written == b"C\rS6\rO\r" * 2
+
+
+def test_frames_of_python_can_cross_a_serial_line() -> None:
+    sent = [
+        can.Message(arbitration_id=0x110 + i % 3, is_extended_id=False, data=i.to_bytes(8, "big"))
+        for i in range(1000)
+    ]
+    with pty_pair() as (near, far):
+        source = open_slcan(near, 1_000_000, 0)
+        with can.Bus(
+            interface="slcan",
+            channel=far,
+            bitrate=1_000_000,
+            sleep_after_open=0,
+            ignore_config=True,
+        ) as bus:
+            got: list[FrameBatch] = []
+            for start in range(0, len(sent), 50):
+                for frame in sent[start : start + 50]:
+                    bus.send(frame)
+                while sum(map(len, got)) < start + 50:
+                    got.append(source.read(1.0))
+        source.close()
+    frames = FrameBatch.concatenate(got)
+    assert [int.from_bytes(row.tobytes(), "big") for row in frames.data] == list(range(1000))
+    assert list(frames.can_id) == [frame.arbitration_id for frame in sent]
+    assert source.losses().garbled == 0  # the sender's "C", "S8" and "O" are no frames, either
+
+
+def test_an_unplugged_adapter_is_a_bus_that_has_gone() -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    source = open_slcan(os.ttyname(slave), 1_000_000, 0)
+    os.close(slave)
+    os.write(master, b"t1231ab\r")
+    assert list(source.read(1.0).can_id) == [0x123]
+    os.close(master)
+    with pytest.raises(BusError, match="has gone"):
+        source.read(1.0)
+    source.close()
+
+
+def test_a_bit_rate_that_the_protocol_does_not_know_is_named_with_those_it_does() -> None:
+    with pytest.raises(BusError, match=r"333000 bit/s.*1000000"):
+        open_slcan("/dev/null", 333_000, 0)

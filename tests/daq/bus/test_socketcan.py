@@ -1,0 +1,450 @@
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from can.interfaces.socketcan import constants
+from can.interfaces.socketcan.socketcan import build_can_frame, dissect_can_frame
+from numpy.typing import NDArray
+
+from daq.bench.config import BusConfig
+from daq.bus.interfaces import open_source
+from daq.bus.socketcan import abi as abi
+from daq.bus.socketcan import reader as socketcan
+from daq.bus.socketcan.reader import RECEIVE_BUFFER_BYTES, Reception, SocketCanSource, StampClock
+from daq.bus.source import BLOCK_FRAMES
+from daq.bus.steady_clock import HostAxis
+from daq.errors import BusError
+from dbc.frames import FrameBatch, FrameFlag
+
+NOW_NS = 1_800_000_000_123_456_789
+FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+
+
+def unix_pair() -> tuple[socket.socket, socket.socket]:
+    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+
+def udp_pair() -> tuple[socket.socket, socket.socket]:
+    receiving, sending = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    receiving.bind(("127.0.0.1", 0))
+    sending.connect(receiving.getsockname())
+    return receiving, sending
+
+
+class Feed:
+    """A source, and the other end of its socket."""
+
+    def __init__(self, pair: tuple[socket.socket, socket.socket]) -> None:
+        self.receiving, self.sending = pair
+        self.source = SocketCanSource(
+            self.receiving, "fed 0", 3, HostAxis(lambda: NOW_NS, lambda: 0)
+        )
+
+    def send(self, *frames: bytes) -> None:
+        for frame in frames:
+            self.sending.send(frame)
+
+    def read(self, timeout_s: float = 0.0) -> FrameBatch:
+        return self.source.read(timeout_s)
+
+    def clock(self) -> StampClock:
+        return self.source.reception.clock
+
+    def wait_for_stamps(self) -> None:
+        """Wait until the kernel stamps packets: it starts to when someone wants it, a bit later."""
+        deadline_s = time.monotonic() + 10.0
+        punctual = False
+        while not punctual and time.monotonic() < deadline_s:
+            self.send(frame())
+            sent_ns = time.time_ns()
+            punctual = self.read(1.0).t_ns[0] <= sent_ns
+        assert punctual
+
+    def read_all(self) -> FrameBatch:
+        blocks = [self.read()]
+        while len(blocks[-1]):
+            blocks.append(self.read())
+        return FrameBatch.concatenate(blocks)
+
+
+@pytest.fixture(params=[unix_pair, udp_pair])
+def feed(request: pytest.FixtureRequest) -> Iterator[Feed]:
+    fed = Feed(request.param())
+    yield fed
+    fed.source.close()
+    fed.sending.close()
+
+
+@pytest.fixture
+def udp() -> Iterator[Feed]:
+    fed = Feed(udp_pair())
+    yield fed
+    fed.source.close()
+    fed.sending.close()
+
+
+def frame(can_id: int = 0x100, data: bytes = b"\1\2", **other: object) -> bytes:
+    message = can.Message(arbitration_id=can_id, data=data, **{"is_extended_id": False, **other})  # type: ignore[arg-type]
+    return build_can_frame(message)
+
+
+def mixed_frames(count: int, seed: int) -> list[bytes]:
+    """Return frames of every kind, with arbitrary bytes behind the payload."""
+    rng = np.random.default_rng(seed)
+    frames = []
+    for _ in range(count):
+        kind = rng.choice(["data", "remote", "error", "fd"])
+        extended = bool(rng.integers(2)) and kind != "error"
+        size = 8 if kind == "error" else int(rng.choice(FD_LENGTHS[: 16 if kind == "fd" else 9]))
+        message = can.Message(
+            arbitration_id=int(rng.integers(1 << 29 if extended else 1 << 11)),
+            is_extended_id=extended,
+            is_remote_frame=kind == "remote",
+            is_error_frame=kind == "error",
+            is_fd=kind == "fd",
+            bitrate_switch=kind == "fd" and bool(rng.integers(2)),
+            error_state_indicator=kind == "fd" and bool(rng.integers(2)),
+            dlc=size,
+            data=None if kind == "remote" else rng.bytes(size),
+        )
+        built = build_can_frame(message)
+        frames.append(built[: 8 + size] + rng.bytes(len(built) - 8 - size))
+    return frames
+
+
+def test_frames_of_every_kind_arrive_as_python_can_dissects_them(feed: Feed) -> None:
+    sent = mixed_frames(2_000, seed=1)
+    blocks = []
+    for begin in range(0, len(sent), 100):  # a default send buffer holds no more
+        feed.send(*sent[begin : begin + 100])
+        blocks.append(feed.read_all())
+    got = FrameBatch.concatenate(blocks)
+
+    assert len(got) == len(sent)
+    assert feed.source.losses() == type(feed.source.losses())()
+    assert set(got.bus) == {3}
+    for i, raw in enumerate(sent):
+        can_id, length, flags, data = dissect_can_frame(raw)
+        fd, remote = len(raw) == constants.CANFD_MTU, bool(can_id & constants.CAN_RTR_FLAG)
+        expected = FrameFlag(0)
+        expected |= FrameFlag.EXTENDED if can_id & constants.CAN_EFF_FLAG else expected
+        expected |= FrameFlag.REMOTE if remote else expected
+        expected |= FrameFlag.ERROR if can_id & constants.CAN_ERR_FLAG else expected
+        expected |= FrameFlag.FD if fd else expected
+        expected |= FrameFlag.BITRATE_SWITCH if flags & constants.CANFD_BRS else expected
+        expected |= FrameFlag.ERROR_STATE if flags & constants.CANFD_ESI else expected
+        assert got.can_id[i] == can_id & 0x1FFFFFFF
+        assert FrameFlag(int(got.flags[i])) == expected
+        assert got.length[i] == length
+        assert bytes(got.data[i]) == (b"" if remote else data).ljust(64, b"\0")
+
+
+def test_classic_frames_make_narrow_blocks_that_later_frames_leave_alone(feed: Feed) -> None:
+    feed.send(frame(1, bytes(8)), frame(2, b"12345678"))
+    plain = feed.read()
+    feed.send(frame(3, b"abcdefgh"), frame(4, b"x"))
+    feed.read()
+    assert plain.data.shape == (2, 8)
+    assert list(plain.can_id) == [1, 2]
+    assert bytes(plain.data[1]) == b"12345678"
+    assert list(plain.length) == [8, 8]
+
+
+@pytest.mark.parametrize("data", [b"12345678", b"x"])
+def test_a_frame_alone_in_its_block_is_not_touched_by_the_next(feed: Feed, data: bytes) -> None:
+    feed.send(frame(1, data))
+    first = feed.read()
+    feed.send(frame(2, b"abcde"))
+    feed.read()
+    assert (list(first.can_id), list(first.length)) == ([1], [len(data)])
+    assert bytes(first.data[0]) == data.ljust(8, b"\0")
+
+
+def test_a_length_code_above_8_is_8_bytes(feed: Feed) -> None:
+    raw = bytearray(frame(data=b"12345678"))
+    raw[7] = 13  # raw DLC, told beside the length by drivers that can
+    feed.send(bytes(raw))
+    batch = feed.read()
+    assert list(batch.length) == [8]
+    assert bytes(batch.data[0]) == b"12345678"
+
+
+def with_byte(raw: bytes, position: int, value: int) -> bytes:
+    return raw[:position] + bytes([value]) + raw[position + 1 :]
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        frame()[:15],
+        frame()[:8],
+        frame() + b"\0",
+        frame(is_fd=True)[:71],
+        frame(is_fd=True) + bytes(100),
+        with_byte(frame(), 4, 9),
+        with_byte(frame(), 4, 255),
+        with_byte(frame(is_fd=True), 4, 9),
+        with_byte(frame(is_fd=True), 4, 65),
+        with_byte(frame(), 1, 0x08),  # 0x800: twelve bits, not marked as extended
+        with_byte(frame(is_fd=True), 3, 0x40),  # CAN FD has no remote frames
+    ],
+    ids=lambda raw: f"{len(raw)} bytes {raw[:5].hex()}",
+)
+def test_what_cannot_be_a_frame_is_counted_and_its_neighbours_are_kept(
+    feed: Feed, bad: bytes
+) -> None:
+    feed.send(frame(1), bad, frame(2, bytes(64), is_fd=True), bad, frame(3))
+    assert list(feed.read_all().can_id) == [1, 2, 3]
+    assert feed.source.losses().garbled == 2
+    assert feed.source.losses().restamped == 0
+
+
+def test_frames_carry_the_time_at_which_the_kernel_got_them(feed: Feed) -> None:
+    assert feed.clock() is StampClock.UNKNOWN
+    feed.wait_for_stamps()
+    before_ns, between_ns = [], []
+    for i in range(20):
+        before_ns.append(time.time_ns())
+        feed.send(frame(i, bytes(8)))
+        between_ns.append(time.time_ns())
+    batch = feed.read()
+    assert (batch.t_ns >= before_ns).all()
+    assert (batch.t_ns <= between_ns).all()
+    assert feed.clock() is StampClock.KERNEL
+    assert feed.source.losses().restamped == 0
+
+
+def test_frames_without_a_stamp_are_stamped_on_arrival_and_counted(feed: Feed) -> None:
+    feed.receiving.setsockopt(socket.SOL_SOCKET, abi.SO_TIMESTAMPNS, 0)
+    feed.send(frame(1), frame(2), frame()[:9])
+    assert list(feed.read().t_ns) == [NOW_NS, NOW_NS]
+    assert feed.source.losses().restamped == 2
+    assert feed.clock() is StampClock.ARRIVAL
+
+
+def test_stamps_of_the_adapter_are_preferred_and_told_in_the_host_s_time(
+    feed: Feed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def with_hardware(words: NDArray[np.int64], used: NDArray[np.uintp]) -> abi.Ancillary:
+        n = len(words)
+        late_ns = np.array([500_000, 20_000, 300_000, 900_000])
+        kernel_ns = NOW_NS + np.arange(n) * 1_000_000 + late_ns
+        hardware_ns = 7_000 + np.arange(n) * 1_000_000
+        hardware_ns[3] = 0  # the driver's own, an error frame say
+        return abi.Ancillary(kernel_ns, hardware_ns)
+
+    monkeypatch.setattr(abi, "parse_control", with_hardware)
+    feed.send(*[frame()] * 4)
+    t_ns = feed.read().t_ns - NOW_NS
+    assert list(t_ns) == [20_000, 1_020_000, 2_020_000, 3_900_000]
+    assert feed.clock() is StampClock.HARDWARE
+
+
+def test_a_block_is_bounded_and_what_is_left_comes_at_once(udp: Feed) -> None:
+    udp.send(*[frame(i % 0x800) for i in range(BLOCK_FRAMES + 5)])
+    first = udp.read()
+    gathers: list[float] = []
+    wait = udp.source._wait
+    udp.source._wait = gathers.append  # type: ignore[method-assign,assignment]
+    second = udp.read()
+    assert (len(first), len(second), gathers) == (BLOCK_FRAMES, 5, [])
+    udp.source._wait = wait  # type: ignore[method-assign]
+    assert len(udp.read()) == 0
+
+
+def test_every_frame_that_did_not_fit_is_counted_even_those_at_the_end(udp: Feed) -> None:
+    received = 0
+    for sent in (25_000, 50_000):
+        udp.send(*[frame(data=bytes(8))] * 25_000)
+        received += len(udp.read_all())
+        dropped = udp.source.losses().dropped
+        assert dropped > 1_000  # or the socket did not overrun
+        assert received + dropped == sent
+
+
+def test_the_counter_that_comes_with_a_frame_is_counted_without_asking(
+    udp: Feed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(abi, "drop_counter", lambda sock: None)
+    udp.send(*[frame(data=bytes(8))] * 25_000)
+    received = len(udp.read_all())
+    assert udp.source.losses().dropped == 0  # all frames in the queue are older than the drops
+    udp.send(frame(7))
+    assert list(udp.read().can_id) == [7]
+    assert received + udp.source.losses().dropped == 25_000
+
+
+def test_the_drop_counter_has_32_bits_and_may_be_behind(
+    feed: Feed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = iter([0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_0000, 5, None])
+    monkeypatch.setattr(abi, "drop_counter", lambda sock: next(answers))
+    counts = []
+    for _ in range(6):
+        feed.read()
+        counts.append(feed.source.losses().dropped)
+    assert counts == [0x7000_0000, 0xE000_0000, 0xFFFF_FFF0, 0xFFFF_FFF0, 2**32 + 5, 2**32 + 5]
+
+
+class FaultyBuffers(abi.FrameBuffers):
+    """Buffers that meet the faults of a script before they receive."""
+
+    faults: list[int]
+    calls: int
+
+    def receive(self, descriptor: int) -> int:
+        type(self).calls += 1
+        if self.faults and (code := self.faults.pop(0)):
+            raise OSError(code, os.strerror(code))
+        return super().receive(descriptor)
+
+
+@pytest.fixture
+def faulty(monkeypatch: pytest.MonkeyPatch, feed: Feed) -> Feed:
+    FaultyBuffers.faults, FaultyBuffers.calls = [], 0
+    feed.source._buffers = FaultyBuffers(BLOCK_FRAMES)
+    return feed
+
+
+def test_an_interface_that_was_taken_down_is_told_and_read_on(faulty: Feed) -> None:
+    FaultyBuffers.faults = [errno.ENETDOWN]
+    assert len(faulty.read()) == 0
+    assert faulty.source.interface_down
+    assert len(faulty.read()) == 0
+    assert faulty.source.interface_down
+    faulty.send(frame(5))
+    assert list(faulty.read().can_id) == [5]
+    assert not faulty.source.interface_down
+
+
+@pytest.mark.parametrize("waiting", [1, 4, 5])
+def test_frames_that_waited_when_it_was_taken_down_are_no_sign_of_life(
+    faulty: Feed, monkeypatch: pytest.MonkeyPatch, waiting: int
+) -> None:
+    """The kernel tells the fault first, and only then hands out what came before it."""
+    monkeypatch.setattr(socketcan, "BLOCK_FRAMES", 2)
+    faulty.source._buffers = FaultyBuffers(2)
+    faulty.send(*map(frame, range(1, waiting + 1)))
+    FaultyBuffers.faults = [errno.ENETDOWN]
+    assert list(faulty.read_all().can_id) == list(range(1, waiting + 1))
+    assert faulty.source.interface_down
+    faulty.send(frame(9))
+    assert list(faulty.read().can_id) == [9]
+    assert not faulty.source.interface_down
+
+
+@pytest.mark.parametrize("code", [errno.ENODEV, errno.EBADF, errno.ENXIO])
+def test_an_interface_that_has_gone_hands_out_its_last_frames_first(
+    faulty: Feed, code: int
+) -> None:
+    faulty.send(frame(1), frame(2))
+    FaultyBuffers.faults = [code]
+    assert list(faulty.read().can_id) == [1, 2]
+    for _ in range(2):
+        with pytest.raises(BusError, match=r"fed 0: has gone: .*start again") as caught:
+            faulty.read()
+        assert os.strerror(code) in str(caught.value)
+
+
+def test_silence_is_waited_for_in_the_kernel(faulty: Feed) -> None:
+    began_s = time.monotonic()
+    for _ in range(3):
+        assert len(faulty.read(0.1)) == 0
+    assert time.monotonic() - began_s >= 0.3
+    assert FaultyBuffers.calls == 3
+
+
+def test_closing_wakes_a_thread_that_is_reading(feed: Feed) -> None:
+    got: list[int] = []
+    reader = threading.Thread(target=lambda: got.append(len(feed.read(60.0))), daemon=True)
+    reader.start()
+    while not feed.source._reading.locked():
+        assert reader.is_alive()
+    feed.source.close()
+    reader.join(10.0)
+    assert got == [0]
+    with pytest.raises(BusError, match="closed"):
+        feed.read()
+    assert feed.receiving.fileno() == -1
+
+
+def test_closing_twice_releases_everything_once(feed: Feed) -> None:
+    feed.source.close()
+    before = open_descriptors()
+    feed.source.close()
+    assert open_descriptors() == before
+
+
+def test_a_buffer_that_was_not_granted_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(abi, "SO_RCVBUFFORCE", 9999)  # as without the privilege
+    limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
+    fed = Feed(udp_pair())
+    reception = fed.source.reception
+    fed.source.close()
+    fed.sending.close()
+    assert reception.buffer_bytes == min(limit, RECEIVE_BUFFER_BYTES)
+    assert reception.clipped == (limit < RECEIVE_BUFFER_BYTES)
+    assert Reception(StampClock.KERNEL, RECEIVE_BUFFER_BYTES - 1).clipped
+    assert not Reception(StampClock.KERNEL, RECEIVE_BUFFER_BYTES).clipped
+
+
+def open_descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+class CanSocket(socket.socket):
+    """Takes the options of a CAN socket, though the kernel may have none."""
+
+    asked: dict[tuple[int, int], object]
+    bound: object
+
+    def __init__(self, family: int, kind: int, protocol: int) -> None:
+        assert (family, kind & 0xF, protocol) == (29, 3, 1)  # AF_CAN, SOCK_RAW, CAN_RAW
+        type(self).asked = {}
+        super().__init__(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def setsockopt(self, level: int, option: int, value: object) -> None:  # type: ignore[override]
+        self.asked[level, option] = value
+        if level == socket.SOL_SOCKET:
+            super().setsockopt(level, option, value)  # type: ignore[call-overload]
+
+    def bind(self, address: object) -> None:
+        if address != ("can0",):
+            raise OSError(errno.ENODEV, "No such device")
+        type(self).bound = address
+
+
+def test_opening_asks_for_fd_and_all_error_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket, "socket", CanSocket)
+    source = open_source(BusConfig("socketcan", "can0", 500_000), 1)
+    assert isinstance(source, SocketCanSource)
+    source.close()
+    assert source.name == "socketcan can0"
+    assert CanSocket.bound == ("can0",)
+    assert CanSocket.asked[101, 2] == 0x1FFFFFFF  # CAN_RAW_ERR_FILTER
+    assert CanSocket.asked[101, 5] == 1  # CAN_RAW_FD_FRAMES
+    assert CanSocket.asked[1, 40] == 1  # SO_RXQ_OVFL
+
+
+def test_an_interface_that_is_not_there_leaves_nothing_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(socket, "socket", CanSocket)
+    before = open_descriptors()
+    with pytest.raises(BusError, match=r"can9: cannot be opened: .*No such device.*ip link"):
+        open_source(BusConfig("socketcan", "can9", 500_000), 1)
+    assert open_descriptors() == before
+
+
+def test_all_interfaces_at_once_cannot_be_told_apart() -> None:
+    with pytest.raises(BusError, match="names no interface"):
+        open_source(BusConfig("socketcan", "", 500_000), 1)

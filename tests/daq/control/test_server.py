@@ -1,0 +1,380 @@
+"""Recorder and clients over real sockets, with an engine that only remembers what it was told."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from pathlib import Path
+
+import pytest
+import zmq
+
+from daq.control.address import Address, control_address
+from daq.control.client import Client, OrderRefused, RecorderGone, is_running
+from daq.control.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status
+from daq.control.orders import Arm, AskBench, AskStatus, Hello, Mark, Order, Pause
+from daq.control.peers import Peers
+from daq.control.server import MAX_REQUEST_BYTES, Server
+from daq.errors import InputError
+
+from ..a_status import a_status
+
+PATIENCE_S = 20.0
+
+
+class Engine:
+    def __init__(self) -> None:
+        self.orders: list[tuple[Order, str]] = []
+        self.answer: Callable[[Future[Reply]], None] = lambda future: future.set_result(
+            Reply(0, status=a_status(1))
+        )
+
+    def submit(self, order: Order, by: str) -> Future[Reply]:
+        self.orders.append((order, by))
+        future: Future[Reply] = Future()
+        self.answer(future)
+        return future
+
+
+@pytest.fixture
+def address(tmp_path: Path) -> Address:
+    return control_address(tmp_path / "today")
+
+
+@pytest.fixture
+def engine() -> Engine:
+    return Engine()
+
+
+@pytest.fixture
+def server(engine: Engine, address: Address) -> Iterator[Server]:
+    server = Server(engine.submit, address)
+    yield server
+    server.close()
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+
+
+def raw(address: Address, message: bytes) -> Reply:
+    """Send what need not be a request, and read the answer."""
+    with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
+        socket.linger = 0
+        socket.connect(address.control)
+        socket.send(message)
+        assert socket.poll(int(PATIENCE_S * 1e3))
+        reply: Reply = REPLY.validate_json(socket.recv())
+    return reply
+
+
+def hello(client: str, name: str, **more: object) -> bytes:
+    order = {"order": "hello", "name": name, "control": True, **more}
+    return json.dumps({"client": client, "number": 1, "order": order}).encode()
+
+
+def test_orders_and_answers(server: Server, engine: Engine, address: Address) -> None:
+    client = Client(address, "Anna", control=True)
+    assert client.in_control
+    reply = client.ask(Mark("boards moved"))
+    assert reply.status == a_status(1)
+    assert engine.orders == [(Mark("boards moved"), "Anna")]
+
+    engine.answer = lambda future: future.set_result(Reply(0, "no run is open"))
+    with pytest.raises(OrderRefused, match="no run is open"):
+        client.ask(Pause())
+    engine.answer = lambda future: future.set_exception(ValueError("first\nsecond"))
+    with pytest.raises(OrderRefused, match=r"first\\nsecond"):
+        client.ask(Pause())
+    client.close()
+    client.close()
+    with pytest.raises(RecorderGone):
+        client.ask(Pause())
+
+
+def test_one_controller_many_viewers(server: Server, engine: Engine, address: Address) -> None:
+    anna = Client(address, "Anna", control=True)
+    viewers = [Client(address, f"viewer {i}", control=False) for i in range(2)]
+    live = Live(7, 0.01, (Lane("hub", (0.5, None), (1.5, None)),))
+    server.publish(a_status(2), None)
+    until(lambda: viewers[0].ask(AskStatus()).status is not None)
+    told: list[Status | Live | None] = []
+    for viewer in viewers:
+        received: list[Status | Live | None] = []
+        while live not in received:  # a subscription takes a moment
+            server.publish(a_status(3), live)
+            received.append(viewer.news(0.1))
+        assert a_status(3) not in received  # it carries who is there
+        told += received
+    statuses = [status for status in told if isinstance(status, Status)]
+    assert {(s.controller, s.viewers, s.t_ns) for s in statuses} <= {
+        ("Anna", 2, 2),
+        ("Anna", 2, 3),
+    }
+    assert statuses
+
+    viewers[0].ask(AskBench())  # a question is anybody's
+    with pytest.raises(OrderRefused, match="Anna is in control"):
+        viewers[0].ask(Arm())
+    with pytest.raises(OrderRefused, match="Anna is in control"):
+        Client(address, "Berta", control=True)
+    assert [order for order, _ in engine.orders] == [AskBench()]
+
+    berta = Client(address, "Berta", control=True, take_over=True)
+    berta.ask(Arm())
+    assert engine.orders[-1] == (Arm(), "Berta")
+    with pytest.raises(OrderRefused, match="Berta is in control"):
+        anna.ask(Pause())
+    until(lambda: not anna.in_control)  # its heart has noticed, and does not fight
+    berta.close()  # gives control back
+    Client(address, "Clara", control=True).close()
+    for client in (anna, *viewers):
+        client.close()
+
+
+def test_control_of_a_killed_terminal_is_free_at_once(
+    server: Server, address: Address, tmp_path: Path
+) -> None:
+    code = (
+        "import sys, time; from pathlib import Path\n"
+        "from daq.control.address import control_address\n"
+        "from daq.control.client import Client\n"
+        "client = Client(control_address(Path(sys.argv[1])), 'Anna', True)\n"
+        "print('in control', flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path / "today")], stdout=subprocess.PIPE, text=True
+    ) as terminal:
+        assert terminal.stdout
+        assert terminal.stdout.readline() == "in control\n"
+        with pytest.raises(OrderRefused, match="Anna is in control"):
+            Client(address, "Berta", control=True)
+        terminal.kill()
+        terminal.wait()
+        tries = 0
+        while True:
+            tries += 1
+            try:
+                Client(address, "Berta", control=True).close()
+                break
+            except OrderRefused:
+                assert tries < 200
+                time.sleep(0.01)
+
+
+def test_a_client_survives_a_restart_of_the_recorder(engine: Engine, address: Address) -> None:
+    first = Server(engine.submit, address)
+    client = Client(address, "Anna", control=True)
+    client.ask(Pause())
+    first.close()
+    assert not is_running(address)
+    assert not any(path.exists() for path in address.paths)
+    with pytest.raises(RecorderGone, match="no answer"):
+        client.ask(Pause(), timeout_s=0.05)
+    second = Server(engine.submit, address)
+
+    def in_control_again() -> bool:
+        try:
+            client.ask(Pause(), timeout_s=1.0)
+        except (OrderRefused, RecorderGone):
+            return False
+        return True
+
+    until(in_control_again)
+    client.close()
+    second.close()
+
+
+def test_a_turn_that_fails_is_not_the_last(
+    server: Server, engine: Engine, address: Address, caplog: pytest.LogCaptureFixture
+) -> None:
+    server.publish(object(), None)  # type: ignore[arg-type]
+    until(lambda: "control: TypeError" in caplog.text)
+    client = Client(address, "Anna", control=True)
+    assert client.ask(Mark("still there")).status == a_status(1)
+    client.close()
+
+
+def test_who_is_refused_leaves_nothing_behind() -> None:
+    peers = Peers()
+    assert not peers.hello("1-a", Hello("Anna", control=True), 0.0)
+    peers.seen("1-a", 0.0)
+    for k in range(100):
+        peers.seen(f"1-{k}", 1.0)
+        assert "Anna is in control" in peers.hello(f"1-{k}", Hello("Ben", control=True), 1.0)
+    assert list(peers._names) == ["1-a"]
+    assert list(peers._seen_s) == ["1-a"]
+
+
+def test_a_folder_that_cannot_be_named_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="not UTF-8"):
+        control_address(tmp_path / os.fsdecode(b"caf\xe9"))
+
+
+def test_a_stale_socket_is_replaced(engine: Engine, address: Address) -> None:
+    for path in address.paths:
+        path.write_bytes(b"")
+    with pytest.raises(RecorderGone, match="no recorder is running"):
+        Client(address, "Anna", control=True)
+    server = Server(engine.submit, address)
+    Client(address, "Anna", control=True).close()
+    server.close()
+
+
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        (b"", "no request"),
+        (b"\xff\xfe\x00", "no request"),
+        (b"[" * 100_000, "no request"),
+        (b'{"client": "c", "number": 9, "order": {"order": "fly"}}', "no request"),
+        (b'{"client": "c", "number": 9, "order": {"order": "mark"}}', "no request"),
+        (b'{"client": "c", "number": 9, "order": {"order": "fly"}, "protocol": 99}', "protocol 99"),
+        (
+            b'{"client": "c", "number": 9, "order": {"order": "status"}, "protocol": 2}',
+            "protocol 2",
+        ),
+        (b'{"client": "c", "number": 9, "order": {"order": "pause"}}', "not in control"),
+        (b" " * (MAX_REQUEST_BYTES + 1), "the limit is"),
+    ],
+)
+def test_what_is_no_request_gets_one_line(
+    server: Server, engine: Engine, address: Address, message: bytes, said: str
+) -> None:
+    reply = raw(address, message)
+    assert said in reply.error
+    assert len(reply.error) <= 200
+    assert reply.error.isprintable()
+    assert reply.number == (9 if b"9," in message else 0)
+    assert reply.protocol == PROTOCOL
+    assert engine.orders == []
+    Client(address, "Anna", control=True).close()  # all goes on
+
+
+def test_a_flood_beyond_the_limit_ends_the_line_alone(server: Server, address: Address) -> None:
+    with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
+        socket.linger = 0
+        socket.connect(address.control)
+        socket.send(b"x" * (5 * MAX_REQUEST_BYTES))
+        Client(address, "Anna", control=True).close()
+        assert socket.poll(0) == 0
+
+
+def test_ids_that_look_like_processes_are_only_looked_at(server: Server, address: Address) -> None:
+    for client in ("0-a", "-1", "99999999999999999999-a", "x"):
+        assert raw(address, hello(client, "Anna\x1b[2J", take_over=True)).error == ""
+    assert "is in control" in raw(address, hello("y", "Berta")).error
+    assert "\x1b" not in raw(address, hello("y", "Berta")).error
+
+
+def test_an_engine_that_does_not_answer_is_told_of(
+    server: Server, engine: Engine, address: Address, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daq.control.server.ANSWER_S", 0.3)
+    asked: list[Future[Reply]] = []
+    engine.answer = asked.append
+    client = Client(address, "Anna", control=True)
+    with pytest.raises(OrderRefused, match="did not come round"):
+        client.ask(Pause(), timeout_s=PATIENCE_S)
+    with pytest.raises(RecorderGone, match="no answer within"):
+        client.ask(Pause(), timeout_s=0.01)
+    asked[-1].set_result(Reply(0))  # too late: the next question gets its own answer
+    engine.answer = lambda future: future.set_result(Reply(0, bench_text="x = 1"))
+    assert client.ask(AskBench()).bench_text == "x = 1"
+
+    def give_up(future: Future[Reply]) -> None:
+        future.cancel()
+
+    engine.answer = give_up
+    with pytest.raises(OrderRefused, match="is ending"):
+        client.ask(Pause())
+    client.close()
+
+
+def test_a_client_that_never_reads_holds_nobody_up(
+    server: Server, engine: Engine, address: Address
+) -> None:
+    """R15: neither statuses that are not fetched nor replies that are not read are kept."""
+    with (
+        zmq.Context() as context,
+        context.socket(zmq.SUB) as news,
+        context.socket(zmq.DEALER) as orders,
+    ):
+        for socket, end in ((news, address.news), (orders, address.control)):
+            socket.linger = 0
+            socket.rcvhwm = 1
+            socket.connect(end)
+        news.subscribe(b"")
+        viewer = Client(address, "viewer", control=False)
+        while not isinstance(viewer.news(0.05), Status):
+            server.publish(a_status(), None)
+        question = {"client": "f", "number": 1, "order": {"order": "bench"}}
+        engine.answer = lambda future: future.set_result(Reply(0, bench_text="x" * 100_000))
+        for _ in range(200):  # 20 MB of replies that nobody reads
+            orders.send(json.dumps(question).encode())
+        longest_s = 0.0
+        live = Live(0, 0.01, (Lane("hub", (0.5,) * 1000, (1.5,) * 1000),))
+        for i in range(10_000):
+            begun_s = time.perf_counter()
+            server.publish(a_status(i), live)
+            longest_s = max(longest_s, time.perf_counter() - begun_s)
+        # A blocked send would take for ever; what the scheduler does on a busy machine does not.
+        assert longest_s < 5.0
+
+        def told_of_the_last() -> bool:
+            server.publish(a_status(77_777), None)
+            told = viewer.news(0.1)
+            return isinstance(told, Status) and told.t_ns == 77_777
+
+        until(told_of_the_last)  # the viewer did not listen either, and does now
+        assert viewer.ask(AskStatus()).status is not None
+        viewer.close()
+
+
+def test_the_directory_is_private_and_ones_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = tmp_path / "run"
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(mine))
+    monkeypatch.setattr("daq.control.address.MAX_PATH_BYTES", 200)
+    address = control_address(tmp_path)
+    assert address == control_address(tmp_path / "x" / "..")
+    assert address != control_address(tmp_path / "x")
+    assert stat.S_IMODE(mine.stat().st_mode) == 0o700
+    mine.chmod(0o755)
+    control_address(tmp_path)
+    assert stat.S_IMODE(mine.stat().st_mode) == 0o700
+    monkeypatch.undo()
+
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path / ("d" * 100)))
+    with pytest.raises(InputError, match="too long"):
+        control_address(tmp_path)
+    occupied = tmp_path / "file"
+    occupied.write_text("")
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(occupied))
+    with pytest.raises(InputError, match="File exists"):
+        control_address(tmp_path)
+    elsewhere = tmp_path / "link"
+    elsewhere.symlink_to(tmp_path)
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(elsewhere))
+    with pytest.raises(InputError, match="belongs to somebody else"):
+        control_address(tmp_path)
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    monkeypatch.setattr(os, "getuid", lambda: tmp_path.stat().st_uid + 1)
+    with pytest.raises(InputError, match="belongs to somebody else"):
+        control_address(tmp_path)
+
+
+def test_no_sockets_no_recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(os, "getuid")
+    with pytest.raises(InputError, match="Linux or macOS"):
+        control_address(tmp_path)

@@ -1,0 +1,349 @@
+"""Runs cut out of recordings whose content is written down here."""
+
+import json
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.bench.campaign import Campaign
+from daq.bench.config import Bench
+from daq.bus.source import HopLosses
+from daq.channels import Channel, Quantity
+from daq.derive.build_samples import build_session, session_from_journal
+from daq.errors import InputError
+from daq.journal.contents import HopCounts
+from daq.journal.format import JournalHead
+from daq.journal.reader import read_journal
+from daq.journal.writer import JournalWriter
+from daq.runlog.runlog import Code, Finding, entry, verdict_entry
+from daq.runs import Event, Excitation, Run, RunStatus
+from daq.samples.mapping import map_channels
+from daq.session import read_session, write_session
+from daq.sessions import Session
+from daq.sim.car import SimulatedCar, truth
+from daq.sim.ecu import bench_senders, campaign_frames
+from daq.sim.wire import frame_time_ns
+from daq.vehicle import Corner
+from dbc import UNUSABLE, Codec, FrameBatch, Quality, parse_codec
+
+from ..session.test_session import assert_same
+from ..small_campaign import START_NS, small_bench, small_codec
+
+CODEC = small_codec()
+WEAK = Finding("too_weak", False, "", 1.0, 6.0, "m/s2", "weak bump", "harder")
+BUMP = Event(START_NS + 1_000_000_000, "bump", 9.0, "baseline_bounce_1")
+RUN_END = Event(START_NS + 1_500_000_000, "run_end", 0.0, "baseline_bounce_1")
+ACC_FL = Channel("acc_fl", Quantity.HUB_ACCELERATION, "", "HUB_Front.acc_fl", Corner.FRONT_LEFT)
+TRAVEL = Channel("travel", Quantity.SUSPENSION_TRAVEL, "", "SUSP_Rear.travel_rr", Corner.REAR_RIGHT)
+PITCH = Channel("pitch", Quantity.PITCH_RATE, "", "IMU_Rate.rate_y")
+YAW = Channel("yaw", Quantity.UNUSED, "", "IMU_Rate.rate_z")
+NO_HOPS = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
+
+
+def _bench(*channels: Channel) -> Bench:
+    """Return a bench whose runs last, with `BUMP`, from 0.9 s to 1.5 s of the recording."""
+    return replace(small_bench(), channels=channels)
+
+
+def _frames(codec: Codec, message: str, n: int = 2000, **signals: float) -> FrameBatch:
+    """Frames in the message's cycle from the start on, each signal n times the same value."""
+    layout = codec.message(message)
+    given = signals or {layout.signals[0].name: 0.0}
+    cycle_ns = round((layout.cycle_s or 0.001) * 1e9)
+    return FrameBatch(
+        START_NS + np.arange(n) * cycle_ns,
+        np.full(n, layout.can_id, np.uint32),
+        np.zeros(n, np.uint16),
+        np.zeros(n, np.uint8),
+        np.full(n, layout.length, np.uint8),
+        codec.encode(message, {name: np.full(n, value) for name, value in given.items()}),
+    )
+
+
+def _merge(*batches: FrameBatch) -> FrameBatch:
+    frames = FrameBatch.concatenate(batches)
+    return frames.select(np.argsort(frames.t_ns, kind="stable"))
+
+
+def _session(bench: Bench, frames: FrameBatch, hops: HopCounts = NO_HOPS) -> Session:
+    return build_session(bench, CODEC, frames, (BUMP, RUN_END), hops, {"uuid": "x"})
+
+
+def _run(bench: Bench, frames: FrameBatch) -> Run:
+    return _session(bench, frames).runs[0]
+
+
+def test_values_are_si_with_polarity_scale_and_zero() -> None:
+    channels = (
+        ACC_FL,
+        replace(TRAVEL, sign=-1.0, gain=1.5, tare=0.01),
+        PITCH,
+        YAW,
+    )
+    frames = _merge(
+        _frames(CODEC, "HUB_Front", acc_fl=1.5),
+        _frames(CODEC, "SUSP_Rear", travel_rr=20.0),
+        _frames(CODEC, "IMU_Rate", rate_y=90.0, rate_z=-45.0),
+    )
+    session = _session(_bench(*channels), frames)
+    values = {name: v for g in session.runs[0].groups for name, v in g.values.items()}
+    expected = {
+        "acc_fl": 1.5 * 9.80665,
+        "travel": -1.5 * 0.020 - 0.01,
+        "pitch": math.pi / 2,
+        "yaw": -math.pi / 4,
+    }
+    assert values.keys() == expected.keys()
+    for name, value in expected.items():
+        np.testing.assert_allclose(values[name], value, rtol=1e-12)
+    assert [channel.unit for channel in session.channels] == ["m/s2", "m", "rad/s", "rad/s"]
+
+
+def test_a_run_is_the_window_around_its_bump() -> None:
+    frames = _frames(CODEC, "HUB_Front", acc_fl=1.0)
+    run = _run(_bench(ACC_FL), frames)
+    assert (run.mass_state, run.excitation, run.repeat) == ("baseline", Excitation.BOUNCE, 1)
+    assert (run.status, run.reasons) == (RunStatus.ACCEPTED, ())
+    assert run.t0_ns == BUMP.t_ns - 100_000_000
+    assert run.events == (BUMP, RUN_END)
+    np.testing.assert_array_equal(run.frames.t_ns, frames.t_ns[900:1500])
+    np.testing.assert_array_equal(run.frames.data, frames.data[900:1500])
+    (group,) = run.groups
+    np.testing.assert_allclose(group.time_s, np.arange(600) * 1e-3, atol=1e-9)
+    np.testing.assert_array_equal(group.t_ns, run.frames.t_ns)
+
+
+def test_garbled_lost_and_repeated_frames() -> None:
+    frames = _frames(CODEC, "HUB_Front", acc_fl=1.0)
+    data = frames.data.copy()
+    data[[900, 1100, 1101, 1200], 0] ^= 1  # a flipped bit that the checksum finds
+    keep = np.delete(np.arange(2000), [1300, 1301, 1202])
+    keep = np.sort(np.append(keep, 1400))
+    garbled = FrameBatch(frames.t_ns, frames.can_id, frames.flags, frames.bus, frames.length, data)
+    run = _run(_bench(ACC_FL), garbled.select(keep))
+    (group,) = run.groups
+    # The first has no counter and no neighbour; the repeated one is no second sample.
+    sample = np.delete(np.arange(901, 1500), [1300 - 901, 1301 - 901, 1202 - 901])
+    np.testing.assert_allclose(group.time_s, (sample - 900) * 1e-3, atol=1e-9)
+    value = dict(zip(sample.tolist(), group.values["acc_fl"].tolist(), strict=True))
+    assert {k for k, v in value.items() if math.isnan(v)} == {1100, 1101, 1200}
+    quality = dict(zip(sample.tolist(), group.quality.tolist(), strict=True))
+    marked = {k: q for k, q in quality.items() if q}
+    bad, gap = int(Quality.CRC_BAD), int(Quality.COUNTER_GAP)
+    assert marked == {1100: bad, 1101: bad, 1200: bad, 1203: gap, 1302: gap}
+    assert (run.losses.crc_bad, run.losses.counter_gaps) == (4, 3)
+    assert run.status is RunStatus.ACCEPTED
+
+
+def test_a_run_of_nothing_but_garbled_frames_is_rejected() -> None:
+    frames = _frames(CODEC, "HUB_Front", acc_fl=1.0)
+    data = frames.data ^ np.array([1, 0, 0, 0, 0, 0, 0, 0], np.uint8)
+    bad = FrameBatch(frames.t_ns, frames.can_id, frames.flags, frames.bus, frames.length, data)
+    run = _run(_bench(ACC_FL), bad)
+    assert run.groups == ()
+    assert run.status is RunStatus.REJECTED
+    assert len(run.frames) == run.losses.crc_bad == 600
+
+
+@pytest.mark.parametrize(
+    ("n_hub", "n_rate", "reason"),
+    [
+        (1200, 0, "the recording ended 0.30 s before the run did"),
+        (2000, 0, "no frame of IMU_Rate (0x101) was received"),
+        (2000, 550, "IMU_Rate was received only from 0.00 to 0.20 s of 0.60 s"),
+    ],
+)
+def test_incomplete_runs_are_rejected_with_the_reason(n_hub: int, n_rate: int, reason: str) -> None:
+    frames = _merge(_frames(CODEC, "HUB_Front", n_hub), _frames(CODEC, "IMU_Rate", n_rate))
+    assert _run(_bench(ACC_FL, PITCH), frames).reasons == (reason,)
+    assert _run(_bench(ACC_FL, PITCH), frames).status is RunStatus.REJECTED
+
+
+def test_what_nobody_needs_may_be_absent() -> None:
+    assert _run(_bench(ACC_FL, YAW), _frames(CODEC, "HUB_Front")).status is RunStatus.ACCEPTED
+
+
+def test_losses_on_the_way_belong_to_the_run_in_which_they_happened() -> None:
+    frames = _frames(CODEC, "HUB_Front")
+    t_ns = START_NS + np.arange(1, 20) * 100_000_000
+    counts = np.zeros((19, 4), np.int64)
+    counts[3:] = [5, 6, 7, 8]  # before the run
+    counts[12:] += [1, 2, 3, 4]  # in it
+    counts[17:] += 100  # after it
+    run = _session(_bench(ACC_FL), frames, HopCounts(t_ns, counts)).runs[0]
+    assert (run.losses.bus_dropped, run.losses.bus_garbled, run.losses.queue_dropped) == (1, 2, 4)
+
+
+@pytest.mark.parametrize("label", ["loaded_bounce_1", "baseline_jump_1", ""])
+def test_a_bump_that_is_no_run_is_not_passed_over(label: str) -> None:
+    bench = _bench(ACC_FL)
+    stray = replace(BUMP, text=label)
+    with pytest.raises(InputError, match=f"a bump '{label}', which is no run"):
+        build_session(bench, CODEC, _frames(CODEC, "HUB_Front"), (stray,), NO_HOPS, {})
+
+
+def test_every_attempt_is_a_run_with_what_was_decided_on_it() -> None:
+    late_ns = BUMP.t_ns + 5_000_000_000
+    events = [
+        BUMP,
+        RUN_END,
+        verdict_entry(RUN_END.t_ns, BUMP.text, [WEAK]),
+        replace(BUMP, t_ns=late_ns, text="baseline_bounce_7"),
+        verdict_entry(late_ns, "baseline_bounce_7", []),
+        entry(Code.REJECT, late_ns + 1, label="baseline_bounce_7", by="Ann", reason="foot on it"),
+        replace(BUMP, t_ns=late_ns, text="added_warp_1"),
+        replace(BUMP, t_ns=late_ns + 30_000_000_000, text="added_warp_2"),
+        verdict_entry(late_ns, "added_warp_2", []),
+    ]
+    frames = _frames(CODEC, "HUB_Front", 10_000, acc_fl=1.0)
+    runs = build_session(_bench(ACC_FL), CODEC, frames, events, NO_HOPS, {}).runs
+    told = {run.label: (run.status, run.reasons) for run in runs}
+    assert told == {
+        "baseline_bounce_1": (RunStatus.REJECTED, ("weak bump",)),
+        "baseline_bounce_7": (RunStatus.REJECTED, ("rejected by Ann: foot on it",)),
+        "added_warp_1": (RunStatus.ACCEPTED, ()),
+        # The recorder was content, but its frames are not there.
+        "added_warp_2": (RunStatus.REJECTED, ("the recording ended 0.60 s before the run did",)),
+    }
+
+
+def test_the_last_bench_toml_holds_and_what_persons_said_goes_along(tmp_path: Path) -> None:
+    bench = small_bench()
+    head = JournalHead(bench.text, bench.dbc_text, "test 1", START_NS, 5, "ab" * 16)
+    newer = bench.text.replace('name = "Ford Granada"', 'name = "Other car"')
+    with JournalWriter(tmp_path, head) as journal:
+        journal.append(_frames(CODEC, "HUB_Front"), HopLosses())
+        journal.append_events(
+            [
+                BUMP,
+                verdict_entry(BUMP.t_ns, BUMP.text, [WEAK]),
+                Event(BUMP.t_ns, "alarm", text="x" * 300),
+                Event(START_NS, Code.BENCH, text=newer),
+                entry(Code.NOTE, START_NS, text="wet floor", label=BUMP.text, by="Ann"),
+                entry(Code.OVERRIDE, START_NS, subject="bus", reason="known", by="Bob"),
+            ]
+        )
+    session = session_from_journal(read_journal(journal.paths))
+    assert session.vehicle.name == "Other car"
+    assert session.provenance["bench_toml"] == newer
+    assert session.provenance["uuid"].replace("-", "") == "ab" * 16
+    assert json.loads(session.provenance["verdicts"]) == {BUMP.text: [asdict(WEAK)]}
+    assert [event.code for event in session.runs[0].events] == ["bump", "alarm"]
+    assert len(session.runs[0].events[1].text) == 160
+    (note,) = json.loads(session.provenance["notes"])
+    assert (note["text"], note["label"], note["by"]) == ("wet floor", BUMP.text, "Ann")
+    (override,) = json.loads(session.provenance["overrides"])
+    assert (override["subject"], override["reason"]) == ("bus", "known")
+
+
+@pytest.mark.parametrize(
+    ("channel", "what"),
+    [
+        (replace(ACC_FL, signal="HUB_Front.acc_xx"), "no signal 'HUB_Front.acc_xx'"),
+        (replace(ACC_FL, signal="HUB_Front"), "no signal 'HUB_Front'"),
+        (replace(PITCH, signal="SUSP_Front.travel_fl"), "unit 'mm'.*pitch_rate needs rad/s"),
+        (replace(PITCH, signal="IMU_Rate.counter"), "unit ''.*pitch_rate needs rad/s"),
+    ],
+)
+def test_channels_that_do_not_fit_the_dbc_are_named(channel: Channel, what: str) -> None:
+    with pytest.raises(InputError, match=f"channel {channel.name}: .*{what}"):
+        map_channels((channel,), CODEC.messages, "bench.dbc")
+
+
+def test_an_unknown_unit_matters_only_where_it_is_used() -> None:
+    text = small_bench().dbc_text.replace('"deg/s"', '"furlong"')
+    codec = parse_codec(text, "odd.dbc")
+    with pytest.raises(InputError, match=r"'furlong' in odd\.dbc, which is not known"):
+        map_channels((PITCH,), codec.messages, "odd.dbc")
+    (yaw,) = map_channels((YAW,), codec.messages, "odd.dbc")
+    assert (yaw.channel.unit, yaw.factor, yaw.offset) == ("furlong", 1.0, 0.0)
+
+
+MULTIPLEXED = """VERSION ""
+BU_: A
+BO_ 5 M: 4 A
+ SG_ which M : 0|8@1+ (1,0) [0|0] "" A
+ SG_ left m0 : 8|16@1- (0.01,0) [0|0] "m/s2" A
+ SG_ right m1 : 8|16@1- (0.01,0) [0|0] "m/s2" A
+ SG_ always : 24|8@1- (1,0) [0|0] "m/s2" A
+"""
+
+
+def test_multiplexed_signals_are_groups_of_their_own() -> None:
+    codec = parse_codec(MULTIPLEXED, "mux.dbc")
+    n = 1000
+    data = np.zeros((n, 8), np.uint8)
+    data[:, 0] = np.arange(n) % 2
+    data[:, 1] = 100 + 50 * (np.arange(n) % 2)
+    data[:, 3] = 3
+    t_ns = START_NS + np.arange(n) * 2_000_000
+    frames = FrameBatch(
+        t_ns,
+        np.full(n, 5, np.uint32),
+        np.zeros(n, np.uint16),
+        np.zeros(n, np.uint8),
+        np.full(n, 4, np.uint8),
+        data,
+    )
+    corners = {"left": Corner.FRONT_LEFT, "right": Corner.FRONT_RIGHT, "always": Corner.REAR_LEFT}
+    channels = (
+        Channel(name, Quantity.HUB_ACCELERATION, "", f"M.{name}", corner)
+        for name, corner in corners.items()
+    )
+    session = build_session(_bench(*channels), codec, frames, (BUMP,), NO_HOPS, {})
+    groups = {group.name: group for group in session.runs[0].groups}
+    assert {name: len(group.time_s) for name, group in groups.items()} == {
+        "M_left": 150,
+        "M_right": 150,
+        "M": 300,
+    }
+    np.testing.assert_allclose(groups["M_right"].values["right"], 1.5)
+    np.testing.assert_allclose(groups["M_right"].time_s[:2], [0.002, 0.006])
+
+
+def test_a_journal_gives_the_same_session_each_time_and_the_file_gives_it_back(
+    tmp_path: Path,
+) -> None:
+    bench = small_bench()
+    head = JournalHead(bench.text, bench.dbc_text, "test 1", START_NS, 5)
+    frames = _merge(*(_frames(CODEC, m.name, 1000) for m in CODEC.messages))
+    with JournalWriter(tmp_path, head) as journal:
+        journal.append(frames, HopLosses())
+        journal.append_events([replace(BUMP, t_ns=START_NS + 1_200_000_000)])
+    session = session_from_journal(read_journal(journal.paths))
+    assert_same(session_from_journal(read_journal(journal.paths)), session)
+    assert session.provenance["created"] == "2027-01-15T08:00:00+00:00"
+    assert (session.provenance["dbc"], session.provenance["software"]) == (
+        bench.dbc_text,
+        "test 1",
+    )
+    write_session(tmp_path / "s.h5", session)
+    again = read_session(tmp_path / "s.h5")
+    assert dict(again.provenance) == dict(session.provenance)
+    assert_same(again, replace(session, provenance=again.provenance))
+
+
+def test_simulated_samples_get_their_true_times() -> None:
+    bench = replace(small_bench(), campaign=Campaign((Excitation.PITCH,), 1, ("baseline",)))
+    car = SimulatedCar(jitter_s=100e-6)
+    drawn = truth(bench, car, 3)
+    frames = next(iter(campaign_frames(bench, CODEC, car, 3, START_NS)))
+    bump = Event(START_NS + 1_500_000_000, "bump", 0.0, "baseline_pitch_1")
+    run = build_session(bench, CODEC, frames, (bump,), NO_HOPS, {}).runs[0]
+    late = {}
+    for sender in bench_senders(bench, CODEC, drawn):
+        group = next(g for g in run.groups if g.name == sender.message.name)
+        assert not np.any(group.quality & UNUSABLE)
+        sent_s = group.time_s + (run.t0_ns - START_NS) * 1e-9
+        sent_s -= frame_time_ns(sender.message, bench.bus.bitrate) * 1e-9
+        _, ticks_s = sender.ticks(0.0, car.run_s)
+        nearest = ticks_s[np.searchsorted(ticks_s, sent_s - sender.cycle_s / 2)]
+        late[sender.message.name] = sent_s - nearest
+        raw = (group.t_ns - run.t0_ns) * 1e-9 - group.time_s
+        assert raw.max() > 300e-6  # what the stamps themselves are worth
+    assert len(late) == 6
+    for name, error_s in late.items():
+        assert np.abs(error_s).max() < 20e-6, name

@@ -1,0 +1,108 @@
+"""Where a recording stands is known from the ends of its segments, not from all of their blocks."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.journal import scan as journal_scan
+from daq.journal.folder import last_recording
+from daq.journal.format import JournalHead
+from daq.journal.reader import read_journal
+from daq.journal.scan import scan
+from daq.journal.summary import read_summary
+from daq.journal.writer import JournalWriter
+from daq.runs import Event
+
+from ..crash_disk import QuickFile
+from ..crash_frames import START_NS, block
+
+BUMP = Event(START_NS, "bump", 1.5, "baseline_bounce_1")
+NOTE = Event(START_NS + 7, "note", text="\N{GREEK SMALL LETTER ZETA} \x1b[31m \\ \x00")
+
+
+def record(folder: Path, ended: bool = False) -> tuple[Path, ...]:
+    head = JournalHead("bench", "dbc", "test", START_NS, 0, "a" * 32)
+    limits = RecorderConfig(segment_bytes=20_000.0, reserve_bytes=0.0)
+    keeper = JournalWriter(folder, head, limits, QuickFile)
+    keeper.append_events([BUMP])
+    for k in range(30):
+        keeper.append(block(100 * k, 100), HopLosses())
+        keeper.tend(0.1 * k)
+        if k == 20:
+            keeper.append_events([NOTE])
+    keeper.close(ended)
+    return keeper.paths
+
+
+def test_a_sealed_segment_tells_what_walking_through_it_finds(tmp_path: Path) -> None:
+    for path in record(tmp_path):
+        whole = path.read_bytes()
+        told = scan(path)
+        assert told is not None
+        assert told.sealed
+        path.write_bytes(whole[:-1])  # without its proper end it is walked through
+        walked = scan(path)
+        assert walked == replace(told, bytes=told.bytes - 1)
+        path.write_bytes(whole)
+
+
+def test_to_go_on_no_block_of_a_sealed_segment_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    *_, last = paths = record(tmp_path)
+    last.write_bytes(last.read_bytes()[:-100])  # the recorder was killed
+    walked: list[int] = []
+
+    def walking(fd: int, size: int) -> object:
+        walked.append(os.fstat(fd).st_ino)
+        return walk(fd, size)
+
+    walk = journal_scan._walked
+    monkeypatch.setattr(journal_scan, "_walked", walking)
+    tail = last_recording(tmp_path)
+    assert tail is not None
+    assert (tail.segments, tail.frames, tail.ended) == (paths, 3000, False)
+    assert tail.events == (BUMP, NOTE)
+    assert walked == [last.stat().st_ino]
+
+
+def test_the_end_of_a_recording_is_in_its_last_summary(tmp_path: Path) -> None:
+    record(tmp_path, ended=True)
+    tail = last_recording(tmp_path)
+    assert tail is not None
+    assert tail.ended
+
+
+def test_a_changed_byte_of_the_summary_is_never_believed(tmp_path: Path) -> None:
+    path = record(tmp_path)[0]
+    whole = path.read_bytes()
+    begin = whole.index(b"bumpbench_summary")
+    told = scan(path)
+    for at in range(begin, len(whole)):
+        changed = bytearray(whole)
+        changed[at] ^= 0x10
+        path.write_bytes(changed)
+        with path.open("rb") as file:
+            summary = read_summary(file.fileno(), len(whole))
+        found = scan(path)
+        assert found is not None
+        assert told is not None
+        assert summary is None or found == told, at
+        assert replace(found, sealed=True) == told, at
+    path.write_bytes(whole)
+    assert read_journal([path]).lost.text == ""
+
+
+def test_an_end_torn_anywhere_costs_no_block(tmp_path: Path) -> None:
+    path = record(tmp_path)[0]
+    whole = path.read_bytes()
+    begin = whole.index(b"bumpbench_summary") - 13
+    for stop in range(begin, len(whole), 7):
+        path.write_bytes(whole[:stop])
+        assert not read_journal([path]).lost.any, stop

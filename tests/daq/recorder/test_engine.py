@@ -1,0 +1,377 @@
+"""The recorder with its threads: several buses, stalls, full queues, orders, ends."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from daq import read_session
+from daq.bench.config import Bench, BusConfig
+from daq.bus.interfaces import open_bus, open_source
+from daq.bus.slcan.adapter import SlcanSource, open_slcan
+from daq.bus.source import FrameSource, SourceLosses
+from daq.control.heartbeat import standstill
+from daq.control.messages import BusState, Phase, SessionState, Status
+from daq.control.orders import (
+    Arm,
+    AskBench,
+    AskCheck,
+    AskHistory,
+    AskStatus,
+    Build,
+    Configure,
+    Mark,
+    ShutDown,
+    Start,
+    Stop,
+    Until,
+)
+from daq.errors import BusError, InputError
+from daq.journal.folder import last_recording
+from daq.journal.segment import SyncedFile
+from daq.recorder.orders import OrderError
+from daq.recorder.readers import Piece, PieceQueue
+from daq.runs import Event
+from dbc import Codec, FrameBatch
+
+from ..engine_run import ENDED, PATIENCE_S, Running, Script, on_bus, sources
+from ..pty_pair import pty_pair
+from ..quick_bench import CAN0, Gated, quick, stored, two
+from ..small_campaign import LABELS, PLANNED, START_NS, blocks, bumps, codes
+
+__all__ = ["quick", "two"]  # fixtures
+
+
+def planned(events: tuple[Event, ...]) -> list[tuple[str, str]]:
+    return [pair for pair in codes(events) if pair[0] in ("bump", "run_end")]
+
+
+def test_a_campaign_becomes_a_session_file(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    gate = threading.Event()
+    frames = bumps(codec, len(LABELS))
+    with Running(quick, tmp_path, sources(Gated(gate, blocks(frames)))) as running:
+        assert running.order(Arm(Until.COMPLETE)).status is not None
+        gate.set()
+        running.until(lambda s: s.phase is Phase.COMPLETE)
+        assert running.order(Stop()).status is not None
+        told = running.until(lambda s: s.session.state in ENDED)
+    assert (told.session.state, told.session.text) == (SessionState.READY, "")
+    assert (told.recording, told.phase) == ("", Phase.IDLE)
+    contents = stored(tmp_path)
+    np.testing.assert_array_equal(contents.frames.t_ns, frames.t_ns)
+    assert planned(contents.events) == PLANNED
+    assert contents.events[-1].code == "ended"
+    session = read_session(told.session.path)
+    assert [run.label for run in session.runs] == LABELS
+    assert Path(told.session.path).name == "session_0001.h5"
+    recorded = [s.disk.recorded_frames for s in running.told]
+    assert recorded == sorted(recorded)
+    assert recorded[-1] == len(frames)
+
+
+def test_a_bus_fails_and_comes_back_while_the_other_goes_on(
+    two: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    front, rear = bumps(codec, 2), on_bus(bumps(codec, 2, "HUB_Rear"), 1)
+    half = len(rear) // 2
+    unplugged = BusError("can1", "has gone", "plug it in")
+    opened: list[Script | Exception] = [
+        Script(blocks(rear.select(slice(0, half))), unplugged, 0.001, SourceLosses(garbled=1)),
+        OSError(19, "No such device"),
+        NameError("name 'canlib' is not defined"),
+        Script(blocks(rear.select(slice(half, None))), None, 0.001, SourceLosses(dropped=2)),
+    ]
+    lasting = Script(blocks(front, 10), None, 0.01)
+
+    def open_next(_: BusConfig, number: int) -> FrameSource:
+        if number == 0:
+            return lasting
+        found = opened.pop(0)
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    with Running(two, tmp_path, open_next) as running:
+        running.until(lambda s: bool(s.buses) and s.buses[1].state is BusState.DISCONNECTED)
+        gone_s = time.monotonic()
+        told = running.until(lambda s: s.buses[1].reopened == 1)
+        assert time.monotonic() - gone_s < 5.0
+        assert told.buses[0].state is BusState.OK
+        running.until(lambda s: s.disk.recorded_frames == len(front) + len(rear))
+    assert "disconnected" in {alarm.code for s in running.told for alarm in s.alarms}
+    contents = stored(tmp_path)
+    for number, frames in enumerate((front, rear)):
+        own = contents.frames.select(contents.frames.bus == number)
+        np.testing.assert_array_equal(own.data, frames.data)
+    lost = running.last.losses
+    assert (lost.bus_garbled, lost.bus_dropped, lost.queue_dropped) == (1, 2, 0)
+
+
+def test_a_bus_that_cannot_be_opened_is_degraded_and_tried_for_ever(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    tries: list[int] = []
+
+    def later(_: BusConfig, number: int) -> FrameSource:
+        tries.append(number)
+        if len(tries) < 4:
+            raise BusError("can0", "cannot be opened: no such device", "see `ip link`")
+        return Script(blocks(bumps(codec, 1)))
+
+    with Running(quick, tmp_path, later) as running:
+        told = running.until(lambda s: any(a.code == "disconnected" for a in s.alarms))
+        (alarm,) = (a for a in told.alarms if a.code == "disconnected")
+        assert ("no such device" in alarm.text, alarm.advice) == (True, "see `ip link`")
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+        assert running.last.buses[0].reopened == 0
+    assert len(tries) == 4
+
+
+def test_a_stall_of_the_writer_costs_queue_and_no_frame(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    frames = bumps(codec, 3)
+    script = Script(blocks(frames, 5), None, 0.003)  # 720 blocks in more than two seconds
+    stalled = threading.Event()
+
+    class Stalls(SyncedFile):
+        def sync(self) -> None:
+            super().sync()
+            if not stalled.is_set() and script.given and len(script.given) < 700:
+                stalled.set()
+                assert script.exhausted.wait(PATIENCE_S)
+
+    with Running(quick, tmp_path, sources(script), create=Stalls) as running:
+        told = running.until(lambda s: s.disk.recorded_frames == len(frames))
+    assert stalled.is_set()
+    assert told.queue.high > 500
+    assert max(s.disk.lag_s for s in running.told) > 1.0
+    assert told.losses.queue_dropped == 0
+    np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
+
+
+@pytest.mark.parametrize("limits", [(50, 1 << 30), (100_000, 5_000)])
+def test_what_does_not_fit_in_the_queue_is_counted_to_the_frame(
+    quick: Bench, codec: Codec, tmp_path: Path, limits: tuple[int, int]
+) -> None:
+    frames = bumps(codec, 1)
+    script = Script(blocks(frames, 3))
+    begun = threading.Event()
+
+    class Stalls(SyncedFile):
+        def sync(self) -> None:
+            super().sync()
+            if begun.is_set():
+                script.exhausted.wait(PATIENCE_S)
+            begun.set()  # the head of the first segment
+
+    pieces = PieceQueue(*limits)
+    with Running(quick, tmp_path, sources(script), create=Stalls, pieces=pieces) as running:
+        lost = running.until(lambda s: s.losses.queue_dropped > 0 and script.exhausted.is_set())
+        running.until(lambda s: s.disk.recorded_frames + s.losses.queue_dropped == len(frames))
+    contents = stored(tmp_path)
+    dropped = running.last.losses.queue_dropped
+    assert 0 < lost.losses.queue_dropped <= dropped
+    assert len(contents.frames) + dropped == len(frames)
+    assert contents.hops.counts[-1, -1] == dropped
+    assert "queue_dropped" in {alarm.code for s in running.told for alarm in s.alarms}
+
+
+def test_the_queue_is_bounded_in_blocks_and_bytes() -> None:
+    frames = FrameBatch.empty()
+    piece = Piece(0, frames, SourceLosses(), 0, 0.0)
+    short = PieceQueue(2, 1000)
+    assert [short.put(piece) for _ in range(3)] == [True, True, False]
+    assert (short.status.blocks, short.status.high, short.status.room) == (2, 2, 2)
+    assert len(short.take(10)) == 2
+    assert short.put(piece)
+
+
+def test_orders_are_carried_out_between_blocks(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    script = Script(blocks(bumps(codec, 6), 20), None, 0.002)
+    with Running(quick, tmp_path, sources(script)) as running:
+        running.until(lambda s: s.t_ns > 0)
+        reply = running.order(Mark("here"))
+        assert reply.status is not None
+        assert reply.status.notes[0].text == "here"
+        with pytest.raises(OrderError, match="is not TOML"):
+            running.order(Configure("nonsense"))
+        assert running.order(AskBench()).bench_text == quick.text
+        status = running.order(AskStatus()).status
+        assert status is not None
+        assert status.folder == str(tmp_path)
+        check = running.order(AskCheck(1.0)).check
+        assert [item.verdict for item in check if item.subject == "message HUB_Rear"] == ["FAIL"]
+        running.until(lambda s: s.disk.recorded_frames == 7200)
+        live = running.order(AskHistory(1.0)).live
+        assert live is not None
+        assert len(live.lanes[0].high) == 50
+    assert len(stored(tmp_path).frames) == 7200
+    bins = [
+        k
+        for each in running.live
+        for k in range(each.first_bin, each.first_bin + len(each.lanes[0].low))
+    ]
+    assert bins == list(range(bins[0], bins[0] + len(bins)))
+
+
+def test_recordings_follow_each_other_in_one_process(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    script = Script(blocks(bumps(codec, 2), 2), None, 0.002)
+    with Running(quick, tmp_path, sources(script)) as running:
+        first = running.until(lambda s: s.disk.recorded_frames > 0).recording
+        other = quick.text.replace('name = "Ford Granada"', 'name = "Other"')
+        started = running.order(Start(other)).status
+        assert started is not None
+        assert started.vehicle == "Other"
+        assert started.recording not in ("", first)
+        running.until(lambda s: s.disk.recorded_frames > 0)
+        assert running.order(Build()).status is not None
+        running.until(lambda s: s.session.state is SessionState.READY)
+        running.order(Stop())
+        for order in (Arm(), Mark("x"), Stop(), Build()):
+            with pytest.raises(OrderError, match="nothing is being recorded"):
+                running.order(order)
+        running.until(lambda s: s.session.state is SessionState.READY)
+    assert {path.name for path in tmp_path.glob("*.h5")} == {"session_0001.h5", "session_0002.h5"}
+    assert read_session(tmp_path / "session_0002.h5").vehicle.name == "Other"
+
+
+def test_the_order_to_shut_down_ends_it_and_later_orders_are_refused(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    script = Script(blocks(bumps(codec, 1)))
+    running = Running(quick, tmp_path, sources(script))
+    with running:
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+        running.order(ShutDown())
+        running._thread.join(PATIENCE_S)
+    assert script.closed.is_set()
+    with pytest.raises(OrderError, match="is ending"):
+        running.order(Mark("late"))
+
+
+def test_a_publisher_that_fails_stops_nothing(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    script = Script(blocks(bumps(codec, 1), 20), None, 0.005)
+    calls: list[Status] = []
+
+    class Deaf(Running):
+        def _publish(self, status: Status, live: object) -> None:
+            calls.append(status)
+            super()._publish(status, None)
+            raise RuntimeError("nobody listens")
+
+    with Deaf(quick, tmp_path, sources(script)) as running:
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+    failed = [e for e in stored(tmp_path).events if e.code == "consumer_failed"]
+    assert failed[0].text == "publish: RuntimeError('nobody listens')"
+
+
+def test_beats_tell_that_all_parts_are_at_work(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    held = threading.Event()
+
+    class Hangs(Script):
+        def read(self, timeout_s: float) -> FrameBatch:
+            if not self.given:
+                held.wait(PATIENCE_S)
+            return super().read(timeout_s)
+
+    with Running(quick, tmp_path, sources(Hangs(blocks(bumps(codec, 1))))) as running:
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+        beats = running.engine.beats()
+        assert beats.durable_s > 0
+        assert standstill(beats, time.monotonic()) == ""
+        late_s = beats.readers[0][1] + 2.5
+        assert "the reader of test can0 has not turned" in standstill(beats, late_s)
+        held.set()
+
+
+def test_a_reload_may_change_buses_and_dbc(two: Bench, codec: Codec, tmp_path: Path) -> None:
+    one = replace(two, buses=(CAN0,))
+    opened: list[str] = []
+
+    def open_one(config: BusConfig, number: int) -> FrameSource:
+        opened.append(config.channel)
+        return Script(blocks(on_bus(bumps(codec, 1), number)))
+
+    with Running(one, tmp_path, open_one) as running:
+        first = running.until(lambda s: s.disk.recorded_frames == 1200).recording
+        assert running.engine.reload(two).result(PATIENCE_S).error == ""
+        told = running.until(lambda s: s.disk.recorded_frames == 3600)
+        assert [bus.name for bus in told.buses] == ["test can0", "test can1"]
+        assert told.recording == first
+        other = two.dbc_text.replace("IMU_Accel", "IMU_Acc")
+        with pytest.raises(InputError):
+            running.engine.reload(replace(two, dbc_text=other)).result(PATIENCE_S)
+        other = two.dbc_text + "\n"
+        running.engine.reload(replace(one, dbc_text=other)).result(PATIENCE_S)
+        told = running.until(lambda s: s.disk.recorded_frames == 1200)
+        assert told.recording != first
+        assert len(told.buses) == 1
+    assert opened == ["can0", "can0", "can1", "can0"]
+    tail = last_recording(tmp_path / "journal")
+    assert tail is not None
+    assert tail.head.dbc_text == other
+
+
+def test_a_folder_that_cannot_hold_a_journal_is_refused(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    (tmp_path / "journal").write_text("a file")
+    script = Script(blocks(bumps(codec, 1)))
+    running = Running(quick, tmp_path, sources(script))
+    with pytest.raises(OSError, match="cannot write the journal"), running:
+        running._thread.join(PATIENCE_S)
+
+
+def messages(frames: FrameBatch) -> list[can.Message]:
+    columns = (frames.t_ns, frames.can_id, frames.length, frames.data)
+    return [
+        can.Message(int(t_ns) / 10**9, int(can_id), False, data=row[:length].tobytes())
+        for t_ns, can_id, length, row in zip(*columns, strict=True)
+    ]
+
+
+def test_a_campaign_over_a_virtual_bus_arrives_whole(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    config = BusConfig("virtual", f"test_engine_{os.getpid()}", 1_000_000)
+    frames = bumps(codec, len(LABELS))
+    frames = replace(frames, t_ns=frames.t_ns - START_NS + time.time_ns())
+    with Running(replace(quick, buses=(config,)), tmp_path, open_source) as running:
+        running.order(Arm(Until.COMPLETE))
+        running.until(lambda s: bool(s.buses) and s.buses[0].state is not BusState.DISCONNECTED)
+        with open_bus(config) as bus:
+            for message in messages(frames):
+                bus.send(message)
+        running.until(lambda s: s.disk.recorded_frames == len(frames))
+        running.until(lambda s: s.phase is Phase.COMPLETE)
+    contents = stored(tmp_path)
+    assert planned(contents.events) == PLANNED
+    np.testing.assert_array_equal(contents.frames.data, frames.data)
+    assert np.abs(contents.frames.t_ns - frames.t_ns).max() <= 120
+
+
+def test_a_bench_on_a_serial_line_is_recorded(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    frames = bumps(codec, 1)
+    with pty_pair() as (near, far):
+
+        def open_line(_: BusConfig, number: int) -> SlcanSource:
+            return open_slcan(near, 1_000_000, number)
+
+        with Running(quick, tmp_path, open_line) as running:
+            running.until(lambda s: bool(s.buses) and s.buses[0].state is not BusState.DISCONNECTED)
+            line = can.Bus(interface="slcan", channel=far, sleep_after_open=0, ignore_config=True)
+            with line as bus:
+                for message in messages(frames):
+                    bus.send(message)
+            running.until(lambda s: s.disk.recorded_frames == len(frames))
+    np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)

@@ -1,0 +1,397 @@
+"""The recorder where it is easy to lose something: refusing disks, restarts, changed benches."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.bench.config import Bench
+from daq.bus.source import LinkFacts, SourceLosses
+from daq.bus.steady_clock import HOST_AXIS
+from daq.control.messages import Phase, SessionState
+from daq.control.orders import (
+    Arm,
+    AskCheck,
+    Build,
+    Configure,
+    Mark,
+    Reject,
+    Start,
+    Stop,
+    Undo,
+    Until,
+)
+from daq.journal.folder import last_recording, recordings, segments_in
+from daq.journal.reader import read_journal
+from daq.journal.segment import SyncedFile
+from daq.recorder import checking
+from daq.recorder import recorder as engine_module
+from daq.recorder.derivation import Derivation
+from daq.recorder.orders import OrderError
+from daq.recorder.readers import PieceQueue, Readers
+from daq.session import read_session
+from dbc import Codec, FrameBatch
+
+from ..crash_frames import block
+from ..engine_run import ENDED, PATIENCE_S, Running, Script, sources
+from ..quick_bench import CAN0, CAN1, Gated, quick, stored
+from ..small_campaign import LABELS, blocks, bumps
+
+__all__ = ["quick"]
+
+
+class Disk:
+    """A disk that refuses while it is told to."""
+
+    def __init__(self) -> None:
+        self.refuses = threading.Event()
+
+    def create(self, path: Path) -> SyncedFile:
+        if self.refuses.is_set():
+            raise OSError(28, "No space left on device")
+        disk = self
+
+        class File(SyncedFile):
+            def sync(self) -> None:
+                if disk.refuses.is_set():
+                    raise OSError(28, "No space left on device")
+                super().sync()
+
+        return File(path)
+
+
+@pytest.mark.parametrize("order", [Stop(), Start()])
+def test_no_recording_is_ended_while_its_frames_wait_for_the_disk(
+    quick: Bench, codec: Codec, tmp_path: Path, order: Stop | Start
+) -> None:
+    disk, frames = Disk(), bumps(codec, 2)
+    gate = threading.Event()
+    script = Gated(gate, blocks(frames, 10))
+    with Running(quick, tmp_path, sources(script), create=disk.create) as running:
+        first = running.until(lambda s: s.recording != "").recording
+        disk.refuses.set()
+        gate.set()
+        running.until(lambda s: s.disk.held_frames > 0)
+        with pytest.raises(OrderError, match="frames wait in memory"):
+            running.order(order)
+        assert running.order(Mark("still here")).status is not None
+        assert running.last.recording == first
+        disk.refuses.clear()
+        running.until(lambda s: s.disk.recorded_frames == len(frames))
+        running.order(order)
+    np.testing.assert_array_equal(stored_first(tmp_path, first), frames.t_ns)
+
+
+def stored_first(folder: Path, recording: str) -> NDArray[np.int64]:
+    """Return the stamps of one recording of a folder."""
+    own = []
+    for path in segments_in(folder / "journal"):
+        contents = read_journal([path])
+        if contents.head.recording == recording:
+            own.append(contents.frames.t_ns)
+    return np.concatenate(own)
+
+
+def test_what_a_disk_did_not_take_at_the_end_is_said(
+    quick: Bench, codec: Codec, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    disk, gate = Disk(), threading.Event()
+    script = Gated(gate, blocks(bumps(codec, 1)))
+    with Running(quick, tmp_path, sources(script), create=disk.create) as running:
+        running.until(lambda s: s.recording != "")
+        disk.refuses.set()
+        gate.set()
+        running.until(lambda s: s.disk.held_frames == 1200)
+    assert "1200 frames were in memory" in caplog.text
+    assert running.last.disk.held_frames == 1200
+
+
+def test_a_session_built_in_mid_recording_reads_no_file_that_is_written(
+    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[tuple[Path, ...]] = []
+    begin = Derivation.begin
+
+    def noted(
+        self: Derivation, target: Path, segments: tuple[Path, ...], recording: str, revision: int
+    ) -> None:
+        given.append(tuple(segments))
+        begin(self, target, segments, recording, revision)
+
+    monkeypatch.setattr(Derivation, "begin", noted)
+    script = Script(blocks(bumps(codec, 2), 10), None, 0.002)
+    with Running(quick, tmp_path, sources(script)) as running:
+        for _ in range(2):
+            running.order(Arm(Until.COMPLETE))
+            running.until(lambda s: s.disk.recorded_frames > 0)
+            running.order(Build())
+            sealed = [read_journal([path]).lost.segments_unclosed for path in given[-1]]
+            assert sealed == [0] * len(given[-1])
+        running.until(lambda s: s.disk.recorded_frames == 2400)
+        told = running.until(lambda s: s.session.state in ENDED)
+        assert (told.session.state, told.session.text) == (SessionState.READY, "")
+    assert not stored(tmp_path).lost.any
+    assert [path.name for path in tmp_path.glob("*.h5")] == ["session_0001.h5"]
+
+
+def test_a_session_is_built_of_what_retention_has_left(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    small = replace(quick, recorder=replace(quick.recorder, segment_bytes=5_000.0))
+    gate = threading.Event()
+    with Running(small, tmp_path, sources(Gated(gate, blocks(bumps(codec, 2), 50)))) as running:
+        running.order(Arm(Until.COMPLETE))
+        gate.set()
+        running.until(lambda s: s.disk.recorded_frames == 2400)
+        keeper = running.engine._keeper
+        assert keeper is not None
+        gone = keeper.paths[1]
+        keeper._written.forget(gone)  # as retention does
+        gone.unlink()
+        running.order(Stop())
+        told = running.until(lambda s: s.session.state in ENDED)
+    assert told.session.state is SessionState.READY, told.session.text
+
+
+def test_a_recording_keeps_its_session_file_when_its_first_segment_has_gone(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    small = replace(quick, recorder=replace(quick.recorder, segment_bytes=5_000.0))
+    journal = tmp_path / "journal"
+    with Running(small, tmp_path, sources(Script(blocks(bumps(codec, 1), 50)))) as running:
+        first = running.until(lambda s: s.disk.recorded_frames == 1200)
+    (journal / "journal_0001.mcap").unlink()  # as retention does
+    for _ in range(2):  # the second time, the head is one that was written after a restart
+        with Running(small, tmp_path, sources(Script([]))) as running:
+            assert running.until(lambda s: s.recording != "").recording == first.recording
+    with Running(small, tmp_path, sources(Script([]))) as running:
+        told = running.order(Stop()).status
+    assert told is not None
+    assert Path(told.session.path).name == "session_0001.h5"
+    (info,) = recordings(journal)  # by which `recover` and the terminal go
+    assert (info.recording, info.session_name) == (first.recording, "session_0001.h5")
+
+
+def test_losses_before_a_recording_are_not_its_own(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    script = Script(blocks(bumps(codec, 2), 10), None, 0.002, SourceLosses(dropped=7))
+    with Running(quick, tmp_path, sources(script)) as running:
+        running.until(lambda s: s.losses.bus_dropped == 7)
+        running.order(Start())
+        told = running.until(lambda s: s.disk.recorded_frames > 0)
+        assert told.losses.bus_dropped == 0
+        script.told = SourceLosses(dropped=9)
+        running.until(lambda s: s.losses.bus_dropped == 2)
+        running.order(Stop())
+        assert running.until(lambda s: s.recording == "").losses.bus_dropped == 0
+
+
+def test_a_complete_recording_that_was_not_ended_is_complete_when_taken_up(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    gate = threading.Event()
+    script = Gated(gate, blocks(bumps(codec, len(LABELS))))
+    with Running(quick, tmp_path, sources(script)) as running:
+        running.order(Arm(Until.COMPLETE))
+        gate.set()
+        running.until(lambda s: s.phase is Phase.COMPLETE)
+    with Running(quick, tmp_path, sources(Script([]))) as running:
+        assert running.until(lambda s: s.recording != "").phase is Phase.COMPLETE
+
+
+def test_whose_bench_toml_holds_is_said(
+    quick: Bench, codec: Codec, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with Running(quick, tmp_path, sources(Script(blocks(bumps(codec, 1))))) as running:
+        first = running.until(lambda s: s.disk.recorded_frames == 1200)
+    assert caplog.text == ""
+    text = quick.text.replace('name = "Ford Granada"', 'name = "Changed"')
+    limits = replace(quick.recorder, keep_bytes=5e9)
+    changed = replace(quick, text=text, recorder=limits)
+    with Running(changed, tmp_path, sources(Script([]))) as running:
+        told = running.until(lambda s: s.recording != "")
+        assert (told.recording, told.vehicle) == (first.recording, "Ford Granada")
+        keeper = running.engine._keeper
+        assert keeper is not None
+        assert keeper.limits == limits  # the disk is the host's affair
+    assert "goes on with its own bench.toml" in caplog.text
+    caplog.clear()
+    other = replace(quick, dbc_text=quick.dbc_text + "\n")
+    with Running(other, tmp_path, sources(Script([]))) as running:
+        assert running.until(lambda s: s.recording != "").recording != first.recording
+    assert "cannot go on (it is of another DBC): a new one is begun" in caplog.text
+
+
+def test_a_session_file_older_than_its_recording_is_built_anew(
+    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = Script(blocks(bumps(codec, 2), 10), None, 0.002)
+    with Running(quick, tmp_path, sources(script)) as running:
+        running.order(Arm(Until.COMPLETE))
+        running.until(lambda s: s.disk.recorded_frames > 0)
+        running.order(Build())
+        running.until(lambda s: s.session.state is SessionState.READY)
+        running.until(lambda s: s.disk.recorded_frames == 2400)
+        with monkeypatch.context() as patch:  # SIGTERM comes before the session file is built
+            patch.setattr(Derivation, "begin", lambda *_: None)
+            running.order(Stop())
+    before = len(read_session(tmp_path / "session_0001.h5").runs)
+    with Running(quick, tmp_path, sources(Script([]))) as running:
+        told = running.until(lambda s: s.session.state is SessionState.READY)
+    assert Path(told.session.path).name == "session_0001.h5"
+    assert len(read_session(tmp_path / "session_0001.h5").runs) == 2 >= before
+    with Running(quick, tmp_path, sources(Script([]))) as running:
+        running.until(lambda s: s.recording != "")
+    assert running.last.session.path == ""  # and not again
+
+
+def test_a_recording_taken_up_never_goes_back_in_time(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    with Running(quick, tmp_path, sources(Script(blocks(bumps(codec, 1))))) as running:
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+    tail = last_recording(tmp_path / "journal")
+    assert tail is not None
+    ahead_ns = time.time_ns() + 3_600_000_000_000  # the host's clock has fallen back by an hour
+    shift_ns = ahead_ns - tail.t_ns
+    later = [replace(each, t_ns=each.t_ns + shift_ns) for each in blocks(bumps(codec, 1))]
+    with Running(quick, tmp_path, sources(Script(later))) as running:
+        running.until(lambda s: s.disk.recorded_frames == 2400)
+    try:
+        with Running(quick, tmp_path, sources(Script([]))) as running:
+            running.until(lambda s: s.recording != "")
+            assert HOST_AXIS.now_ns() >= ahead_ns
+            running.order(Start())
+            assert HOST_AXIS.now_ns() < ahead_ns
+    finally:
+        HOST_AXIS.begin()
+
+
+def test_a_reload_that_fails_leaves_the_buses_read(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    disk = Disk()
+    opened: list[int] = []
+
+    def open_source(_: object, number: int) -> Script:
+        opened.append(number)
+        return Script(blocks(bumps(codec, 1), 300))
+
+    with Running(quick, tmp_path, open_source, create=disk.create) as running:
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+        disk.refuses.set()
+        running.order(Mark("waits"))
+        other = replace(quick, buses=(CAN0, CAN1), dbc_text=quick.dbc_text + "\n")
+        with pytest.raises(OrderError, match="the disk refuses"):
+            running.engine.reload(other).result(PATIENCE_S)
+        disk.refuses.clear()
+        running.until(lambda s: s.disk.recorded_frames == 2400)
+        assert [bus.name for bus in running.last.buses] == ["test can0"]
+    assert opened == [0, 0]
+
+
+def test_limits_of_the_disk_can_be_changed_while_it_records(quick: Bench, tmp_path: Path) -> None:
+    with Running(quick, tmp_path, sources(Script([]))) as running:
+        running.until(lambda s: s.recording != "")
+        keeper = running.engine._keeper
+        assert keeper is not None
+        changed = replace(quick, recorder=replace(quick.recorder, keep_bytes=1e9))
+        running.engine.reload(changed).result(PATIENCE_S)
+        assert keeper.limits.keep_bytes == 1e9
+        running.order(Configure(quick.text))
+        assert keeper.limits == quick.recorder
+
+
+def test_a_run_rejected_while_it_is_recorded_can_be_neither_configured_nor_lost(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    frames = bumps(codec, 2)
+    gate, rest = threading.Event(), threading.Event()
+
+    class TwoGates(Gated):
+        def read(self, timeout_s: float) -> FrameBatch:
+            held = len(self.given) == len(frames) // 50 - 14  # in the midst of the first run
+            return FrameBatch.empty() if held and not rest.wait(0.01) else super().read(timeout_s)
+
+    script = TwoGates(gate, blocks(frames, 50))
+    with Running(quick, tmp_path, sources(script)) as running:
+        running.order(Arm(Until.COMPLETE))
+        gate.set()
+        running.until(lambda s: s.phase in (Phase.TRIGGERED, Phase.DECAY))
+        running.order(Reject())
+        with pytest.raises(OrderError, match="baseline_bounce_1 is being recorded"):
+            running.order(Configure(quick.text))
+        with pytest.raises(OrderError, match="baseline_bounce_1 is being recorded"):
+            running.engine.reload(quick).result(PATIENCE_S)
+        told = running.order(Undo()).status
+        assert told is not None
+        assert [str(run.status) for run in told.runs] == ["open"]
+        running.order(Reject())
+        rest.set()
+        running.until(lambda s: len(s.runs) == 2 and s.runs[1].status != "open")
+        assert str(running.last.runs[0].status) == "rejected"
+
+
+def test_checks_do_not_pile_up(
+    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    busy = threading.Event()
+    monkeypatch.setattr(checking, "check_bench", lambda *_: busy.wait(PATIENCE_S))
+    with Running(quick, tmp_path, sources(Script([]))) as running:
+        waiting = [running.engine.submit(AskCheck(1.0), "Ann") for _ in range(checking.MOST)]
+        with pytest.raises(OrderError, match="other checks"):
+            running.order(AskCheck(1.0))
+        busy.set()
+        for answer in waiting:
+            assert answer.exception(PATIENCE_S) is not None  # the stand-in gives no report
+
+
+def test_a_status_that_fails_stops_nothing(
+    quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = Script(blocks(bumps(codec, 1)), None, 0.001)
+    with Running(quick, tmp_path, sources(script)) as running:
+        running.until(lambda s: s.recording != "")
+        with monkeypatch.context() as patch:
+            patch.setattr(engine_module, "Host", lambda *_: 1 / 0)
+            deadline_s = time.monotonic() + PATIENCE_S
+            while "publish" not in running.engine._guard._failed:
+                assert time.monotonic() < deadline_s
+                time.sleep(0.01)
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+        running.until(lambda s: any(a.subject == "publish" for a in s.alarms))
+
+
+def test_a_reader_left_behind_puts_nothing_in_any_more() -> None:
+    class Hung:
+        def __init__(self) -> None:
+            self.back = threading.Event()
+
+        def facts(self) -> LinkFacts:
+            return LinkFacts("hung", 1, True, "", "", 0.0, 0, SourceLosses())
+
+        def read(self, timeout_s: float) -> FrameBatch:
+            self.back.wait(PATIENCE_S)
+            return block(0, 10)
+
+        def halt(self) -> None: ...
+
+        def close(self) -> None: ...
+
+    link, pieces = Hung(), PieceQueue()
+    readers = Readers(pieces)
+    readers.start([link])  # type: ignore[list-item]
+    thread = readers._readers[0]
+    readers.halt(0.01)
+    readers.settle()
+    link.back.set()
+    thread.join(PATIENCE_S)
+    assert readers.take(1000) == []
+    assert readers.hops().queue_dropped == 0

@@ -1,0 +1,80 @@
+"""What was measured of runs, measured anew from the journal for a recorder that was restarted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from daq.bench.campaign import Campaign
+from daq.bench.config import bench_codec, load_bench
+from daq.bench.procedure import Procedure
+from daq.bus.source import HopLosses
+from daq.clocks import Now
+from daq.control.orders import Arm, Until
+from daq.journal.folder import last_recording
+from daq.journal.format import JournalHead
+from daq.journal.writer import JournalWriter
+from daq.recorder.recording import Recording
+from daq.recorder.restart_measures import recall
+from daq.runlog.runlog import LoggedStatus
+from daq.runs import BASELINE, Excitation
+from daq.sim.car import SimulatedCar
+from daq.sim.ecu import campaign_frames
+from daq.verdict import RunMeasure
+
+from ..small_campaign import START_NS, blocks
+
+BENCH = replace(
+    load_bench(None),
+    campaign=Campaign((Excitation.BOUNCE,), 2, (BASELINE,)),
+    procedure=Procedure(accept_after_s=0.0),
+)
+
+
+def record(folder: Path) -> Recording:
+    codec = bench_codec(BENCH)
+    head = JournalHead(BENCH.text, BENCH.dbc_text, "test", START_NS, 0, "ab" * 16)
+    limits = replace(BENCH.recorder, segment_bytes=100_000)
+    with JournalWriter(folder, head, limits) as keeper:
+        recorder = Recording(BENCH, codec, keeper)
+        recorder.carry_out(Arm(Until.COMPLETE), "Ann", Now(START_NS, 0.0))
+        for run in campaign_frames(BENCH, codec, SimulatedCar(), 3, START_NS):
+            for block in blocks(run, 400):
+                t_ns = int(block.t_ns[-1])
+                now = Now(t_ns, (t_ns - START_NS) * 1e-9)
+                recorder.step(block, HopLosses(), now)
+                keeper.tend(now.monotonic_s)
+    return recorder
+
+
+def test_runs_are_measured_anew_as_they_were(tmp_path: Path) -> None:
+    recorder = record(tmp_path)
+    assert [run.status for run in recorder.book.runs] == [LoggedStatus.ACCEPTED] * 2
+    tail = last_recording(tmp_path)
+    assert tail is not None
+    assert len(tail.segments) > 2
+    found: dict[str, RunMeasure] = {}
+    recall(tail, BENCH, found.update).join(60.0)
+    assert found.keys() == recorder.measures.keys()
+    for label, measure in found.items():
+        before = recorder.measures[label]
+        assert measure.peak_m_s2 is not None
+        assert measure.peak_m_s2 > 10.0
+        assert (measure.peak_m_s2, measure.frequency_hz) == (before.peak_m_s2, before.frequency_hz)
+        assert measure.waves.keys() == before.waves.keys() != set()
+        assert all(np.array_equal(measure.waves[n], before.waves[n]) for n in before.waves)
+
+
+def test_a_journal_that_has_gone_is_no_reason_to_stop(tmp_path: Path) -> None:
+    record(tmp_path)
+    tail = last_recording(tmp_path)
+    assert tail is not None
+    for path in tail.segments:
+        path.unlink()
+    found: dict[str, RunMeasure] = {}
+    thread = recall(tail, BENCH, found.update)
+    thread.join(60.0)
+    assert not thread.is_alive()
+    assert found == {}

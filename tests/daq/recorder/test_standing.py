@@ -1,0 +1,46 @@
+"""What a status tells of a book, also of one that is weeks long."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from daq.control.messages import STATUS
+from daq.recorder.status import told_runs
+from daq.runlog.runlog import Code, Finding, LoggedRun, LoggedStatus, RunLog, fold, verdict_entry
+from daq.runs import Event
+
+from ..a_status import a_status
+
+FINE = Finding("too_weak", True, "", 3.0, 2.0, "m/s2", "3 of 2 m/s2 " * 8, "")
+WEAK = replace(FINE, passed=False, text="1 of 2 m/s2", advice="bump harder")
+CAMPAIGN, WEEKS = 60, 3000
+
+
+def _book(runs: int) -> RunLog:
+    """Return a book in which every tenth run is rejected."""
+    events = []
+    for k in range(1, runs + 1):
+        label = f"baseline_bounce_{k}"
+        events.append(Event(10 * k, Code.BUMP, 1.0, label))
+        verdict = [FINE] * 8 + [FINE if k % 10 else WEAK]
+        events.append(verdict_entry(10 * k + 1, label, verdict))
+    return fold(events)
+
+
+def _size(runs: tuple[LoggedRun, ...]) -> int:
+    return len(STATUS.dump_json(replace(a_status(), runs=runs)))
+
+
+def test_a_campaign_is_told_whole() -> None:
+    book = _book(CAMPAIGN)
+    assert told_runs(book) == book.runs
+
+
+def test_of_weeks_all_runs_are_told_with_what_stood_against_them() -> None:
+    book = _book(WEEKS)
+    told = told_runs(book)
+    assert [run.label for run in told] == [run.label for run in book.runs]
+    assert [run.reasons for run in told] == [run.reasons for run in book.runs]
+    assert sum(run.status is LoggedStatus.REJECTED for run in told) == WEEKS // 10
+    assert told[-CAMPAIGN:] == book.runs[-CAMPAIGN:]
+    assert _size(told) < _size(book.runs) / 5

@@ -1,0 +1,199 @@
+"""The verdict on simulated runs, good and spoilt; the long form is `tests.daq.verdicts`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daq.bench.campaign import Step
+from daq.runs import BASELINE, Excitation, Losses
+from daq.verdict import WORDS, RunMeasure, RunWindow, peak_left
+
+from ..verdict_runs import Setting, benches, first_failed, good, judged, motion, windowed
+from ..verdicts import confusion, rejected
+
+BOUNCE = Step(BASELINE, Excitation.BOUNCE, 1)
+PITCH = Step(BASELINE, Excitation.PITCH, 1)
+ALL = Setting("linear", "all", BOUNCE)
+
+
+def test_good_runs_are_accepted() -> None:
+    assert [finding.text for _, finding in rejected(("linear",), 2)] == []
+
+
+def test_every_fault_gives_its_reason_first() -> None:
+    table = confusion(("linear",), 1)
+    assert [key for key in table if key[0] != key[1]] == []
+
+
+def test_findings_tell_value_limit_and_advice() -> None:
+    findings, _ = judged(ALL, replace(good(ALL, 1), losses=Losses(counter_gaps=1000)))
+    lost = next(finding for finding in findings if finding.code == "lost_frames")
+    assert not lost.passed
+    assert lost.value > lost.limit
+    assert "1000 frames" in lost.text
+    assert lost.advice == WORDS["lost_frames"].advice
+    assert all(finding.passed and not finding.advice for finding in findings if finding != lost)
+    assert {finding.code for finding in findings} <= set(WORDS)
+
+
+def _held_up(window: RunWindow, lost: bool) -> RunWindow:
+    """Hold the reader up for 60 ms every 100 ms; or lose what it did not read."""
+    channels = {}
+    for name, (t_ns, value) in window.channels.items():
+        since_ns = t_ns - window.bump_ns
+        held = since_ns % 100_000_000 < 60_000_000
+        late_ns = np.where(held, since_ns // 100_000_000 * 100_000_000 + 60_000_000, since_ns)
+        kept = ~(held & (since_ns > 0) & (since_ns < 100_000_000)) if lost else slice(None)
+        channels[name] = ((late_ns + window.bump_ns)[kept], value[kept])
+    return replace(window, channels=channels)
+
+
+@pytest.mark.parametrize(("timed", "lost", "passed"), [(1, 0, 1), (0, 0, 0), (1, 1, 0)])
+def test_late_is_not_lost_where_a_counter_tells_the_time(
+    timed: bool, lost: bool, passed: bool
+) -> None:
+    messages = {channel.signal.partition(".")[0] for channel in ALL.described.channels}
+    window = replace(good(ALL, 8), timed=frozenset(messages if timed else ()))
+    findings, _ = judged(ALL, _held_up(window, lost))
+    found = next(finding for finding in findings if finding.code == "lost_frames")
+    assert found.passed == passed
+
+
+def test_the_time_of_a_second_bump_is_told() -> None:
+    moving = motion("linear", BASELINE, Excitation.BOUNCE, 1.0, (0.84, 1.0))
+    findings, _ = judged(ALL, windowed(ALL, moving, 3))
+    found = next(finding for finding in findings if finding.code == "double_bump")
+    assert not found.passed
+    told = float(found.text.partition("+")[2].partition(" s")[0])
+    assert told == pytest.approx(0.84, abs=0.02)
+
+
+def test_a_rear_axle_that_follows_the_front_one_is_no_second_bump() -> None:
+    front = good(replace(ALL, step=PITCH), 4)
+    early = {n: v for n, v in front.channels.items() if n in ("hub_acc_fl", "hub_acc_fr")}
+    late_ns = 1_000_000_000
+    late = {
+        rear: (early[name][0] + late_ns, early[name][1])
+        for name, rear in (("hub_acc_fl", "hub_acc_rl"), ("hub_acc_fr", "hub_acc_rr"))
+    }
+    rest = {
+        name: (
+            np.concatenate([t - late_ns, t])[: len(t)],
+            np.concatenate([v[:1000], v])[: len(v)],
+        )
+        for name, (t, v) in ((n, late[n]) for n in late)
+    }
+    setting = Setting("linear", "hubs", BOUNCE)
+    findings, _ = judged(setting, RunWindow(front.bump_ns, {**early, **rest}))
+    codes = {finding.code for finding in findings if not finding.passed}
+    assert not codes & {"double_bump", "wrong_mode"}
+
+
+@pytest.mark.parametrize(
+    ("bumped", "words"),
+    [
+        (Excitation.PITCH, "pitch: front wheels only"),
+        (Excitation.ROLL, "roll: left wheels only"),
+        (Excitation.WARP, "warp: front left and rear right"),
+    ],
+)
+def test_the_wrong_wheels_are_named(bumped: Excitation, words: str) -> None:
+    window = good(replace(ALL, step=Step(BASELINE, bumped, 1)), 5)
+    findings, measure = judged(ALL, window)
+    assert first_failed(findings) == "wrong_mode"
+    found = next(finding for finding in findings if finding.code == "wrong_mode")
+    assert f"looks like {words}, not bounce" in found.text
+    assert sum(measure.shares.values()) == pytest.approx(1.0)
+
+
+def test_frequency_and_damping_are_those_of_the_pitch_mode() -> None:
+    _, measure = judged(replace(ALL, step=PITCH), good(replace(ALL, step=PITCH), 6))
+    # METHOD section 1: the lowest mode of the car without weights is at 1.0511 Hz.
+    assert measure.frequency_hz == pytest.approx(1.0511, rel=0.03)
+    assert measure.damping is not None
+    assert 0.2 < measure.damping < 0.3
+
+
+@pytest.mark.parametrize("spoilt", ["none", "nan", "one sample", "no rest"])
+def test_whatever_is_missing_is_a_finding_and_no_error(spoilt: str) -> None:
+    window = good(ALL, 7)
+    channels = {
+        "none": {},
+        "nan": {n: (t, np.full(len(t), np.nan)) for n, (t, _) in window.channels.items()},
+        "one sample": {n: (t[:1], v[:1]) for n, (t, v) in window.channels.items()},
+        "no rest": {
+            n: (t[t > window.bump_ns], v[t > window.bump_ns])
+            for n, (t, v) in window.channels.items()
+        },
+    }[spoilt]
+    findings, measure = judged(ALL, replace(window, channels=channels), [RunMeasure()])
+    assert first_failed(findings) == "stale"
+    assert "no_data" in {finding.code for finding in findings}
+    assert measure.frequency_hz is None
+
+
+@pytest.mark.parametrize("bench", list(benches()))
+@pytest.mark.parametrize("span_s", [(-1.0, 0.0), (0.0, 0.4), (0.3, 2.6)])
+def test_no_silence_of_any_channel_is_an_error(bench: str, span_s: tuple[float, float]) -> None:
+    setting = Setting("linear", bench, BOUNCE)
+    window = good(setting, 11)
+    low, high = (window.bump_ns + round(x * 1e9) for x in span_s)
+    for chosen in (set(window.channels), set(list(window.channels)[::2])):
+        channels = {
+            name: (t, np.where((t >= low) & (t < high) & (name in chosen), np.nan, v))
+            for name, (t, v) in window.channels.items()
+        }
+        findings, _ = judged(
+            setting, replace(window, channels=channels), [judged(setting, window)[1]]
+        )
+        assert first_failed(findings) in ("stale", "lost_frames")
+
+
+def test_constant_channels_are_no_error() -> None:
+    window = good(ALL, 7)
+    channels = {n: (t, np.full(len(t), 9.81)) for n, (t, _) in window.channels.items()}
+    findings, _ = judged(ALL, replace(window, channels=channels))
+    assert first_failed(findings) == "too_weak"
+
+
+def test_a_message_that_is_known_to_be_stale_fails() -> None:
+    findings, _ = judged(ALL, replace(good(ALL, 8), stale=("HUB_Front",)))
+    assert first_failed(findings) == "stale"
+    assert findings[0].subject == "HUB_Front"
+
+
+def test_tops_cut_on_the_bump_are_harmless() -> None:
+    window = good(ALL, 9)
+    t_ns, value = window.channels["hub_acc_fl"]
+    since_s = (t_ns - window.bump_ns) * 1e-9
+    top = float(np.max(value[since_s > 0.2]))
+    on_bump = (since_s > 0) & (since_s < 0.19)
+    limit = 0.9 * float(np.max(value[on_bump]))
+    cut = np.where(on_bump, np.minimum(value, limit), np.minimum(value, limit - 1.0))
+    assert top > 0
+    findings, _ = judged(
+        ALL, replace(window, channels={**window.channels, "hub_acc_fl": (t_ns, cut)})
+    )
+    overload = next(finding for finding in findings if finding.code == "overload")
+    assert overload.passed
+    assert "hub_acc_fl" in overload.text
+
+
+def test_the_motion_left_falls_from_one_to_nothing() -> None:
+    window = good(ALL, 10)
+    bench = benches()["all"]
+
+    def left(after_s: float) -> float | None:
+        now_ns = window.bump_ns + round(after_s * 1e9)
+        so_far = {n: (t[t <= now_ns], v[t <= now_ns]) for n, (t, v) in window.channels.items()}
+        return peak_left(bench.channels, window.bump_ns, so_far, now_ns)
+
+    shares = [left(after_s) for after_s in (0.5, 1.0, 1.5, 2.4)]
+    assert all(share is not None for share in shares)
+    assert shares == sorted(shares, key=lambda share: -(share or 0.0))
+    assert (shares[0] or 0.0) > 0.4
+    assert (shares[-1] or 1.0) < 0.05
+    assert peak_left(bench.channels, window.bump_ns, {}, window.bump_ns) is None

@@ -1,0 +1,107 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from identify.decays.decay import Record
+from identify.decays.onset import decay_start_s, onset_s, quiet_noise
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.grey_box import GreyBox
+
+from ..bumps import CLOCK, MASS_STATES, TRUTH, noise_of, paper_records
+
+BOX = GreyBox((CLOCK,), MASS_STATES, None)
+
+
+def _errors_percent(result: Estimation) -> NDArray[np.float64]:
+    return np.asarray((np.exp(result.fit.eta) / TRUTH - 1) * 100)
+
+
+def _sigmas(result: Estimation) -> NDArray[np.float64]:
+    return np.asarray(np.sqrt(np.diag(result.fit.covariance)) * 100)
+
+
+def _cut(record: Record, start_s: float) -> Record:
+    return replace(record, recordings=tuple(r.between(start_s, 9.0) for r in record.recordings))
+
+
+@pytest.mark.parametrize(("rate_hz", "noise_db"), [(100.0, 30.0), (1000.0, 60.0), (200.0, np.inf)])
+def test_onset_is_found(rate_hz: float, noise_db: float) -> None:
+    for record in paper_records(rate_hz, noise_db, 1):
+        onset = onset_s(record)
+        assert onset is not None
+        assert 0.1 - 1e-9 <= onset <= 0.1 + max(0.012, 3 / rate_hz)
+
+
+def test_a_record_that_starts_in_motion_has_no_onset() -> None:
+    for record in paper_records(200.0, 30.0, 2):
+        moving = _cut(record, 0.31)
+        assert onset_s(moving) is None
+        assert decay_start_s(moving) == 0.0
+
+
+def test_quiet_noise_is_the_noise_that_was_added() -> None:
+    records = paper_records(1000.0, 30.0, 3)
+    added = noise_of(records, 1000.0)
+    for name, level in quiet_noise(records).items():
+        assert level == pytest.approx(added[name], rel=0.15)
+
+
+def test_stated_bump_is_used() -> None:
+    result = estimate(BOX, paper_records(1000.0, 30.0, 4), generic_vehicles())
+    assert all(0.2999 < decay.start_s < 0.3011 for decay in result.decays)
+    assert result.rest
+    assert np.all(np.abs(_errors_percent(result)) < 4 * _sigmas(result))
+
+
+def test_unknown_bump_is_found_by_the_misfit() -> None:
+    records = paper_records(1000.0, 30.0, 5, bump_s=np.nan)
+    result = estimate(BOX, records, generic_vehicles())
+    assert all(0.2999 < decay.start_s < 0.31 for decay in result.decays)
+    assert result.chi2_per_n < 1.1
+    assert np.all(np.abs(_errors_percent(result)) < 4 * _sigmas(result))
+
+
+def test_a_bump_longer_than_stated_is_seen_and_waited_for() -> None:
+    # Stated 0.15 s, in truth 0.2 s: the first 40 ms of the "decay" are still forced.
+    records = paper_records(1000.0, 50.0, 6, bump_s=0.15)
+    result = estimate(BOX, records, generic_vehicles())
+    assert all(decay.start_s > 0.2999 for decay in result.decays)
+    assert result.later_s > 0
+    assert result.holds
+    assert np.all(np.abs(_errors_percent(result)) < 4 * _sigmas(result))
+
+
+def test_decays_without_a_quiet_stretch_take_the_noise_from_the_residuals() -> None:
+    records = [_cut(r, 0.301) for r in paper_records(200.0, 30.0, 7, bump_s=np.nan)]
+    result = estimate(BOX, records, generic_vehicles())
+    assert not result.rest
+    assert result.chi2_per_n == pytest.approx(1.0, abs=0.1)
+    assert np.all(np.abs(_errors_percent(result)) < 4 * _sigmas(result))
+
+
+def test_records_that_begin_within_the_bump() -> None:
+    # 30 ms of rest tell neither the noise nor the onset; the first 0.2 s are forced motion.
+    records = [_cut(r, 0.07) for r in paper_records(200.0, 30.0, 10, bump_s=np.nan)]
+    result = estimate(BOX, records, generic_vehicles())
+    assert all(0.2299 < decay.start_s < 0.24 for decay in result.decays)
+    assert np.all(np.abs(_errors_percent(result)) < 4 * _sigmas(result))
+
+
+def test_lost_samples_cost_only_their_information() -> None:
+    rng = np.random.default_rng(8)
+    records = []
+    for record in paper_records(1000.0, 30.0, 8):
+        recording = record.recordings[0]
+        keep = rng.uniform(size=len(recording.time_s)) > 0.3
+        thin = replace(recording, time_s=recording.time_s[keep], values=recording.values[keep])
+        records.append(replace(record, recordings=(thin,)))
+    result = estimate(BOX, records, generic_vehicles())
+    assert result.chi2_per_n == pytest.approx(1.0, abs=0.1)
+    assert np.all(np.abs(_errors_percent(result)) < 4 * _sigmas(result))
+
+
+def test_noise_free_records() -> None:
+    result = estimate(BOX, paper_records(200.0, np.inf, 9), generic_vehicles())
+    assert np.max(np.abs(_errors_percent(result))) < 1e-4

@@ -1,0 +1,213 @@
+"""Intervals of parameters, modes and derived quantities, and what they rest on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.vehicle import FORD_GRANADA, Fact, Structure, VehicleParameters
+from identify.fit.estimation import generic_vehicles
+from identify.fit.grey_box import GreyBox
+from identify.fit.likelihood import FACTS, PRIORS, Fit, fit
+from identify.fit.uncertainty import (
+    correlation,
+    derived_estimates,
+    drivers,
+    estimates,
+    mode_estimates,
+)
+from identify.model.derived import derived_quantities
+from identify.model.matrices import FULL_NAMES, SYMMETRIC, physical_model
+
+from ..bumps import CLOCK, MASS_STATES, PAPER_DELTA_MASS, TRUTH, noise_of, paper_records
+
+BOX = GreyBox((CLOCK,), MASS_STATES, None)
+
+
+@pytest.fixture(scope="module")
+def best() -> Fit:
+    records = paper_records(200.0, 30.0, 3)
+    decays = tuple(r.decay(0.3 + 1e-9) for r in records)
+    return fit(BOX, decays, noise_of(records, 200.0), BOX.unknowns(generic_vehicles()[0]))
+
+
+def _draws(best: Fit, n: int) -> NDArray[np.float64]:
+    rng = np.random.default_rng(5)
+    return rng.multivariate_normal(best.eta, best.covariance, n, method="cholesky")
+
+
+def _modes(theta: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return frequencies, Hz, and damping ratios by NumPy's eigenvalues, (14,)."""
+    model = physical_model(VehicleParameters(*theta))
+    poles = np.linalg.eigvals(model.with_mass(load).A)
+    poles = poles[poles.imag > 0]
+    poles = poles[np.argsort(np.abs(poles))]
+    return np.concatenate([np.abs(poles) / (2.0 * np.pi), -poles.real / np.abs(poles)])
+
+
+def test_intervals_are_those_of_the_normal_distribution(best: Fit) -> None:
+    spread = np.exp(_draws(best, 20_000))
+    for i, (name, e) in enumerate(estimates(BOX, best).items()):
+        assert e.std == pytest.approx(spread[:, i].std(), rel=0.03), name
+        assert np.mean((spread[:, i] > e.low) & (spread[:, i] < e.high)) == pytest.approx(
+            0.95, abs=0.01
+        )
+        assert e.low < e.value < e.high
+
+
+@pytest.mark.parametrize("state", ["baseline", "added"])
+def test_spread_of_the_modes_is_that_of_vehicles_drawn_by_the_covariance(
+    best: Fit, state: str
+) -> None:
+    load = np.zeros((7, 7)) if state == "baseline" else PAPER_DELTA_MASS
+    tables = []
+    for theta in np.exp(_draws(best, 600)):
+        tables.append(_modes(theta, load))
+    drawn = np.array(tables)
+    found = mode_estimates(BOX, best, state)
+    stated = [m.frequency for m in found] + [m.damping_ratio for m in found]
+    assert len(stated) == drawn.shape[1] == 14
+    # Two pairs of wheel modes lie 0.03 % apart and change places from draw to draw.
+    apart = [0, 1, 2, 7, 8, 9]
+    for k in apart:
+        assert stated[k].std == pytest.approx(drawn[:, k].std(), rel=0.15)
+        assert stated[k].value == pytest.approx(drawn[:, k].mean(), abs=0.3 * stated[k].std)
+    assert [e.unit for e in stated] == ["Hz"] * 7 + ["1"] * 7
+
+
+def test_slopes_of_all_modes_against_differences() -> None:
+    """One unknown alone uncertain: the std of a mode is its slope by that unknown."""
+    eta = BOX.unknowns(TRUTH)
+    step = 1e-6
+
+    for p in range(15):
+        covariance = np.zeros((15, 15))
+        covariance[p, p] = 1.0
+        alone = Fit(eta, covariance, 0.0, {}, 1, True)
+        found = mode_estimates(BOX, alone, "added")
+        stds = [m.frequency.std for m in found] + [m.damping_ratio.std for m in found]
+        up, down = (
+            _modes(np.exp(eta + s * step * np.eye(15)[p]), PAPER_DELTA_MASS) for s in (1.0, -1.0)
+        )
+        np.testing.assert_allclose(stds, np.abs(up - down) / (2.0 * step), rtol=1e-4, atol=1e-6)
+
+
+def test_correlation_is_that_of_draws(best: Fit) -> None:
+    found = correlation(BOX, best)
+    assert found.names == BOX.parameters
+    np.testing.assert_allclose(found.matrix, found.matrix.T, atol=1e-12)
+    np.testing.assert_allclose(np.diag(found.matrix), 1.0, atol=1e-12)
+    assert np.max(np.abs(found.matrix)) <= 1.0 + 1e-12
+    np.testing.assert_allclose(found.matrix, np.corrcoef(_draws(best, 20_000).T), atol=0.03)
+    # Free decays leave the scale to the added mass, so all that carries it errs together.
+    assert found.matrix[found.names.index("m_s"), found.names.index("k_sf")] > 0.5
+
+
+def test_shares_of_what_drives_a_parameter_add_up(best: Fit) -> None:
+    found = drivers(BOX, best)
+    assert set(found) == set(BOX.parameters)
+    for shares in found.values():
+        assert sum(shares.values()) == pytest.approx(1.0, abs=1e-6)
+        assert min(shares.values()) >= -1e-12
+        assert list(shares.values()) == sorted(shares.values(), reverse=True)
+        assert shares[FACTS] == shares[PRIORS] == 0.0
+    # Only the roll runs show roll; what moves with it in common, all runs.
+    roll = sum(share for source, share in found["I_xx"].items() if "roll" in source)
+    assert roll > 0.5
+
+
+def test_a_driver_is_what_more_of_it_would_gain(best: Fit) -> None:
+    C, share = best.covariance, 1e-4
+    found = drivers(BOX, best)
+    for source, H in best.information.items():
+        more = np.linalg.inv(np.linalg.inv(C) + share * H)
+        gained = (1.0 - np.diag(more) / np.diag(C)) / share
+        expected = [found[name][source] for name in BOX.parameters]
+        np.testing.assert_allclose(gained, expected, atol=1e-3)
+
+
+def test_undetermined_parameters_have_no_interval_and_spoil_no_other(best: Fit) -> None:
+    covariance = best.covariance.copy()
+    lost = BOX.parameters.index("I_xx")
+    covariance[lost, lost] = np.inf
+    vague = replace(best, covariance=covariance)
+    found = estimates(BOX, vague)
+    assert found["I_xx"].std == np.inf
+    assert (found["I_xx"].low, found["I_xx"].high) == (-np.inf, np.inf)
+    assert found["m_s"] == estimates(BOX, best)["m_s"]
+    derived, before = derived_estimates(BOX, vague), derived_estimates(BOX, best)
+    assert derived["roll_radius_of_gyration"].std == np.inf
+    assert derived["total_mass"] == before["total_mass"]
+    matrix = correlation(BOX, vague).matrix
+    assert np.all(np.isnan(matrix[lost]))
+    assert np.isfinite(np.delete(np.delete(matrix, lost, 0), lost, 1)).all()
+    assert drivers(BOX, vague)["I_xx"] == {}
+    assert sum(drivers(BOX, vague)["m_s"].values()) == pytest.approx(1.0, abs=1e-6)
+    # Bounce and pitch do not move with I_xx on a symmetric car, roll does.
+    modes = mode_estimates(BOX, vague, "baseline")
+    assert sum(np.isinf(m.frequency.std) for m in modes) >= 3
+
+
+def test_derived_quantities_of_the_granada_by_hand() -> None:
+    full = SYMMETRIC @ FORD_GRANADA.to_array()
+    found = {n: float(v.real) for n, (v, _) in derived_quantities(full.astype(complex)).items()}
+    # Front axle 1380 kg x 1.51 / 2.76 = 755 kg of body; rear 625 kg.
+    by_hand = {
+        "total_mass": 1551.8,
+        "front_axle_load": 836.0,
+        "rear_axle_load": 715.8,
+        "wheelbase": 2.76,
+        "pitch_radius_of_gyration": 1.329705,
+        "roll_radius_of_gyration": 0.524750,
+        "dynamic_index": 0.936750,
+        "corner_load_fl": 418.0,
+        "corner_load_fr": 418.0,
+        "corner_load_rl": 357.9,
+        "corner_load_rr": 357.9,
+        "front_ride_frequency": 1.068037,
+        "front_ride_damping_ratio": 0.296059,
+        "rear_ride_frequency": 1.335385,
+        "rear_ride_damping_ratio": 0.286039,
+        "front_wheel_hop_frequency": 11.433146,
+        "front_wheel_hop_damping_ratio": 0.257787,
+        "rear_wheel_hop_frequency": 10.926953,
+        "rear_wheel_hop_damping_ratio": 0.240617,
+    }
+    assert set(found) == set(by_hand)
+    for name, value in by_hand.items():
+        assert found[name] == pytest.approx(value, rel=2e-6), name
+
+
+def test_spread_of_derived_quantities_against_differences() -> None:
+    box = GreyBox((CLOCK,), MASS_STATES, None, Structure(symmetric=False, cg_offset=True))
+    full = SYMMETRIC @ FORD_GRANADA.to_array()
+    full[FULL_NAMES.index("y_s")] = 0.03
+    eta = box.unknowns_of(full)
+    rng = np.random.default_rng(2)
+    root = 0.01 * rng.standard_normal((len(eta), len(eta)))
+    found = derived_estimates(box, Fit(eta, root @ root.T, 0.0, {}, 1, True))
+
+    def values(at: NDArray[np.float64]) -> NDArray[np.float64]:
+        quantities = derived_quantities(box.full(at.astype(complex)))
+        return np.array([float(value.real) for value, _ in quantities.values()])
+
+    step = 1e-5
+    slopes = np.array(
+        [(values(eta + step * e) - values(eta - step * e)) / (2 * step) for e in np.eye(len(eta))]
+    )
+    expected = np.linalg.norm(root.T @ slopes, axis=0)
+    np.testing.assert_allclose([e.std for e in found.values()], expected, rtol=1e-5)
+
+
+def test_a_fact_narrows_what_it_tells_of() -> None:
+    records = paper_records(200.0, 30.0, 3)
+    decays = tuple(r.decay(0.3 + 1e-9) for r in records)
+    weighed = GreyBox((CLOCK,), MASS_STATES, None, facts=(Fact("total_mass_kg", 1551.8, 1.0),))
+    found = fit(weighed, decays, noise_of(records, 200.0), weighed.unknowns(TRUTH))
+    total = derived_estimates(weighed, found)["total_mass"]
+    assert total.std == pytest.approx(1.0, rel=0.02)
+    assert total.value == pytest.approx(1551.8, abs=1.0)
+    assert drivers(weighed, found)["m_s"][FACTS] > 0.5

@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from daq.vehicle import FORD_GRANADA
+from identify.model.exponentials import spectrum, waves
+from identify.model.low_pass import LowPass
+from identify.model.matrices import physical_model
+
+NO_FILTER = LowPass(np.zeros(0, dtype=complex))
+TIMES = np.array([0.0, 0.013, 0.2, 1.7])
+
+
+def _systems() -> dict[str, NDArray[np.float64]]:
+    vehicle = np.asarray(physical_model(FORD_GRANADA).A)
+    overdamped = np.array([[0.0, 1.0], [-4.0, -5.0]])  # poles -1 and -4
+    equal = np.array([[-1.0, 0.0], [0.0, -1.0 - 1e-12]])
+    return {"vehicle": vehicle, "overdamped": overdamped, "equal": equal}
+
+
+@pytest.mark.parametrize("name", ["vehicle", "overdamped", "equal"])
+def test_free_decay_is_the_matrix_exponential(name: str) -> None:
+    A = _systems()[name]
+    n = len(A)
+    modes = spectrum(A)
+    rng = np.random.default_rng(1)
+    row, x0 = rng.standard_normal(n), rng.standard_normal(n)
+    modal = (row @ modes.V) * (modes.W @ x0)
+    on_basis = (modes.to_real[:, :n] @ modal).real
+    expected = [row @ expm(A * t) @ x0 for t in TIMES]
+    np.testing.assert_allclose(modes.basis(TIMES) @ on_basis, expected, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["vehicle", "overdamped", "equal"])
+def test_slope_of_the_propagator_is_its_derivative(name: str) -> None:
+    A = _systems()[name]
+    n = len(A)
+    modes = spectrum(A)
+    rng = np.random.default_rng(2)
+    row, x0 = rng.standard_normal(n), rng.standard_normal(n)
+    dA = rng.standard_normal((n, n)) * np.abs(A).max() * (A != 0)
+    change = modes.change(dA[None])
+    on = modes.propagator_slope((row @ modes.V)[None], change, modes.W @ x0, NO_FILTER)[0, 0]
+    slope = modes.basis(TIMES) @ (modes.to_real @ on).real
+    # The block matrix exponential holds the exact derivative (Van Loan 1978).
+    expected = [row @ expm(np.block([[A, dA], [0 * A, A]]) * t)[:n, n:] @ x0 for t in TIMES]
+    np.testing.assert_allclose(slope, expected, rtol=1e-7, atol=1e-9 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("samples", [3, 64, 65, 1400, 2801])
+def test_waves_of_even_times_are_the_exponentials(samples: int) -> None:
+    rates = np.array([-2.0 + 7.0j, -18.0 + 70.0j, -40.0, 0.0])
+    even = np.linspace(0.0213, 0.0213 + 1e-3 * (samples - 1), samples)
+    uneven = even.copy()
+    uneven[samples // 2] += 1e-6
+    for time_s in (even, uneven):
+        direct = np.exp(time_s[:, None] * rates)
+        assert np.abs(waves(time_s, rates) / direct - 1.0).max() < 2e-13

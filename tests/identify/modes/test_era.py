@@ -1,0 +1,48 @@
+"""Eigensystem realisation and stabilisation diagram, beside the closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from identify.modes.era import realised_modes
+from identify.modes.modal import mac
+from identify.modes.stabilisation import stabilisation_diagram
+
+from ..structures import chain_poles, chain_shapes, free_decay, random_amplitudes, with_noise
+
+POLES, SHAPES = chain_poles(3, k=400.0, c=4.0, m=1.0), chain_shapes(3)
+
+
+def test_a_chain_of_masses_in_two_runs_of_different_lengths() -> None:
+    rng = np.random.default_rng(0)
+    records = [
+        free_decay(POLES, SHAPES, random_amplitudes(3, rng), 50.0, duration_s)
+        for duration_s in (6.0, 4.0)
+    ]
+    found = realised_modes(records, 50.0)
+    assert np.abs(found.poles / POLES - 1.0).max() < 1e-9
+    assert np.diag(mac(found.shapes, SHAPES.astype(complex))).min() > 1.0 - 1e-9
+
+
+@pytest.mark.parametrize("order", [None, 6])
+def test_noise_and_units_are_borne(order: int | None) -> None:
+    rng = np.random.default_rng(1)
+    record = free_decay(POLES, SHAPES, random_amplitudes(3, rng), 50.0, 8.0)
+    record = with_noise(record, 50.0, rng) * [1.0, 1e4, 1e-3]
+    found = realised_modes([record], 50.0, order)
+    assert len(found) == 3
+    assert np.abs(found.poles / POLES - 1.0).max() < 0.01
+
+
+def test_the_diagram_marks_what_comes_again() -> None:
+    rng = np.random.default_rng(2)
+    record = with_noise(free_decay(POLES, SHAPES, random_amplitudes(3, rng), 50.0, 8.0), 40.0, rng)
+    diagram = stabilisation_diagram([record * [1.0, 1.0, 100.0]], 50.0)
+    near = np.abs(diagram.poles[:, None] / POLES - 1.0).min(axis=1) < 0.05
+    high = diagram.rank >= 8
+    assert np.all(diagram.stable[near & high & (diagram.rank <= diagram.rank.max() - 2)])
+    assert np.mean(diagram.stable[~near & high]) < 0.5
+    assert not np.any(diagram.stable[diagram.rank > diagram.rank.max() - 2])
+    best = diagram.shapes[:, near & high] / np.array([[1.0], [1.0], [100.0]])
+    assert np.all(mac(best, SHAPES.astype(complex)).max(axis=1) > 0.98)

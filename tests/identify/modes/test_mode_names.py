@@ -1,0 +1,43 @@
+"""Names of modes by content."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.vehicle import FORD_GRANADA
+from identify.model.matrices import physical_model
+from identify.modes.modal import ModalModel, modes_of
+from identify.modes.mode_names import MODE_NAMES, mode_names
+
+GEOMETRY = FORD_GRANADA.geometry
+BASELINE = physical_model(FORD_GRANADA)
+ADDED = BASELINE.with_mass(np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]))
+
+
+def test_the_modes_of_the_granada_have_the_names_of_the_reference() -> None:
+    assert mode_names(modes_of(BASELINE.A), GEOMETRY) == (
+        "body bounce",
+        "body pitch",
+        "body roll",
+        "rear wheels antisymmetric",
+        "rear wheels symmetric",
+        "front wheels antisymmetric",
+        "front wheels symmetric",
+    )
+
+
+def test_the_swap_shows_in_the_names() -> None:
+    names = mode_names(modes_of(ADDED.A), GEOMETRY)
+    assert names[3:5] == ("rear wheels symmetric", "rear wheels antisymmetric")
+    assert sorted(names) == sorted(MODE_NAMES)
+
+
+def test_pure_motions_and_one_mode_too_many() -> None:
+    shapes = np.zeros((7, 8), dtype=complex)
+    shapes[0, 0] = shapes[1, 1] = shapes[2, 2] = 1j
+    for number, (left, right) in enumerate([(3, 4), (5, 6)]):
+        shapes[left, 3 + 2 * number : 5 + 2 * number] = 1.0
+        shapes[right, 3 + 2 * number : 5 + 2 * number] = [1.0, -1.0]
+    shapes[:, 7] = 0.1
+    poles = np.asarray(-1.0 + 1j * np.arange(1.0, 9.0), dtype=np.complex128)
+    assert mode_names(ModalModel(poles, shapes), GEOMETRY) == (*MODE_NAMES, "further mode")

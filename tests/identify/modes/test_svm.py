@@ -1,0 +1,254 @@
+"""Modes from free decays of structures whose poles are known in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.runs import Excitation
+from daq.vehicle import FORD_GRANADA
+from dbc.errors import InputError
+from identify.model.matrices import PhysicalModel, physical_model
+from identify.model.response import Bump, exact_response, wilson_response
+from identify.modes.modal import ModalModel, mac, modes_of
+from identify.modes.mode_selection import identify_modes
+
+from ..structures import (
+    chain_poles,
+    chain_shapes,
+    free_decay,
+    oscillators,
+    random_amplitudes,
+    with_noise,
+)
+
+PAPER_RUNS = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+BASELINE = physical_model(FORD_GRANADA)
+ADDED = BASELINE.with_mass(np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]))
+# METHOD.md section 1: frequency in Hz and damping ratio, measured with another program.
+PUBLISHED_BASELINE = [
+    (1.0511, 0.2663),
+    (1.3078, 0.2502),
+    (1.6516, 0.3596),
+    (10.7678, 0.2541),
+    (10.7712, 0.2506),
+    (11.2859, 0.2600),
+    (11.2881, 0.2651),
+]
+PUBLISHED_ADDED = [
+    (1.0021, 0.2540),
+    (1.2456, 0.2383),
+    (1.5664, 0.3412),
+    (10.2375, 0.2377),
+    (10.2395, 0.2399),
+    (10.7774, 0.2489),
+    (10.7818, 0.2526),
+]
+
+
+def decays(
+    model: PhysicalModel, rate_hz: float, quantity: str = "acceleration"
+) -> list[NDArray[np.float64]]:
+    bump = Bump()
+    responses = [exact_response(model, run, bump, rate_hz, 3.0) for run in PAPER_RUNS]
+    return [getattr(r, quantity)[r.time_s > bump.end_s - 0.5 / rate_hz] for r in responses]
+
+
+def noisy_decays(
+    rate_hz: float, runs: Sequence[Excitation], rng: np.random.Generator
+) -> list[NDArray[np.float64]]:
+    """Return 30 dB as METHOD.md defines it: of each channel's RMS over all complete records."""
+    bump = Bump()
+    responses = [exact_response(BASELINE, run, bump, rate_hz, 3.0) for run in runs]
+    rms = np.sqrt(np.mean(np.concatenate([r.acceleration for r in responses]) ** 2, axis=0))
+    noisy = [
+        r.acceleration + 10**-1.5 * rms * rng.standard_normal(r.acceleration.shape)
+        for r in responses
+    ]
+    return [
+        record[r.time_s > bump.end_s - 0.5 / rate_hz]
+        for record, r in zip(noisy, responses, strict=True)
+    ]
+
+
+def assert_poles(found: ModalModel, poles: NDArray[np.complex128], rtol: float) -> None:
+    assert len(found) == len(poles)
+    order = np.argsort(np.abs(poles))
+    np.testing.assert_array_less(np.abs(found.poles / poles[order] - 1.0), rtol)
+
+
+@pytest.mark.parametrize(
+    ("model", "published"),
+    [(BASELINE, PUBLISHED_BASELINE), (ADDED, PUBLISHED_ADDED)],
+    ids=["baseline", "added"],
+)
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
+def test_the_vehicle_without_noise(
+    model: PhysicalModel, published: list[tuple[float, float]], rate_hz: float
+) -> None:
+    found = identify_modes(decays(model, rate_hz), rate_hz)
+    truth = modes_of(model.A)
+    assert_poles(found, truth.poles, 1e-10)
+    rounded = [(round(m.frequency_hz, 4), round(m.damping_ratio, 4)) for m in found.modes]
+    np.testing.assert_allclose(rounded, published, atol=1.01e-4)
+    likeness = np.diag(mac(found.shapes / found.poles**2, truth.shapes))
+    assert likeness.min() > 1.0 - 1e-9
+
+
+def test_accelerations_and_displacements_have_the_same_poles() -> None:
+    for quantity in ("displacement", "velocity"):
+        assert_poles(
+            identify_modes(decays(BASELINE, 200.0, quantity), 200.0),
+            identify_modes(decays(BASELINE, 200.0), 200.0).poles,
+            1e-10,
+        )
+
+
+def test_the_spurious_modes_of_wilson_theta_are_left_out() -> None:
+    """Its accelerations obey 21 poles: the vehicle's 14 and seven real ones of the method."""
+    bump = Bump()
+    responses = [wilson_response(BASELINE, run, bump, 1000.0, 3.0) for run in PAPER_RUNS]
+    found = identify_modes([r.acceleration[r.time_s > 0.2995] for r in responses], 1000.0)
+    assert_poles(found, modes_of(BASELINE.A).poles, 1e-3)
+
+
+def test_two_masses_of_a_textbook() -> None:
+    poles = chain_poles(2, k=100.0, c=1.0, m=1.0)
+    assert np.abs(poles) == pytest.approx([10.0, np.sqrt(300.0)])
+    record = free_decay(poles, chain_shapes(2), np.array([1.0, 0.5j]), 100.0, 4.0)
+    found = identify_modes([record], 100.0)
+    assert_poles(found, poles, 1e-10)
+    np.testing.assert_allclose(found.shapes.T, [[1, 1], [1, -1]], atol=1e-8)
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.02, 0.9])
+def test_one_channel_with_one_mode(zeta: float) -> None:
+    pole = oscillators([2.0], [zeta])
+    record = free_decay(pole, np.ones((1, 1)), np.array([1.0 + 1.0j]), 100.0, 2.0)
+    assert_poles(identify_modes([record], 100.0), pole, 1e-9)
+
+
+def test_one_channel_with_three_modes() -> None:
+    poles = chain_poles(3, k=1000.0, c=1.0, m=1.0)
+    record = free_decay(poles, np.ones((1, 3)), np.array([1.0, 0.4, 0.2j]), 50.0, 8.0)
+    assert_poles(identify_modes([record], 50.0), poles, 1e-8)
+
+
+def test_five_masses_and_records_of_different_lengths() -> None:
+    rng = np.random.default_rng(0)
+    poles, shapes = chain_poles(5, k=400.0, c=0.4, m=1.0), chain_shapes(5)
+    records = [
+        free_decay(poles, shapes, random_amplitudes(5, rng), 50.0, duration_s)
+        for duration_s in (10.0, 4.0, 0.4)
+    ]
+    found = identify_modes(records, 50.0)
+    assert_poles(found, poles, 1e-9)
+    assert np.diag(mac(found.shapes, shapes.astype(complex))).min() > 1.0 - 1e-9
+
+
+def test_units_of_the_channels_do_not_matter() -> None:
+    rng = np.random.default_rng(0)
+    poles, unit = chain_poles(3, k=400.0, c=4.0, m=1.0), np.array([1e-6, 1.0, 1e5])
+    record = free_decay(poles, chain_shapes(3), random_amplitudes(3, rng), 50.0, 10.0)
+    record = with_noise(record, 50.0, rng)
+    plain, scaled = identify_modes([record], 50.0), identify_modes([record * unit], 50.0)
+    assert_poles(scaled, plain.poles, 1e-9)
+    assert np.diag(mac(scaled.shapes / unit[:, None], plain.shapes)).min() > 1.0 - 1e-9
+
+
+def test_a_motion_slow_against_the_sampling() -> None:
+    """20000 samples at 1 kHz, 0.5 and 0.7 Hz: delays of one sample would hardly differ."""
+    poles = oscillators([0.5, 0.7], [0.02, 0.03])
+    record = free_decay(poles, np.ones((1, 2)), np.array([1.0, 1.0]), 1000.0, 20.0)
+    rng = np.random.default_rng(0)
+    assert_poles(identify_modes([with_noise(record, 40.0, rng)], 1000.0), poles, 1e-2)
+
+
+def test_a_weak_fast_mode_beside_a_slow_one_is_not_folded() -> None:
+    """Delays of several samples leave its frequency open by multiples of their rate."""
+    poles = oscillators([1.0, 170.0], [0.01, 0.0006])
+    record = free_decay(poles, np.ones((1, 2)), np.array([1.0, 0.01]), 1000.0, 4.0)
+    assert_poles(identify_modes([record], 1000.0), poles, 1e-7)
+
+
+def test_an_offset_and_a_slow_drift_are_no_modes() -> None:
+    rng = np.random.default_rng(3)
+    poles = chain_poles(2, k=100.0, c=1.0, m=1.0)
+    record = free_decay(poles, chain_shapes(2), np.array([1.0, 1.0]), 50.0, 6.0)
+    time = np.arange(len(record)) / 50.0
+    record += 0.3 + 0.5 * np.exp(-time / 3.0)[:, None] * [1.0, -0.4]
+    assert_poles(identify_modes([record], 50.0), poles, 1e-6)
+    found = identify_modes([with_noise(record, 40.0, rng)], 50.0)
+    assert_poles(found, poles, 0.05)
+
+
+@pytest.mark.parametrize("n_records", [1, 2])
+def test_the_count_is_right_at_40_db_over_20_seeds(n_records: int) -> None:
+    poles, shapes = chain_poles(3, k=1000.0, c=1.0, m=1.0), chain_shapes(3)
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        records = [
+            with_noise(free_decay(poles, shapes, random_amplitudes(3, rng), 50.0, 8.0), 40.0, rng)
+            for _ in range(n_records)
+        ]
+        found = identify_modes(records, 50.0)
+        assert_poles(found, poles, 0.01)
+        assert np.diag(mac(found.shapes, shapes.astype(complex))).min() > 0.99
+
+
+def test_noise_alone_has_no_modes() -> None:
+    for seed in range(20):
+        noise = np.random.default_rng(seed).standard_normal((300, 1 + seed % 3))
+        assert len(identify_modes([noise], 100.0)) == 0
+
+
+def test_the_vehicle_at_30_db_shows_all_seven_modes() -> None:
+    """The nearly equal wheel modes scatter by the few per cent that the information allows."""
+    truth = modes_of(BASELINE.A)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        found = identify_modes(noisy_decays(200.0, PAPER_RUNS, rng), 200.0)
+        assert_poles(found, truth.poles, 0.08)
+        assert_poles(ModalModel(found.poles[:3], found.shapes[:, :3]), truth.poles[:3], 0.03)
+
+
+def test_a_still_structure_has_no_modes() -> None:
+    assert len(identify_modes([np.zeros((50, 3))], 100.0)) == 0
+    assert len(identify_modes([np.ones((50, 3))], 100.0)) == 0
+
+
+def test_a_silent_channel_has_no_part_in_the_shapes() -> None:
+    poles = chain_poles(2, k=100.0, c=1.0, m=1.0)
+    record = free_decay(poles, chain_shapes(2), np.array([1.0, 1.0]), 100.0, 4.0)
+    found = identify_modes([np.column_stack([record, np.zeros(len(record))])], 100.0)
+    assert_poles(found, poles, 1e-9)
+    assert not np.any(found.shapes[2])
+
+
+GOOD = np.random.default_rng(0).standard_normal((50, 2))
+
+
+@pytest.mark.parametrize(
+    ("records", "rate_hz", "message"),
+    [
+        ([], 100.0, "there is no record"),
+        ([GOOD, GOOD[:, :1]], 100.0, "record 2 has 1 channels, record 1 has 2"),
+        ([GOOD[:7]], 100.0, "record 1 has 7 samples"),
+        ([np.where(GOOD > 2.0, np.nan, GOOD)], 100.0, "not finite"),
+        ([GOOD], 0.0, "rate is 0.0 Hz"),
+        ([GOOD], float("nan"), "rate is nan Hz"),
+        ([GOOD[:, 0]], 100.0, "record 1 is no"),
+        ([GOOD + 1j], 100.0, "record 1 is no"),
+        ([np.zeros((50, 0))], 100.0, "record 1 is no"),
+        ([[["a", "b"]] * 50], 100.0, "record 1 is no"),
+    ],
+)
+def test_bad_records_are_refused_in_one_line(
+    records: list[NDArray[np.float64]], rate_hz: float, message: str
+) -> None:
+    with pytest.raises(InputError, match=message) as error:
+        identify_modes(records, rate_hz)
+    assert "\n" not in str(error.value)

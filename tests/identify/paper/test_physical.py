@@ -1,0 +1,119 @@
+"""Eqs. 22-33 on true modes, with diagonal and full added mass."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleGeometry
+from dbc.errors import InputError
+from identify.model.matrices import PhysicalModel, delta_mass, physical_model
+from identify.modes.modal import ModalModel, modes_of
+from identify.paper.physical import (
+    identify_parameters,
+    nearest_vehicle,
+    physical_matrices,
+    state_matrix_of,
+)
+
+VEHICLE = physical_model(FORD_GRANADA)
+PAPER = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
+HUBS: tuple[HubWeight, ...] = tuple(
+    HubWeight(mass, corner) for mass, corner in zip((4, 4, 5, 5), Corner, strict=True)
+)
+SKEWED: tuple[BodyWeight | HubWeight, ...] = (
+    BodyWeight(70.0, x_m=-0.4, y_m=0.5, height_m=0.3),
+    BodyWeight(25.0, x_m=0.3, y_m=-0.4),
+    BodyWeight(40.0, x_m=-2.9, y_m=0.1),
+    *HUBS,
+)
+
+
+def test_the_state_matrix_comes_back_from_its_modes() -> None:
+    found = state_matrix_of(modes_of(VEHICLE.A))
+    size = np.abs(VEHICLE.A).max()
+    np.testing.assert_allclose(found, VEHICLE.A, atol=1e-11 * size)
+
+
+def test_order_and_scale_of_the_shapes_do_not_matter() -> None:
+    modes = modes_of(VEHICLE.A)
+    other = ModalModel(modes.poles[::-1], modes.shapes[:, ::-1] * (2.0 - 3.0j))
+    size = np.abs(VEHICLE.A).max()
+    np.testing.assert_allclose(state_matrix_of(other), VEHICLE.A, atol=1e-11 * size)
+
+
+@pytest.mark.parametrize(
+    "dM", [PAPER, delta_mass(AddedMass(SKEWED), FORD_GRANADA.a).real], ids=["paper", "full"]
+)
+def test_mass_damping_and_stiffness_come_back(dM: NDArray[np.float64]) -> None:
+    found = physical_matrices(VEHICLE.A, VEHICLE.with_mass(dM).A, dM)
+    for name in ("M", "C", "K"):
+        truth = getattr(VEHICLE, name)
+        np.testing.assert_allclose(getattr(found, name), truth, atol=1e-9 * np.abs(truth).max())
+
+
+@pytest.mark.parametrize("geometry", [None, FORD_GRANADA.geometry], ids=["15", "11"])
+def test_parameters_come_back_through_a_full_added_mass(geometry: VehicleGeometry | None) -> None:
+    dM = delta_mass(AddedMass(SKEWED), FORD_GRANADA.a).real
+    result = identify_parameters(
+        modes_of(VEHICLE.A),
+        modes_of(VEHICLE.with_mass(dM).A),
+        dM,
+        geometry,
+    )
+    np.testing.assert_allclose(result.parameters.to_array(), FORD_GRANADA.to_array(), rtol=1e-9)
+
+
+def test_a_wrong_tape_measure_stays_and_spoils_only_what_depends_on_it() -> None:
+    wrong = replace(FORD_GRANADA.geometry, a=1.05 * 1.25, b=1.05 * 1.51)
+    result = identify_parameters(
+        modes_of(VEHICLE.A), modes_of(VEHICLE.with_mass(PAPER).A), PAPER, wrong
+    )
+    assert result.parameters.geometry == wrong
+    found = result.parameters.to_array() / FORD_GRANADA.to_array() - 1.0
+    np.testing.assert_allclose(found[:5], 0.0, atol=1e-9)  # M does not know of lengths (Fig. 8)
+    assert abs(found[5]) > 0.005
+
+
+def test_no_element_dominates_the_fit_by_its_unit() -> None:
+    """Ten percent on one roll row must not move the springs by more than the roll row weighs."""
+    K = VEHICLE.K.copy()
+    K[2, 2] *= 1.1
+    found = nearest_vehicle(PhysicalModel(VEHICLE.M, VEHICLE.C, K), None)
+    change = found.to_array() / FORD_GRANADA.to_array() - 1.0
+    assert 0.005 < np.max(np.abs(change[13:])) < 0.1  # t_f, t_r follow, partly
+    assert np.max(np.abs(change[[5, 6, 7, 8]])) < 0.03
+
+
+@pytest.mark.parametrize(
+    ("weights", "names"),
+    [
+        (SKEWED[:3], "z_uA, z_uB, z_uC, z_uD"),
+        ((*SKEWED[:3], *HUBS[:2], HUBS[3]), "z_uC"),
+        (HUBS, "z_s, theta, phi"),
+        ((BodyWeight(50.0, x_m=-1.25, y_m=0.3), *HUBS), "z_s, theta, phi"),
+        ((BodyWeight(30.0, x_m=-0.5, y_m=0.0), BodyWeight(30.0, -2.0, 0.0), *HUBS), "phi"),
+    ],
+)
+def test_degrees_of_freedom_without_mass_are_named(
+    weights: tuple[BodyWeight | HubWeight, ...], names: str
+) -> None:
+    dM = delta_mass(AddedMass(weights), FORD_GRANADA.a).real
+    with pytest.raises(InputError, match=f"no mass moves with {names} "):
+        physical_matrices(VEHICLE.A, VEHICLE.with_mass(dM).A, dM)
+
+
+def test_six_modes_are_refused() -> None:
+    modes = modes_of(VEHICLE.A)
+    with pytest.raises(InputError, match="6 modes for 7 degrees of freedom"):
+        state_matrix_of(ModalModel(modes.poles[:6], modes.shapes[:, :6]))
+
+
+def test_the_same_mode_twice_is_refused() -> None:
+    modes = modes_of(VEHICLE.A)
+    twice = [0, 1, 2, 3, 4, 5, 5]
+    with pytest.raises(InputError, match="same pole and shape"):
+        state_matrix_of(ModalModel(modes.poles[twice], modes.shapes[:, twice]))

@@ -1,0 +1,48 @@
+"""Runs one command of a Typer application and turns every error into a line and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from .diagnostics import ExitCode, report, report_usage
+
+
+def invoke(arguments: list[str], commands: typer.Typer) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments : list of str
+        As after `bumpbench` in a shell.
+    commands : typer.Typer
+        What there is to run.
+
+    Returns
+    -------
+    int
+        The exit code (`tui.diagnostics.ExitCode`).
+    """
+    try:
+        code = commands(arguments, standalone_mode=False, prog_name="bumpbench")
+        sys.stdout.flush()
+    except typer.exceptions.TyperException as error:
+        message = error.format_message()
+        if message.startswith("Usage:"):  # help, asked for by saying nothing
+            sys.stdout.write(f"{message}\n")
+            return ExitCode.OK
+        return report_usage(message)
+    except (KeyboardInterrupt, typer.Abort):
+        return ExitCode.INTERRUPTED
+    except BrokenPipeError:  # the reader of our stdout has gone: so may we
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return ExitCode.OK
+    except Exception as error:
+        from dbc.errors import BumpbenchError  # with NumPy behind it: not for --help
+
+        if isinstance(error, BumpbenchError):
+            return report(error)
+        raise
+    return int(code or ExitCode.OK)

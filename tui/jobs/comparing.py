@@ -1,0 +1,84 @@
+"""A comparison of sessions: identified in processes of their own, and set as tables."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+
+from daq import read_foreign_session
+from identify import Identification, identify
+from identify.compare import Compared, Comparison
+from identify.report.numbers import number
+
+from ..output import Stage, print_line, print_table
+from .spread import over_all
+
+
+def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
+    """Identify session files, as many at a time as there are processors.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        The files.
+    stage : Stage
+        Told how far it is.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read.
+    """
+    workers = min(len(paths), os.cpu_count() or 1)
+    return over_all(_results, paths, workers, stage, "compare")
+
+
+def _results(path: str) -> Identification:
+    """Return the results alone: with their samples, a trend over many would fill the memory."""
+    result = identify(read_foreign_session(path))
+    if result.estimation is None:
+        return result
+    fit = replace(result.estimation, records=(), decays=(), residuals=())
+    return replace(result, estimation=fit, residuals=())
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """Write every difference from the first session, then trends where there are some."""
+    first = comparison.labels[0]
+    for which, label in enumerate(comparison.labels[1:]):
+        for title, rows in (("Parameters", comparison.parameters), ("Modes", comparison.modes)):
+            _print_differences(f"{title}: {label} less {first}", rows, which)
+            print_line()
+    if len(comparison.labels) > 2:
+        _print_trends(comparison)
+        print_line()
+    for label, verdict in zip(comparison.labels, comparison.verdicts, strict=True):
+        print_line(f"{label}: {verdict}")
+    print_line(
+        "Errors of the sessions are taken as independent"
+        + (f"; in common are {', '.join(comparison.common)}." if comparison.common else ".")
+    )
+
+
+def _print_differences(title: str, quantities: tuple[Compared, ...], which: int) -> None:
+    rows = []
+    for row in quantities:
+        a, b, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
+        share = f"{d.value / abs(a.value) * 100:+.2f} %" if a.value else ""
+        found = "differs" if d.significant else ""
+        rows.append(
+            [row.name, number(a.value), number(b.value), share, f"{d.z:+.2f}", found]
+        )  # fmt: skip
+    print_table(title, ["", "first", "this", "difference", "z", "at 95 %"], rows)
+
+
+def _print_trends(comparison: Comparison) -> None:
+    rows = []
+    for row in comparison.quantities:
+        t = row.trend
+        if t is not None:
+            found = " ".join(["drifts"] * t.drifts + ["varies"] * t.varies)
+            slope = f"{number(t.slope)} ± {number(1.96 * t.slope_std)}"
+            rows.append([row.name, slope, f"{t.chi2:.1f} / {t.freedom}", found])
+    print_table("Trend", ["", "per session", "chi2 / n", "at 95 %"], rows)

@@ -1,0 +1,152 @@
+"""What the weights on the car will gain, computed in a process of its own.
+
+The terminal starts ``python -m tui.jobs.gain``, writes one JSON object (bench.toml, and the
+recorder's folder) to its standard input and reads one back: so it never imports scipy,
+and never waits.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import TypeAdapter
+
+from daq.errors import BumpbenchError
+from daq.runs import Excitation
+
+if TYPE_CHECKING:
+    from daq.bench.config import Bench
+    from daq.vehicle import VehicleParameters
+
+WANTED_SPREADS = 3.0
+"""A frequency should move by so many times what it scatters from run to run."""
+USUAL_SPREAD = 0.005
+"""Scatter of a frequency where it was not measured yet, as a share."""
+BODY_MODES = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """A body mode without and with the weights, Hz."""
+
+    mode: str
+    before_hz: float
+    after_hz: float
+
+    @property
+    def share(self) -> float:
+        """Change of the frequency as a share of it."""
+        return self.after_hz / self.before_hz - 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """What a campaign with these weights is expected to tell."""
+
+    shifts: tuple[Shift, ...] = ()
+    """Bounce, pitch and roll of the body."""
+    worst: float | None = None
+    mean: float | None = None
+    """Largest and mean half 95 % interval as a share of the value; None if nothing is
+    determined."""
+    widest: str = ""
+    """The parameter with the largest interval."""
+    undetermined: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
+    remedies: tuple[str, ...] = ()
+    """`undetermined`, `reasons`, `remedies`: what stays unknown, why, and what would help."""
+    error: str = ""
+    """Why there is no answer; empty if there is."""
+
+
+def expected_gain(bench: Bench) -> Gain:
+    """Return what the campaign of a bench is expected to tell of a car like its vehicle."""
+    import numpy as np
+
+    from daq.loading import expected_car
+    from identify.plan import advise
+
+    from .planning import planned
+
+    car = expected_car(bench.vehicle)
+    plan = planned(bench, car.to_array(), None, bench.procedure.bump_height_m)
+    advice = advise(plan)
+    now = advice.outlook
+    finite = np.isfinite(now.worst)
+    return Gain(
+        shifts=_shifts(bench, car),
+        worst=now.worst if finite else None,
+        mean=now.mean if finite else None,
+        widest=max(now.relative, key=lambda name: now.relative[name]) if now.relative else "",
+        undetermined=now.undetermined,
+        reasons=now.reasons,
+        remedies=advice.remedies or tuple(step.action for step in advice.steps[:2]),
+    )
+
+
+def _shifts(bench: Bench, car: VehicleParameters) -> tuple[Shift, ...]:
+    from daq.vehicle import AddedMass
+    from identify.model.matrices import SYMMETRIC, loaded_model
+    from identify.modes.modal import modes_of
+    from identify.modes.mode_names import MODE_NAMES, mode_names
+
+    full = SYMMETRIC @ car.to_array()
+    tables = []
+    for added in (AddedMass(), bench.mass_states[1].added):
+        modes = modes_of(loaded_model(full, added).A)
+        names = mode_names(modes, car.geometry)
+        tables.append(dict(zip(names, modes.frequencies_hz.tolist(), strict=True)))
+    before, after = tables
+    return tuple(
+        Shift(excitation, before[name], after[name])
+        for excitation, name in zip(BODY_MODES, MODE_NAMES, strict=False)
+        if name in before and name in after
+    )
+
+
+GAIN = TypeAdapter(Gain)
+"""Writes and reads the answer."""
+
+
+def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
+    """Return the scatter of repeats as a share of their mean; None for fewer than three."""
+    if len(frequencies_hz) < 3:
+        return None
+    mean = sum(frequencies_hz) / len(frequencies_hz)
+    square = sum((f - mean) ** 2 for f in frequencies_hz) / (len(frequencies_hz) - 1)
+    return float(square**0.5 / mean)
+
+
+def _dbc_text(journal: Path) -> str | None:
+    """Return the DBC of the newest recording; None if there is none yet."""
+    from daq.journal.folder import segments_in
+    from daq.journal.scan import read_head
+
+    for path in reversed(segments_in(journal)):
+        if head := read_head(path):
+            return head[0].dbc_text
+    return None
+
+
+def main() -> int:
+    """Answer the question on standard input."""
+    from daq.bench.config import parse_bench
+
+    question = json.load(sys.stdin)
+    try:
+        folder = Path(question["folder"])
+        bench = parse_bench(question["bench"], "bench.toml", folder, _dbc_text(folder / "journal"))
+        gain = expected_gain(bench)
+    except BumpbenchError as error:
+        gain = Gain(error=str(error))
+    sys.stdout.write(GAIN.dump_json(gain).decode())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

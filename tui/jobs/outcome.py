@@ -1,0 +1,139 @@
+"""What the terminal shows of an identification: plain numbers and words, made in the worker.
+
+`outcome_of` makes it there; here it is only read, so that the terminal needs neither SciPy nor the
+session itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import TypeAdapter
+
+Row = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """A quantity with its 95 % interval."""
+
+    name: str
+    words: str
+    """`name`, `words`: symbol, and what it is."""
+    value: float
+    low: float
+    high: float
+    """In `unit`; the ends equal the value where it was given."""
+    unit: str
+    rests_on: str = ""
+    """Which runs or facts most of its precision comes from."""
+
+    @property
+    def half_percent(self) -> float | None:
+        """Half of the interval as a share of the value, %; None where that says nothing."""
+        half = (self.high - self.low) / 2.0
+        if not self.value or not half:
+            return None
+        return half / abs(self.value) * 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class ModeRow:
+    """One mode: frequency in Hz and damping ratio with half of their 95 % intervals."""
+
+    name: str
+    frequency_hz: float
+    frequency_half_hz: float
+    damping_ratio: float
+    damping_ratio_half: float
+
+
+@dataclass(frozen=True, slots=True)
+class StateOutcome:
+    """One mass state: modes, and M, C, K in the order of `daq.vehicle.DOF`."""
+
+    name: str
+    modes: tuple[ModeRow, ...]
+    mass: tuple[Row, ...]
+    damping: tuple[Row, ...]
+    stiffness: tuple[Row, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One channel of a decay: times in s and values in `unit`, measured and fitted."""
+
+    channel: str
+    unit: str
+    measured_s: Row
+    measured: Row
+    fitted_s: Row
+    fitted: Row
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """One run: what became of it, and its decay where it was used."""
+
+    label: str
+    status: str
+    """`accepted`, `rejected`, or `left out`."""
+    reasons: tuple[str, ...]
+    """Why it was not used."""
+    chi2_per_n: float
+    """Mean over its channels; NaN where it was not used."""
+    curves: tuple[Curve, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A finding: severity `refused`, `doubtful` or `ok` (a note)."""
+
+    gate: str
+    severity: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """All that the screens show of one identification."""
+
+    session: str
+    vehicle: str
+    created: str
+    """`session`, `vehicle`, `created`: the file; whom and when it is of."""
+    without: tuple[str, ...]
+    """Runs left out for a trial; the file is not changed by that."""
+    verdict: str
+    headline: str
+    meaning: str
+    """`verdict`, `headline`, `meaning`: `ok`, `doubtful` or `refused`, and that in words."""
+    chi2_per_n: float
+    findings: tuple[Told, ...]
+    """The worst first."""
+    overrides: tuple[str, ...]
+    """Warnings that a person answered for, with reason and name."""
+    parameters: tuple[Estimated, ...]
+    derived: tuple[Estimated, ...]
+    states: tuple[StateOutcome, ...]
+    runs: tuple[RunOutcome, ...]
+
+    @property
+    def used(self) -> int:
+        """How many runs the result is of."""
+        return sum(run.status == "accepted" for run in self.runs)
+
+
+_OUTCOME = TypeAdapter(Outcome)
+
+
+def parse_outcome(body: dict[str, Any]) -> Outcome:
+    """Return the outcome that a worker sent.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    return _OUTCOME.validate_python(body)

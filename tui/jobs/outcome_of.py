@@ -1,0 +1,128 @@
+"""From session and identification to what the terminal shows of them; runs in the worker."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import nan
+from typing import TYPE_CHECKING
+
+from daq.remarks import overrides_of
+from daq.runs import RunStatus
+from daq.sessions import Session
+from identify.report.blocks import Gallery
+from identify.report.decays import decay_section
+from identify.report.numbers import largest_share
+from identify.report.panels import DecayPanel, Trace
+from identify.report.words import HEADLINE, MEANING, parameter_words, plain
+
+from .outcome import Curve, Estimated, ModeRow, Outcome, Row, RunOutcome, StateOutcome, Told
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from identify import Estimate, Identification
+
+_LEFT_OUT = "left out for a trial"
+
+
+def without(session: Session, labels: Sequence[str]) -> Session:
+    """Return a session in which some runs are not used."""
+    runs = (
+        replace(run, status=RunStatus.REJECTED, reasons=(_LEFT_OUT,))
+        if run.label in labels and run.status is RunStatus.ACCEPTED
+        else run
+        for run in session.runs
+    )
+    return replace(session, runs=tuple(runs))
+
+
+def outcome_of(
+    path: str, session: Session, result: Identification, left_out: Sequence[str] = ()
+) -> Outcome:
+    """Gather what the terminal shows of an identification."""
+    quality = result.quality
+    return Outcome(
+        session=path,
+        vehicle=session.vehicle.name,
+        created=session.provenance.get("created", ""),
+        without=tuple(left_out),
+        verdict=str(quality.verdict),
+        headline=HEADLINE[quality.verdict],
+        meaning=MEANING[quality.verdict],
+        chi2_per_n=quality.chi2_per_n,
+        findings=tuple(Told(f.gate, str(f.severity), f.text) for f in quality.findings),
+        overrides=overrides_of(session.provenance),
+        parameters=tuple(
+            _estimated(name, parameter_words(name), e, largest_share(result.drivers.get(name, {})))
+            for name, e in result.parameters.items()
+        ),
+        derived=tuple(_estimated(n, plain(n), e, "") for n, e in result.derived.items()),
+        states=_states(result),
+        runs=_runs(session, result),
+    )
+
+
+def _estimated(name: str, words: str, e: Estimate, rests_on: str) -> Estimated:
+    unit = "" if e.unit == "1" else e.unit
+    low, high = (e.low, e.high) if e.std else (e.value, e.value)
+    return Estimated(name, words, e.value, low, high, unit, rests_on)
+
+
+def _states(result: Identification) -> tuple[StateOutcome, ...]:
+    return tuple(
+        StateOutcome(
+            state,
+            tuple(
+                ModeRow(
+                    name,
+                    mode.frequency.value,
+                    mode.frequency.high - mode.frequency.value,
+                    mode.damping_ratio.value,
+                    mode.damping_ratio.high - mode.damping_ratio.value,
+                )
+                for name, mode in zip(result.mode_names[state], modes, strict=True)
+            ),
+            _rows(result.physical[state].M),
+            _rows(result.physical[state].C),
+            _rows(result.physical[state].K),
+        )
+        for state, modes in result.modes.items()
+    )
+
+
+def _rows(matrix: NDArray[np.float64]) -> tuple[Row, ...]:
+    return tuple(tuple(row) for row in matrix.tolist())
+
+
+def _runs(session: Session, result: Identification) -> tuple[RunOutcome, ...]:
+    curves: dict[str, tuple[Curve, ...]] = {}
+    if result.estimation is not None:
+        blocks = decay_section(result.estimation).blocks
+        pictures = [p for block in blocks if isinstance(block, Gallery) for p in block.pictures]
+        curves = {
+            picture.title: tuple(_curve(trace) for trace in picture.panel.traces)
+            for picture in pictures
+            if isinstance(picture.panel, DecayPanel)
+        }
+    return tuple(
+        RunOutcome(
+            run.label,
+            "left out" if run.reasons == (_LEFT_OUT,) else str(run.status),
+            run.reasons,
+            _mean(result.quality.chi2_by_run.get(run.label, {})),
+            curves.get(run.label, ()),
+        )
+        for run in session.runs
+    )
+
+
+def _curve(trace: Trace) -> Curve:
+    measured_s, measured = trace.measured.tolist()
+    fitted_s, fitted = trace.fitted.tolist()
+    return Curve(trace.channel, trace.unit, measured_s, measured, fitted_s, fitted)
+
+
+def _mean(row: Mapping[str, float]) -> float:
+    return sum(row.values()) / len(row) if row else nan

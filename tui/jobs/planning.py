@@ -1,0 +1,66 @@
+"""A bench as a plan: what the campaign in bench.toml will measure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from daq.bench.config import Bench
+    from identify.plan import Plan, Sensor
+
+_USUAL_RATE_HZ = 200.0  # where neither the DBC nor the command line has one
+
+
+def planned(
+    bench: Bench, vehicle: NDArray[np.float64], rate_hz: float | None, bump_height_m: float
+) -> Plan:
+    """Return the campaign of a bench as a plan.
+
+    Parameters
+    ----------
+    bench : Bench
+        Sensors, weights, campaign, and what is known of the vehicle.
+    vehicle : (15,) or (28,) float64
+        Parameters that are expected.
+    rate_hz : float or None
+        Samples a second; None: as the DBC has it.
+    bump_height_m : float
+        Height of the bumps.
+    """
+    from identify.model.response import Bump
+    from identify.plan import Plan, Runs
+
+    return Plan(
+        vehicle=vehicle,
+        sensors=sensors(bench, rate_hz),
+        mass_states=bench.mass_states,
+        runs=tuple(
+            Runs(state, excitation, bench.campaign.repeats)
+            for state in bench.campaign.mass_states
+            for excitation in dict.fromkeys(bench.campaign.excitations)
+        ),
+        bump=Bump(bump_height_m, 0.0, bench.bump_s),
+        decay_s=max(bench.trigger.post_s - bench.bump_s, 0.2),
+        geometry=bench.vehicle.geometry,
+        structure=bench.vehicle.structure,
+        facts=bench.vehicle.facts,
+    )
+
+
+def sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
+    """Return the sensors of a bench, with the usual noise of their kind."""
+    from daq.bench.config import bench_codec
+    from daq.channels import Quantity
+    from daq.samples.mapping import map_channels
+    from identify.plan import sensor
+
+    codec = bench_codec(bench)
+    found = []
+    for mapped in map_channels(bench.channels, codec.messages, bench.dbc_name):
+        if mapped.channel.quantity is not Quantity.UNUSED:
+            cycle_s = mapped.message.cycle_s or 1.0 / _USUAL_RATE_HZ
+            found.append(sensor(mapped.channel, rate_hz or 1.0 / cycle_s))
+    return tuple(found)

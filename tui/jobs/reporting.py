@@ -1,0 +1,162 @@
+"""A report on disk: made by several processes, its files complete or absent."""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dbc.errors import InputError
+
+from .helpers import helpers
+
+if TYPE_CHECKING:  # slow to load
+    from identify.report.blocks import Picture, Report, Source
+    from identify.trust.finding import Quality
+
+_HEAVY = (
+    "identify.report.html",
+    "identify.report.figures.panels",
+    "matplotlib.backends.backend_svg",
+)
+_LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
+
+
+def source_of(path: Path) -> Source:
+    """Return where the numbers of a session file come from."""
+    from identify.report.blocks import Source
+
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    libraries = {name: version(name) for name in _LIBRARIES}
+    return Source(path.name, digest, version("bumpbench"), libraries)
+
+
+def write_report(
+    session: Path,
+    html: Path,
+    pdf: Path | None,
+    stage: Callable[[float, str], None],
+    written: Callable[[Path], None],
+) -> tuple[Report, Quality]:
+    """Identify a session and write its report.
+
+    Parameters
+    ----------
+    session : Path
+        Session file.
+    html, pdf : Path
+        What to write; no PDF if None.
+    stage : callable
+        Told what share is done, 0..1, and what is happening.
+    written : callable
+        Told of each file.
+
+    Raises
+    ------
+    InputError
+        If the session cannot be read or a file cannot be written.
+    """
+    stage(0.02, "reading")
+    with ThreadPoolExecutor(1) as reader:
+        import daq
+
+        reading = reader.submit(daq.read_foreign_session, session)  # while the libraries load
+        import identify as method
+        from identify.fit.estimation import Estimation
+        from identify.report.content import report_of
+        from identify.report.decays import decay_section
+        from identify.report.html import drawings, html_of
+
+        from ..result import identification_document
+
+        recorded = reading.result()
+    for path in (html, *([] if pdf is None else [pdf])):
+        make_room(path)
+    gc.freeze()  # what is loaded stays, and is searched for garbage no more
+    with helpers(_HEAVY) as pool:
+        begun = {}
+
+        def fitted(estimation: Estimation) -> None:
+            begun.update(drawings(decay_section(estimation).pictures, pool))
+
+        result = method.identify(recorded, lambda done, text: stage(0.6 * done, text), pool, fitted)
+        stage(0.6, "gathering")
+        page = report_of(recorded, result, source_of(session))
+        stage(0.7, "drawing")
+        # The PDF takes longest: it is begun first.
+        sheets = None if pdf is None else pool.submit(_pdf_of, page)
+        begun |= drawings((p for p in page.pictures if p.key not in begun), pool)
+        write_file(html, html_of(page, identification_document(result), begun).encode())
+        written(html)
+        if pdf is not None and sheets is not None:
+            stage(0.85, "PDF")
+            write_file(pdf, sheets.result())
+            written(pdf)
+    return page, result.quality
+
+
+def _pdf_of(page: Report) -> bytes:
+    from identify.report.pdf import pdf_of  # matplotlib, which the helpers have loaded
+
+    return pdf_of(page)
+
+
+def make_room(path: Path) -> None:
+    """Make the folder of a file; before long work, so that a wrong name is told at once.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(str(path), error.strerror or str(error), "name another file") from error
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a file; one that is there already stays whole until the new one is.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    make_room(path)
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_bytes(data)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise InputError(str(path), error.strerror or str(error), "name another file") from error
+
+
+def pictures_of(report: Report) -> tuple[Picture, ...]:
+    """Return every picture of a report, mode shapes as stills."""
+    from identify.report.blocks import MovingCars, Picture
+    from identify.report.panels import ShapePanel
+
+    cars = [b for section in report.sections for b in section.blocks if isinstance(b, MovingCars)]
+    stills = (Picture(b.key, b.title, "", ShapePanel(b.shapes)) for b in cars)
+    return (*report.pictures, *stills)
+
+
+def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:
+    """Write each picture of a report as `svg` or `png`; return the files."""
+    from identify.report.figures.panels import panel_png, panel_svg
+
+    written = []
+    for picture in pictures_of(report):
+        path = folder / f"{picture.key}.{kind}"
+        png = kind == "png"
+        data = panel_png(picture.panel) if png else panel_svg(picture.panel, picture.title).encode()
+        write_file(path, data)
+        written.append(path)
+    return tuple(written)

@@ -1,0 +1,182 @@
+"""What recordings and session files a folder holds: one entry each, the newest first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+
+from daq.errors import InputError, printable
+
+_MOST = 1000
+_UNITS = 1024.0
+
+
+class SessionState(StrEnum):
+    """How far a session is."""
+
+    OPEN = "open"
+    """It is being recorded."""
+    CUT_OFF = "cut off"
+    """Its recorder ended in the middle, and there is no session file yet."""
+    READY = "ready"
+    REPORTED = "reported"
+    DAMAGED = "damaged"
+
+
+@dataclass(frozen=True, slots=True)
+class SessionEntry:
+    """One line of the list; every text may be foreign."""
+
+    path: str
+    """The session file; empty where there is a journal only."""
+    folder: str
+    """Where it lies."""
+    date: str
+    """`2026-11-21 10:42`, UTC; of the file where the session does not tell."""
+    vehicle: str
+    state: SessionState
+    accepted: int = 0
+    rejected: int = 0
+    note: str = ""
+    """The first note, or what is wrong."""
+    recording: str = ""
+    """Identity of the recording, of a journal."""
+
+    @property
+    def name(self) -> str:
+        """How to speak of it."""
+        return Path(self.path).name if self.path else "journal"
+
+
+def sessions_in(folder: Path) -> Iterator[SessionEntry]:
+    """Yield the unfinished recording of a folder, then its session files; runs in the worker.
+
+    Files a folder below are listed too: a bench keeps one folder a vehicle.
+    """
+    from daq.session.preview import glances
+
+    files = _session_files(folder)
+    unfinished = _unfinished(folder, {path.name for path in files})
+    if unfinished is not None:
+        yield unfinished
+    for path, found in zip(files, glances(files), strict=True):
+        date = _day(path.stat().st_mtime) if path.exists() else ""
+        if isinstance(found, InputError):
+            what = found.what
+            yield SessionEntry(
+                str(path), str(path.parent), date, "", SessionState.DAMAGED, 0, 0, what
+            )
+            continue
+        state = SessionState.REPORTED if report_of(path).exists() else SessionState.READY
+        yield SessionEntry(
+            str(path),
+            str(path.parent),
+            found.created[:16].replace("T", " ") or date,
+            found.vehicle,
+            state,
+            found.accepted,
+            found.rejected,
+            found.notes.partition("\n")[0],
+        )
+
+
+def report_of(session: Path) -> Path:
+    """Return where the report of a session goes."""
+    return session.with_suffix(".html")
+
+
+def _session_files(folder: Path) -> list[Path]:
+    found: list[tuple[float, Path]] = []
+    for path in (*folder.glob("*.h5"), *folder.glob("*/*.h5")):
+        try:
+            found.append((path.stat().st_mtime, path))
+        except OSError:  # gone since, or a link to nothing
+            continue
+    return [path for _, path in sorted(found, reverse=True)[:_MOST]]
+
+
+def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
+    """Return the newest recording of a folder's journal if no session file is made of it."""
+    from daq.bench.config import parse_bench
+    from daq.journal.folder import last_recording
+    from daq.runlog.runlog import LoggedStatus, fold
+
+    try:
+        tail = last_recording(folder / "journal")
+        if tail is None:
+            return None
+        book = fold(tail.events)
+        text = book.bench_text or tail.head.bench_text
+        vehicle = parse_bench(text, "journal", folder, tail.head.dbc_text).vehicle.name
+    except (InputError, OSError) as error:
+        what = error.what if isinstance(error, InputError) else str(error)
+        return SessionEntry("", str(folder), "", "", SessionState.DAMAGED, note=what)
+    if tail.ended and tail.session_name in names:
+        return None
+    accepted = sum(run.status is LoggedStatus.ACCEPTED for run in book.runs)
+    state = SessionState.CUT_OFF
+    note = next((note.text for note in reversed(book.notes) if note.by), "")  # else a mark
+    day = _day(tail.head.wall_ns * 1e-9)
+    rejected = len(book.runs) - accepted
+    return SessionEntry(
+        "", str(folder), day, vehicle, state, accepted, rejected, note, tail.head.recording
+    )
+
+
+def _day(unix_s: float) -> str:
+    return datetime.fromtimestamp(unix_s).astimezone().strftime("%Y-%m-%d %H:%M")
+
+
+def found(entry: SessionEntry, words: str) -> bool:
+    """Whether every word that was typed is somewhere in an entry."""
+    text = " ".join((entry.date, entry.vehicle, entry.state, entry.note, entry.name)).casefold()
+    return all(word in text for word in words.casefold().split())
+
+
+def with_open(entry: SessionEntry, recording: str) -> SessionEntry:
+    """Return the entry as open if it is what the recorder is recording."""
+    if entry.recording and entry.recording == recording:
+        return replace(entry, state=SessionState.OPEN)
+    return entry
+
+
+def heading(width: int) -> str:
+    """Return the line above the entries."""
+    return _line(("date", "vehicle", "  state", "runs", "rejected", "note"), width)
+
+
+def entry_line(entry: SessionEntry, mark: str, width: int) -> str:
+    """Return an entry as one line of plain text of that width; nothing in it is markup.
+
+    Parameters
+    ----------
+    mark : str
+        The symbol of its state.
+    """
+    runs = str(entry.accepted + entry.rejected) if entry.vehicle or entry.recording else ""
+    state = f"{mark} {entry.state}"
+    vehicle, rejected = entry.vehicle or entry.name, str(entry.rejected) if runs else ""
+    return _line((entry.date, vehicle, state, runs, rejected, entry.note), width)
+
+
+def _line(cells: tuple[str, str, str, str, str, str], width: int) -> str:
+    date, vehicle, state, runs, rejected, note = cells
+    room = max(16, min(28, width - 62))
+    text = (
+        f"{printable(date, 16):<16}  {printable(vehicle, room):<{room}}  {state:<11}"
+        f"{runs:>5}{rejected:>9}  {printable(note)}"
+    )
+    return text[:width].ljust(width)
+
+
+def size_text(n_bytes: int) -> str:
+    """Return a size for people."""
+    size = float(n_bytes)
+    for unit in ("B", "kB", "MB"):
+        if size < _UNITS:
+            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
+        size /= _UNITS
+    return f"{size:.1f} GB"

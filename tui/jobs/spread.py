@@ -1,0 +1,58 @@
+"""A pure function over all of some items, by the executors of `tui.jobs.executors`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+from ..output import Stage
+from .executors import as_finished, crew_of
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def over_all(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    workers: int,
+    stage: Stage,
+    subject: str,
+    scheduler: str | None = None,
+) -> list[Result]:
+    """Return ``function(item)`` of every item, in their order.
+
+    Parameters
+    ----------
+    function : callable
+        Picklable: a module's function, or a `functools.partial` of one.
+    items : sequence
+        What to call it with; each once.
+    workers : int
+        Number of processes.
+    stage : Stage
+        Is told how far it is.
+    subject : str
+        What the work is called where a worker dies.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers do it instead.
+
+    Raises
+    ------
+    InputError
+        If a worker dies, most likely for want of memory; as `crew_of`.
+    """
+    from dbc.errors import InputError  # with NumPy behind it: not for --help
+
+    results: dict[Item, Result] = {}
+    with crew_of(workers, scheduler) as crew:
+        try:
+            for item, future in as_finished(crew, function, items):
+                results[item] = future.result()  # what fails, fails at once
+                stage(len(results) / len(items), f"{len(results)} of {len(items)}")
+        except BrokenProcessPool:
+            raise InputError(
+                subject, "a worker process died", "close other programs; it wants memory"
+            ) from None
+    return [results[item] for item in items]

@@ -1,0 +1,162 @@
+"""Long work of the terminal, in a process of its own: `python -m tui.jobs.work TASK`.
+
+TASK is JSON (`work_lines.task_text`); every line on stdout is one of `work_lines`.  The process
+ends when its standard input does: a terminal that is killed leaves no work behind.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from .lines import (
+    CompareTask,
+    Done,
+    ExportTask,
+    IdentifyTask,
+    Item,
+    Line,
+    ListTask,
+    Progress,
+    ReportTask,
+    Task,
+    line_bytes,
+    parse_task,
+    trouble_of,
+)
+
+Tell = Callable[[Line], None]
+_NICE = 10
+"""The recorder comes first."""
+_READ = 0.05
+
+
+def main(argument: str) -> None:
+    """Do one task and tell of it on stdout."""
+    # Whatever a library prints must not stand between the lines.
+    out = os.dup(1)
+    os.dup2(2, 1)
+    with suppress(OSError, AttributeError):
+        os.nice(_NICE)
+    threading.Thread(target=_end_with_stdin, daemon=True).start()
+
+    def tell(line: Line) -> None:
+        _write(out, line_bytes(line))
+
+    task = parse_task(argument)
+    try:
+        tell(Done(_answer(task, tell)))
+    except Exception as error:
+        tell(trouble_of(error, _subject(task)))
+
+
+def _end_with_stdin() -> None:
+    while os.read(0, 4096):
+        pass
+    os._exit(1)
+
+
+def _write(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+def _subject(task: Task) -> str:
+    match task:
+        case CompareTask():
+            return ", ".join(Path(path).name for path in task.sessions)
+        case ListTask():
+            return task.folder
+        case _:
+            return task.session
+
+
+def _answer(task: Task, tell: Tell) -> dict[str, Any]:
+    match task:
+        case IdentifyTask():
+            return _identify(task, tell)
+        case ReportTask():
+            return _report(task, tell)
+        case CompareTask():
+            return _compare(task, tell)
+        case ExportTask():
+            return _export(task)
+        case ListTask():
+            return _list(task, tell)
+
+
+def _identify(task: IdentifyTask, tell: Tell) -> dict[str, Any]:
+    from daq import read_foreign_session
+    from identify import identify
+
+    from .helpers import helpers
+    from .outcome_of import outcome_of, without
+
+    tell(Progress(_READ, "reading"))
+    session = without(read_foreign_session(task.session), task.without)
+    with helpers(("identify",)) as pool:
+        result = identify(session, lambda share, text: tell(Progress(share, text)), pool)
+    tell(Progress(0.95, "drawing"))
+    return asdict(outcome_of(task.session, session, result, task.without))
+
+
+def _report(task: ReportTask, tell: Tell) -> dict[str, Any]:
+    from .reporting import write_report
+
+    sizes: dict[str, int] = {}
+
+    def written(place: Path) -> None:
+        sizes[str(place)] = place.stat().st_size
+
+    def stage(share: float, text: str) -> None:
+        tell(Progress(share, text))
+
+    pdf = Path(task.pdf) if task.pdf else None
+    _, quality = write_report(Path(task.session), Path(task.html), pdf, stage, written)
+    return {"files": sizes, "verdict": str(quality.verdict)}
+
+
+def _compare(task: CompareTask, tell: Tell) -> dict[str, Any]:
+    from identify.compare import compare
+
+    from .comparing import identified
+    from .comparison_rows import comparison_lines
+
+    def stage(done: float, text: str = "") -> None:
+        tell(Progress(done, text))
+
+    stage(_READ, "reading")
+    results = identified(task.sessions, stage)
+    labels = [f"{i + 1} {Path(path).stem}" for i, path in enumerate(task.sessions)]
+    return {"lines": list(comparison_lines(compare(labels, results)))}
+
+
+def _export(task: ExportTask) -> dict[str, Any]:
+    from daq import read_foreign_session
+    from daq.formats.export import ExportFormat, export_session
+
+    form = ExportFormat(task.form)
+    path = Path(task.session)
+    place = path.with_suffix(form.suffix)
+    done = export_session(read_foreign_session(path), place, form, force=True)
+    return {"paths": [str(path) for path in done.paths], "notes": list(done.notes)}
+
+
+def _list(task: ListTask, tell: Tell) -> dict[str, Any]:
+    from .session_list import sessions_in
+
+    count = 0
+    for entry in sessions_in(Path(task.folder)):
+        tell(Item(asdict(entry)))
+        count += 1
+    return {"count": count}
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,114 @@
+"""Forms as data: what may stand in a field, and why it may not.
+
+Values are the text that a person typed.  Checking never changes them, and every error names the
+field, the limit and the reason.  The forms are in `tui.terminal.forms.vehicle_form` and
+`tui.terminal.forms.weight_form`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+Values = Mapping[str, str]
+YES, NO = "yes", "no"
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a form."""
+
+    name: str
+    label: str
+    unit: str = ""
+    """Key, what a person reads, unit; a field without unit is text."""
+    low: float = -math.inf
+    high: float = math.inf
+    """`low`, `high`: limits of a number."""
+    reason: str = ""
+    """Why these limits."""
+    help: str = ""
+    """What to enter."""
+    needed: bool = False
+    """Whether it may be left empty."""
+    choices: tuple[str, ...] = ()
+    """What may stand in it, if that is a list."""
+    whole: bool = False
+    """Whether it is a whole number."""
+    most: int = 60
+    """Characters of a text."""
+
+    @property
+    def is_number(self) -> bool:
+        """Whether a number stands in it."""
+        return bool(self.unit)
+
+    @property
+    def limit(self) -> str:
+        """The limits in words."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        if not self.is_number:
+            return f"{'1' if self.needed else '0'} to {self.most} characters"
+        kind = "a whole number " if self.whole else ""
+        return f"{kind}{self.low:g} to {self.high:g} {self.unit}".strip()
+
+
+@dataclass(frozen=True, slots=True)
+class FieldError:
+    """What is wrong with a field: its name and label, the limit, and the reason."""
+
+    field: str
+    label: str
+    limit: str
+    reason: str
+
+    def __str__(self) -> str:
+        """Return it as one line."""
+        return f"{self.label}: {self.reason} (limit: {self.limit})"
+
+
+def check_fields(fields: Sequence[Field], values: Values) -> tuple[FieldError, ...]:
+    """Check each field by itself."""
+    return tuple(e for field in fields if (e := _checked(field, values.get(field.name, ""))))
+
+
+def _checked(field: Field, typed: str) -> FieldError | None:
+    def wrong(reason: str) -> FieldError:
+        return FieldError(field.name, field.label, field.limit, reason)
+
+    text = typed.strip()
+    if not text:
+        return wrong("is empty, and is needed") if field.needed else None
+    if field.choices:
+        return None if text in field.choices else wrong(f"{text!r} is not on the list")
+    if not field.is_number:
+        if len(text) > field.most:
+            return wrong(f"has {len(text)} characters")
+        return None if text.isprintable() else wrong("has characters that cannot be printed")
+    value = number(text)
+    if value is None:
+        return wrong(f"{text!r} is not a number")
+    if field.whole and value != round(value):
+        return wrong(f"{text} is not a whole number")
+    if not field.low <= value <= field.high:
+        side = "below" if value < field.low else "above"
+        return wrong(f"{text} {field.unit} is {side} the limit: {field.reason}")
+    return None
+
+
+def number(text: str) -> float | None:
+    """Return the number that was typed, with point or comma; None if it is none."""
+    try:
+        value = float(text.strip().replace(",", "."))
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and "_" not in text else None
+
+
+def stated(typed: str) -> float:
+    """Return the number in a field that has been checked."""
+    value = number(typed)
+    assert value is not None  # held by check_fields
+    return value

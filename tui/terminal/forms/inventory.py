@@ -1,0 +1,219 @@
+"""The weights on the car as the operator handles them: what, where, and which are bolted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from daq.bench.config import Bench
+from daq.channels import Quantity
+from daq.control.messages import Status
+from daq.loading import Loading, expected_car, sag_stiffness
+from daq.runlog.runlog import LoggedStatus
+from daq.runs import BASELINE
+from daq.vehicle import BodyWeight, Corner, HubWeight, VehicleParameters
+
+from ...jobs.gain import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift, measured_spread
+from .fields import check_fields
+from .weight_form import WEIGHT_FIELDS, Weight, weight_of, weight_values
+
+_EDGE_M = 0.35
+_SUNK_M = 0.5e-3
+_WIDE, _LONG = 13, 7
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A weight, its serial, and whether somebody has seen that it is bolted."""
+
+    weight: Weight
+    serial: str = ""
+    bolted: bool = False
+
+
+def entries_of(weights: Sequence[Weight], draft: Mapping[str, Any]) -> tuple[Entry, ...]:
+    """Return the weights of a draft if it has any that can be read, else those of the bench."""
+    told = draft.get("entries")
+    if not isinstance(told, list):
+        return tuple(Entry(weight) for weight in weights)
+    entries = []
+    for values in told:
+        if not isinstance(values, dict):
+            continue
+        typed = {name: value for name, value in values.items() if isinstance(value, str)}
+        if not check_fields(WEIGHT_FIELDS, typed):
+            bolted = values.get("bolted") is True
+            entries.append(Entry(weight_of(typed), typed.get("serial", ""), bolted))
+    return tuple(entries)
+
+
+def told_entries(entries: Sequence[Entry]) -> list[dict[str, Any]]:
+    """Return what a draft keeps of them."""
+    return [{**weight_values(e.weight, e.serial), "bolted": e.bolted} for e in entries]
+
+
+def with_bolted(entries: Sequence[Entry], at: int, bolted: bool) -> tuple[Entry, ...]:
+    """Return the entries with one of them bolted or not."""
+    return tuple(
+        replace(entry, bolted=bolted) if i == at else entry for i, entry in enumerate(entries)
+    )
+
+
+def table_head() -> str:
+    """Return the heading of the table."""
+    return (
+        f"{'#':>3} {'bolted':<7}{'place':<6}{'serial':<8}{'kg':>6}{'±':>5}"
+        f"{'x':>6}{'y':>6}{'height':>7}"
+    )
+
+
+def table_line(number: int, entry: Entry, yes: str, no: str) -> str:
+    """Return a weight as a line of the table; `yes` and `no` are marks."""
+    weight = entry.weight
+    if isinstance(weight, HubWeight):
+        place, where = str(weight.corner), f"{'on the hub':>15}"
+    else:
+        place, where = "body", f"{weight.x_m:>+6.2f}{weight.y_m:>+6.2f}{weight.height_m:>+7.2f}"
+    bolted = f"{yes} yes" if entry.bolted else f"{no} NO"
+    return (
+        f"{number:>3} {bolted:<7}{place:<6}{entry.serial[:7]:<8}{weight.mass_kg:>6.2f}"
+        f"{weight.sigma_kg:>5.2f}{where}"
+    )
+
+
+def sketch(entries: Sequence[Entry], car: VehicleParameters) -> list[str]:
+    """Draw the car from above, front at the top, with the numbers of the weights on it."""
+    long_m, half_m = car.a + car.b, max(car.t_f, car.t_r)
+    grid = [[" "] * _WIDE for _ in range(_LONG)]
+    _put(grid, -car.a, 0.0, long_m, half_m, "+")
+    hubs: dict[Corner, list[str]] = {corner: [] for corner in Corner}
+    for number, entry in enumerate(entries, 1):
+        if isinstance(entry.weight, BodyWeight):
+            _put(grid, entry.weight.x_m, entry.weight.y_m, long_m, half_m, str(number))
+        else:
+            hubs[entry.weight.corner].append(str(number))
+    left = {c: ",".join(hubs[c])[-4:] or str(c) for c in Corner}
+    edge = "-" * _WIDE
+    lines = [f"{'front':^{_WIDE + 10}}"]
+    lines.append(f"{left[Corner.FRONT_LEFT]:>4}+{edge}+{left[Corner.FRONT_RIGHT]:<4}")
+    lines += [f"    |{''.join(row)}|" for row in grid]
+    lines.append(f"{left[Corner.REAR_LEFT]:>4}+{edge}+{left[Corner.REAR_RIGHT]:<4}")
+    return lines
+
+
+def _put(
+    grid: list[list[str]], x_m: float, y_m: float, long_m: float, half_m: float, text: str
+) -> None:
+    row = round((_EDGE_M - x_m) / (long_m + 2 * _EDGE_M) * (_LONG - 1))
+    column = round((half_m + _EDGE_M - y_m) / (2 * (half_m + _EDGE_M)) * (_WIDE - len(text)))
+    row = max(0, min(row, _LONG - 1))
+    column = max(0, min(column, _WIDE - len(text)))
+    for offset, letter in enumerate(text):
+        grid[row][column + offset] = letter
+
+
+def effect_line(told: Loading) -> str:
+    """Say what the weights change on the car."""
+    return (
+        f"{told.body_kg:+.1f} kg body, {told.hub_kg:+.1f} kg hubs, CG {told.x_shift_m * 1e3:+.0f}"
+        f" {told.y_shift_m * 1e3:+.0f} mm, Ixx {told.I_xx:+.0f} Iyy {told.I_yy:+.0f} kg m2"
+    )
+
+
+def shift_line(
+    shift: Shift, spread: float | None, entries: Sequence[Entry], car: VehicleParameters
+) -> tuple[str, str]:
+    """Return how far a frequency moves against its scatter, and what to move if that is weak."""
+    scatter = USUAL_SPREAD if spread is None else max(spread, 1e-5)
+    times = abs(shift.share) / scatter
+    text = f"{shift.mode:<6} {shift.before_hz:.2f} -> {shift.after_hz:.2f} Hz {shift.share:+6.1%}"
+    if times >= WANTED_SPREADS:
+        return f"{text}  {times:.0f}x {'usual ' * (spread is None)}spread: good", ""
+    remedy = _remedy(shift.mode, entries, car)
+    return text, f"WEAK {times:.0f}x, want {WANTED_SPREADS:.0f}x: {remedy}"
+
+
+def _remedy(mode: str, entries: Sequence[Entry], car: VehicleParameters) -> str:
+    body = [(i, e.weight) for i, e in enumerate(entries, 1) if isinstance(e.weight, BodyWeight)]
+    if not body or mode == "bounce":
+        return "more kg on body"
+    if mode == "pitch":
+        number, _ = min(body, key=lambda pair: pair[1].mass_kg * (pair[1].x_m + car.a) ** 2)
+        return f"move {number} to an end"
+    number, _ = min(body, key=lambda pair: pair[1].mass_kg * pair[1].y_m ** 2)
+    return f"move {number} outwards"
+
+
+def gain_line(gain: Gain) -> tuple[str, str]:
+    """Return the expected intervals, and what is weak about them."""
+    if gain.error:
+        return "", f"no outlook: {gain.error}"
+    if gain.undetermined:
+        names = ", ".join(gain.undetermined)
+        what = f"WEAK, not determined: {names}"
+        return "", what + (f"; add: {gain.remedies[0]}" if gain.remedies else "")
+    assert gain.worst is not None  # held by Gain: nothing is undetermined
+    assert gain.mean is not None
+    text = f"parameters ± {gain.mean:.1%} in the mean, {gain.widest} ± {gain.worst:.1%} at worst"
+    return text, ""
+
+
+def sag_line(
+    bench: Bench,
+    weights: Sequence[Weight],
+    before: Mapping[str, Any],
+    after: Mapping[str, float],
+) -> str:
+    """Say what springs the sag of the body tells, beside the expected ones.
+
+    Parameters
+    ----------
+    before, after : mapping of channel name to float
+        What the channels read at rest without and with the weights.
+    """
+    travels = {
+        c.name: c.corner
+        for c in bench.channels
+        if c.quantity is Quantity.SUSPENSION_TRAVEL and c.corner is not None
+    }
+    if not travels:
+        return "no travel sensor"
+    car = expected_car(bench.vehicle)
+    was, now = (
+        {corner: float(told[name]) for name, corner in travels.items() if name in told}
+        for told in (before, after)
+    )
+    sunk = [abs(now[corner] - was[corner]) for corner in now if corner in was]
+    if not sunk:
+        return "not measured: R, with the weights on and hands off"
+    stiffness = sag_stiffness(weights, car.a + car.b, was, now)
+    if max(sunk) < _SUNK_M or stiffness == (None, None):
+        return "the body has not sunk: R measures again, with the weights on"
+    parts = []
+    for name, k, usual in zip(("front", "rear"), stiffness, (car.k_sf, car.k_sr), strict=True):
+        told = "?" if k is None else f"{k / 1e3:.1f}"
+        parts.append(f"{name} {told} kN/m (expected {usual / 1e3:.0f})")
+    return "spring " + ", ".join(parts)
+
+
+def axle_loads_with(told: Loading, car: VehicleParameters) -> tuple[float, tuple[float, float]]:
+    """Return the mass of the car without the weights, and what its axles carry with them, kg."""
+    body = car.m_s / (car.a + car.b)
+    front = body * car.b + 2 * car.m_uf + told.front_kg
+    rear = body * car.a + 2 * car.m_ur + told.rear_kg
+    return car.m_s + 2 * (car.m_uf + car.m_ur), (front, rear)
+
+
+def baseline_spread(status: Status | None, excitation: str) -> float | None:
+    """Return the scatter of a frequency over the accepted baseline runs, as a share."""
+    return measured_spread(
+        [
+            finding.value
+            for run in (status.runs if status else ())
+            if run.mass_state == BASELINE and run.excitation == excitation
+            if run.status is LoggedStatus.ACCEPTED
+            for finding in run.findings
+            if finding.unit == "Hz"
+        ]
+    )

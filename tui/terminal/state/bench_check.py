@@ -1,0 +1,159 @@
+"""The lines of the check screen, from what the recorder tells: pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from daq.channels import Channel, Quantity
+from daq.check.push_test import ORDER, Wiggle, spoken
+from daq.control.messages import BusState, CheckItem, Status
+from daq.vehicle import Corner
+
+OK, WARN, FAIL, NOW, WAIT = "OK", "WARN", "FAIL", "NOW", "wait"
+TARED = (Quantity.SUSPENSION_TRAVEL, Quantity.PITCH_RATE, Quantity.ROLL_RATE)
+"""What reads nothing at rest; a tare of an accelerometer would hide gravity."""
+_SMALL = {"m": 0.5e-3, "rad/s": 1e-3}
+"""A zero nearer than this is right."""
+_LITTLE_BYTES, _LEAST_BYTES = 5e9, 0.5e9
+_HEAVY_LOAD = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class CheckRow:
+    """One line: state in a word, what it is about, what was found, and what to do."""
+
+    state: str
+    subject: str
+    text: str
+    advice: str = ""
+    overridden: bool = False
+
+    @property
+    def blocks(self) -> bool:
+        """Whether a campaign may not begin with it."""
+        return self.state == FAIL and not self.overridden
+
+    @property
+    def asks(self) -> bool:
+        """Whether a person must answer for it."""
+        return self.state == WARN and not self.overridden
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroOffset:
+    """A channel that does not read nothing at rest, and the tare that it would need, SI."""
+
+    channel: str
+    level: float
+    unit: str
+    tare: float
+
+    @property
+    def text(self) -> str:
+        """The offset as it is read aloud."""
+        if self.unit == "m":
+            return f"{self.channel} {self.level * 1e3:+.1f} mm"
+        return f"{self.channel} {self.level:+.4f} {self.unit}"
+
+
+def recorder_rows(status: Status) -> tuple[CheckRow, ...]:
+    """Return the lines on buses, disk and clock."""
+    rows = []
+    for bus in status.buses:
+        text = f"load {bus.load:.0%}, {bus.frames_per_s:.0f} frames/s, error frames"
+        text += f" {bus.error_frames}"
+        if bus.tx_errors is not None:
+            text += f", TEC {bus.tx_errors}, REC {bus.rx_errors}"
+        state, advice = OK, ""
+        if bus.state is not BusState.OK:
+            state, text = FAIL, f"{bus.state.value}: {text}"
+            advice = "check power, plugs, termination and bit rate"
+        elif bus.error_frames or bus.load > _HEAVY_LOAD:
+            state, advice = WARN, "check termination (60 ohm) and plugs, or lower the rates"
+        rows.append(CheckRow(state, f"bus {bus.name}", text, advice))
+    free = status.disk.free_bytes
+    state = FAIL if status.disk.failed or free < _LEAST_BYTES else OK
+    state = WARN if state == OK and free < _LITTLE_BYTES else state
+    text = status.disk.failed or f"{free / 1e9:.1f} GB free, {status.disk.lag_s:.1f} s behind"
+    rows.append(CheckRow(state, "disk", text, "" if state == OK else "make room, or a new disk"))
+    steps = [alarm for alarm in status.alarms if alarm.code == "clock_step"]
+    text = steps[0].text if steps else "runs evenly"
+    advice = steps[0].advice if steps else ""
+    rows.append(CheckRow(WARN if steps else OK, "clock", text, advice))
+    return tuple(rows)
+
+
+def item_rows(items: Sequence[CheckItem]) -> tuple[CheckRow, ...]:
+    """Return the lines of the bench check; what has several findings has several lines."""
+    return tuple(CheckRow(item.verdict, item.subject, item.reason, item.advice) for item in items)
+
+
+def wiggle_rows(
+    results: Mapping[Corner, Wiggle], active: str, skipped: Mapping[str, str], possible: bool
+) -> tuple[CheckRow, ...]:
+    """Return the lines of the guided wiggle, by corner.
+
+    Parameters
+    ----------
+    results : mapping of Corner to Wiggle
+        What the last push on each corner showed.
+    active : str
+        The corner that is to be pushed now; empty if none.
+    skipped : mapping of subject to str
+        Why a corner was left out.
+    possible : bool
+        Whether any sensor of the bench can tell.
+    """
+    if not possible:
+        text = "no sensor of this bench tells a push on one corner from another"
+        return (CheckRow(OK, "wiggle", text),)
+    rows = []
+    for corner in ORDER:
+        subject, seen = wiggle_subject(corner), results.get(corner)
+        if subject in skipped:
+            rows.append(CheckRow(WARN, subject, f"skipped: {skipped[subject]}", "", True))
+        elif corner == active:
+            text = seen.text if seen else f"push DOWN at the {spoken(corner)}, let go"
+            advice = "one firm push; S skips it, with a reason"
+            rows.append(CheckRow(NOW, subject, text, advice))
+        elif seen is None:
+            rows.append(CheckRow(WAIT, subject, spoken(corner)))
+        else:
+            state = OK if seen.passed else FAIL
+            rows.append(CheckRow(state, subject, seen.text, seen.advice))
+    return tuple(rows)
+
+
+def wiggle_subject(corner: str) -> str:
+    """Return the name of the line on a corner."""
+    return f"wiggle {corner}"
+
+
+def rest_levels(items: Sequence[CheckItem]) -> dict[str, float]:
+    """Return what each channel reads at rest, SI, by its name."""
+    return {
+        item.subject.removeprefix("channel "): item.figures["level"]
+        for item in items
+        if item.subject.startswith("channel ") and "level" in item.figures
+    }
+
+
+def zero_offsets(items: Sequence[CheckItem], channels: Sequence[Channel]) -> tuple[ZeroOffset, ...]:
+    """Return the channels that should read nothing at rest and read something."""
+    levels = rest_levels(items)
+    return tuple(
+        ZeroOffset(c.name, levels[c.name], c.unit, round(c.tare + levels[c.name], 7))
+        for c in channels
+        if c.quantity in TARED and abs(levels.get(c.name, 0.0)) > _SMALL[c.unit]
+    )
+
+
+def with_overrides(rows: Sequence[CheckRow], overridden: Mapping[str, str]) -> list[CheckRow]:
+    """Return the lines with the warnings that somebody has answered for marked as such."""
+    return [
+        CheckRow(row.state, row.subject, row.text, f"overridden: {overridden[row.subject]}", True)
+        if row.state == WARN and row.subject in overridden
+        else row
+        for row in rows
+    ]

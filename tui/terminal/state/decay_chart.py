@@ -1,0 +1,179 @@
+"""A decay, measured against fitted, as rows of characters; it reads without colour too.
+
+The measurement is a line of dots, the fit rings every few columns upon it: where the two agree the
+rings lie on the line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jobs.outcome import Curve
+from .glyphs import Glyphs, GlyphSet
+
+Floats = NDArray[np.float64]
+_LABEL = 9
+_RING_EVERY = 4
+_LEAST = (_LABEL + 8, 4)
+_TICK_CELLS = 12
+_BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
+_QUADRANTS = " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
+_QUADRANT_BITS = np.array([[1, 2], [4, 8]])
+
+
+class Ink(StrEnum):
+    """What a piece of a row belongs to."""
+
+    AXIS = "axis"
+    MEASURED = "measured"
+    FITTED = "fitted"
+
+
+Piece = tuple[str, Ink]
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """From times and values to dots of a canvas of `columns` x `rows` dots."""
+
+    first_s: float
+    last_s: float
+    low: float
+    high: float
+    columns: int
+    rows: int
+
+    def column(self, time_s: Floats) -> NDArray[np.int64]:
+        """Return the column of each time."""
+        share = (time_s - self.first_s) / max(self.last_s - self.first_s, 1e-9)
+        return np.rint(share * (self.columns - 1)).astype(np.int64)
+
+    def row(self, values: Floats) -> NDArray[np.int64]:
+        """Return the row of each value, counted from above."""
+        share = (self.high - values) / max(self.high - self.low, 1e-12)
+        rows = np.rint(share * (self.rows - 1))
+        return np.clip(rows, 0, self.rows - 1).astype(np.int64)
+
+
+def decay_rows(curve: Curve, width: int, height: int, glyphs: Glyphs) -> list[list[Piece]]:
+    """Draw a curve.
+
+    Returns
+    -------
+    list of list of (str, Ink)
+        `height` rows of at most `width` characters; empty where there is no room or no curve.
+    """
+    measured_s, measured = np.array(curve.measured_s), np.array(curve.measured)
+    fitted_s, fitted = np.array(curve.fitted_s), np.array(curve.fitted)
+    if width < _LEAST[0] or height < _LEAST[1] or not len(measured_s) or not len(fitted_s):
+        return []
+    across, down = _dots(glyphs)
+    cells, lines = width - _LABEL, height - 2
+    both = np.concatenate([measured, fitted])
+    scale = Scale(
+        float(min(measured_s[0], fitted_s[0])),
+        float(max(measured_s[-1], fitted_s[-1])),
+        float(both.min()),
+        float(both.max()),
+        cells * across,
+        lines * down,
+    )
+    canvas = _canvas(scale, measured_s, measured)
+    text = [list(row) for row in _packed(canvas, glyphs)]
+    rings = _rings(scale, fitted_s, fitted, across, down)
+    ring = "o" if glyphs.name is GlyphSet.ASCII else "○"
+    for column, line in rings:
+        text[line][column] = ring
+    rows = [
+        [(label, Ink.AXIS), *_pieces(line, {c for c, at in rings if at == i})]
+        for i, (label, line) in enumerate(zip(_labels(scale, lines, glyphs), text, strict=True))
+    ]
+    rows.append([(_time_axis(scale, cells), Ink.AXIS)])
+    title = f"{'':<{_LABEL}}{curve.channel}, {curve.unit} over s   "
+    legend: list[Piece] = [(f"{_line_mark(glyphs)} measured  ", Ink.MEASURED)]
+    return [[(title, Ink.AXIS), *legend, (f"{ring} fitted", Ink.FITTED)], *rows]
+
+
+def _dots(glyphs: Glyphs) -> tuple[int, int]:
+    return {GlyphSet.BRAILLE: (2, 4), GlyphSet.BLOCKS: (2, 2)}.get(glyphs.name, (1, 1))
+
+
+def _line_mark(glyphs: Glyphs) -> str:
+    return {GlyphSet.BRAILLE: "⠒⠒", GlyphSet.BLOCKS: "▄▄"}.get(glyphs.name, "..")
+
+
+def _canvas(scale: Scale, time_s: Floats, values: Floats) -> NDArray[np.bool_]:
+    """Return which dots the line of a curve covers, no gap between columns."""
+    canvas = np.zeros((scale.rows, scale.columns), np.bool_)
+    # The points are an envelope already; between two of them the line is straight.
+    steps = np.linspace(time_s[0], time_s[-1], 4 * scale.columns)
+    fine_s = np.union1d(time_s, steps)
+    columns, rows = scale.column(fine_s), scale.row(np.interp(fine_s, time_s, values))
+    before = rows[0]
+    for column, row in zip(columns.tolist(), rows.tolist(), strict=True):
+        top, bottom = (before, row) if before <= row else (row, before)
+        canvas[top + (top < bottom and before < row) : bottom + 1, column] = True
+        before = row
+    return canvas
+
+
+def _packed(canvas: NDArray[np.bool_], glyphs: Glyphs) -> list[str]:
+    """Return a canvas as rows of characters, some dots each."""
+    across, down = _dots(glyphs)
+    rows, columns = canvas.shape
+    blocks = canvas.reshape(rows // down, down, columns // across, across)
+    if glyphs.name is GlyphSet.BRAILLE:
+        codes = np.einsum("rdca,da->rc", blocks, _BRAILLE)
+        return ["".join(chr(0x2800 + code) if code else " " for code in row) for row in codes]
+    if glyphs.name is GlyphSet.BLOCKS:
+        codes = np.einsum("rdca,da->rc", blocks, _QUADRANT_BITS)
+        return ["".join(_QUADRANTS[code] for code in row) for row in codes]
+    return ["".join("." if dot else " " for dot in row) for row in canvas]
+
+
+def _rings(
+    scale: Scale, time_s: Floats, values: Floats, across: int, down: int
+) -> list[tuple[int, int]]:
+    """Return the cells, column and line, that show the fit."""
+    first, last = (int(scale.column(time_s[[i]])[0]) // across for i in (0, -1))
+    cells = np.arange(first, last + 1, _RING_EVERY)
+    share = (cells + 0.5) * across / scale.columns
+    at_s = scale.first_s + share * (scale.last_s - scale.first_s)
+    lines = scale.row(np.interp(at_s, time_s, values)) // down
+    return list(zip(cells.tolist(), lines.tolist(), strict=True))
+
+
+def _pieces(line: list[str], rings: set[int]) -> list[Piece]:
+    """Return a row in as few pieces as its inks allow."""
+    pieces: list[Piece] = []
+    for column, character in enumerate(line):
+        ink = Ink.FITTED if column in rings else Ink.MEASURED
+        if pieces and pieces[-1][1] is ink:
+            pieces[-1] = (pieces[-1][0] + character, ink)
+        else:
+            pieces.append((character, ink))
+    return pieces
+
+
+def _labels(scale: Scale, lines: int, glyphs: Glyphs) -> list[str]:
+    """Return what stands left of each line: highest, middle and lowest value, or zero."""
+    middle = 0.0 if scale.low < 0.0 < scale.high else (scale.low + scale.high) / 2.0
+    at = {int(scale.row(np.array([middle]))[0]) * lines // scale.rows: middle}
+    at |= {0: scale.high, lines - 1: scale.low}
+    texts = [f"{at[i]:>{_LABEL - 2}.3g}" if i in at else " " * (_LABEL - 2) for i in range(lines)]
+    return [f"{text} {glyphs.axis}" for text in texts]
+
+
+def _time_axis(scale: Scale, cells: int) -> str:
+    ticks = max(2, cells // _TICK_CELLS)
+    text = [" "] * (cells + _LABEL)
+    for i in range(ticks):
+        share = i / (ticks - 1)
+        label = f"{scale.first_s + share * (scale.last_s - scale.first_s):.1f}"
+        at = min(_LABEL + round(share * (cells - 1)), _LABEL + cells - len(label))
+        text[at : at + len(label)] = label
+    return "".join(text)

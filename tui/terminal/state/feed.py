@@ -1,0 +1,208 @@
+"""Where the terminal's news come from and its orders go: the recorder, over its sockets."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from daq.control.address import control_address
+from daq.control.client import Client, OrderRefused, RecorderGone, is_running
+from daq.control.messages import Live, Reply, Status
+from daq.control.orders import AskCheck, Hello, Order
+from daq.errors import BumpbenchError
+
+RETRY_S = 0.5
+SLICE_S = 0.25
+ANSWER_S, SLOW_S = 2.0, 15.0
+HEIR_S = 4.0
+"""A terminal that comes just after one that was killed has the control as soon as that is free."""
+BIRTH_S = 5.0
+"""A recorder that a terminal starts needs a second or two, on a slow machine more."""
+SILENT_S = 2.0
+"""A recorder speaks ten times a second; silent for so long, it is gone or hangs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """The recorder does not answer."""
+
+    text: str
+    advice: str
+    """`text`, `advice`: what happened; what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """Who this terminal is to the recorder."""
+
+    in_control: bool
+    """Whether it may give orders."""
+    text: str = ""
+    """Why it may not; empty if it may."""
+
+
+News = Status | Live | Lost | Role
+
+
+class Refused(Exception):  # noqa: N818 - that is what happened
+    """The recorder refused an order, or cannot be reached; one line for a person."""
+
+
+class Feed(Protocol):
+    """What the screens talk to."""
+
+    def start(self, post: Callable[[News], None]) -> None:
+        """Begin to post news, from any thread, until `stop`."""
+
+    async def ask(self, order: Order) -> Reply:
+        """Send an order and return the answer.
+
+        Raises
+        ------
+        Refused
+            If the recorder refuses or is gone.
+        """
+
+    def take_over(self) -> None:
+        """Ask for control, whoever has it."""
+
+    def restart(self) -> None:
+        """Start a recorder if none runs."""
+
+    def stop(self) -> None:
+        """End."""
+
+
+class RecorderFeed:
+    """The recorder of a folder, over `daq.control.client`; it may go and come back.
+
+    Parameters
+    ----------
+    folder : Path
+        The recorder's.
+    name : str
+        The person.
+    start_recorder : callable
+        Starts a recorder in the folder; called when the operator asks for it.
+    """
+
+    def __init__(self, folder: Path, name: str, start_recorder: Callable[[], object]) -> None:
+        self._folder, self._name = folder, name
+        self._start_recorder = start_recorder
+        self._stop, self._reconnect = threading.Event(), threading.Event()
+        self._take_over = False
+        self._client: Client | None = None
+        self._thread: threading.Thread | None = None
+
+    def start(self, post: Callable[[News], None]) -> None:
+        """Begin to post news."""
+        self._thread = threading.Thread(target=self._listen, args=(post,), name="news", daemon=True)
+        self._thread.start()
+
+    async def ask(self, order: Order) -> Reply:
+        """Send an order in a thread and return the answer."""
+        return await asyncio.to_thread(self._ask, order)
+
+    def take_over(self) -> None:
+        """Ask for control at once, with a new connection."""
+        self._take_over = True
+        self._reconnect.set()
+
+    def restart(self) -> None:
+        """Start a recorder; the listener finds it.
+
+        Raises
+        ------
+        Refused
+            If it does not come up.
+        """
+        try:
+            self._start_recorder()
+        except BumpbenchError as error:
+            raise Refused(str(error)) from error
+
+    def stop(self) -> None:
+        """End the listener and give control back."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(5.0)
+
+    def _ask(self, order: Order) -> Reply:
+        client = self._client
+        if client is None:
+            raise Refused("no recorder answers: start one (Ctrl+P, restart the recorder)")
+        timeout_s = SLOW_S if isinstance(order, AskCheck) else ANSWER_S
+        try:
+            reply = client.ask(order, timeout_s)
+        except OrderRefused as error:
+            raise Refused(str(error)) from error
+        except RecorderGone as error:
+            raise Refused(f"{error.what}: {error.advice}") from error
+        if isinstance(order, Hello):
+            self._name = order.name  # also to a recorder that comes back
+        return reply
+
+    def _listen(self, post: Callable[[News], None]) -> None:
+        """Connect, tell the news, and connect again, until stopped."""
+        told: Lost | None = None
+        patient_s = time.monotonic() + BIRTH_S
+        while not self._stop.is_set():
+            try:
+                client = self._connect(post)
+            except BumpbenchError as error:
+                lost = Lost(error.what, error.advice)
+                # One that was started just now is not lost: it is not there yet.
+                if told is None and time.monotonic() > patient_s:
+                    post(lost)
+                    told = lost
+                self._stop.wait(RETRY_S)
+                continue
+            told, patient_s = None, 0.0
+            self._client = client
+            lost_text = self._tell(client, post)
+            self._client = None
+            client.close()
+            if lost_text:
+                told = Lost(lost_text, "all up to then is on the disk")
+                post(told)
+
+    def _connect(self, post: Callable[[News], None]) -> Client:
+        """Return a connection: in control if that is free or asked for, else looking on."""
+        address = control_address(self._folder)
+        take_over, self._take_over = self._take_over, False
+        self._reconnect.clear()
+        try:
+            client = Client(address, self._name, control=True, take_over=take_over)
+        except OrderRefused as error:
+            client = Client(address, self._name, control=False)
+            post(Role(False, str(error)))
+        else:
+            post(Role(True))
+        return client
+
+    def _tell(self, client: Client, post: Callable[[News], None]) -> str:
+        """Tell the news until the recorder falls silent; return what happened, '' if stopped."""
+        silent_s, in_control = 0.0, client.in_control
+        begun_s, was_refused = time.monotonic(), not in_control
+        while not self._stop.is_set() and not self._reconnect.is_set():
+            news = client.news(SLICE_S)
+            silent_s = silent_s + SLICE_S if news is None else 0.0
+            if news is not None:
+                post(news)
+            elif not is_running(control_address(self._folder)):
+                return "the recorder has ended"
+            elif silent_s >= SILENT_S:
+                return f"the recorder has been silent for {SILENT_S:g} s"
+            if in_control and not client.in_control:
+                in_control = False
+                post(Role(False, "somebody else has taken over"))
+            if was_refused and isinstance(news, Status) and not news.controller:
+                was_refused = False
+                if time.monotonic() - begun_s < HEIR_S:
+                    self._reconnect.set()
+        return ""

@@ -1,0 +1,53 @@
+"""The pages of help: one a screen, one for each reason to reject a run, one for each alarm.
+
+The pages of screens are Markdown files in `tui/help`; the others come from the tables by which the
+recorder itself speaks (`daq.verdict.WORDS`, `daq.alarms.EXPLAINED`), so that they cannot differ.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from daq.alarms import EXPLAINED
+from daq.verdict import WORDS
+
+from .help_sketches import SKETCHES
+
+SCREEN_PAGES = (
+    "vehicle", "check", "home", "run", "masses", "identify", "results", "report", "sessions",
+    "note",
+)  # fmt: skip
+_NONE = "# Help\n\nThere is no page for this. F1 on another screen tells of that screen.\n"
+
+
+def page_of(name: str) -> str:
+    """Return a page as Markdown.
+
+    Parameters
+    ----------
+    name : str
+        A screen, the code of a finding (also a name of a rejected run's reason), or of an alarm.
+    """
+    if name in SCREEN_PAGES:
+        return (files("tui.terminal") / "help" / f"{name}.md").read_text("utf-8")
+    pages = []
+    if name in WORDS:
+        words = WORDS[name]
+        kept = "\nNothing is lost: a rejected run is kept and can be taken back.\n"
+        title = f"Rejected: {words.title}"
+        pages.append(_explained(title, words.meaning, words.advice, SKETCHES.get(name, "")) + kept)
+    if name in EXPLAINED:
+        alarm = EXPLAINED[name]
+        pages.append(_explained(f"Alarm: {alarm.title}", alarm.meaning, alarm.advice, ""))
+    return "\n".join(pages) or _NONE
+
+
+def _explained(title: str, meaning: str, advice: str, sketch: str) -> str:
+    drawn = f"\n```\n{sketch}\n```\n" if sketch else ""
+    return f"# {title}\n\n{_sentence(meaning)}\n{drawn}\n**What to do:** {_sentence(advice)}\n"
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    text = f"{text[:1].upper()}{text[1:]}"
+    return text if text.endswith((".", "!", "?")) else f"{text}."

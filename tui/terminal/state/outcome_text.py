@@ -1,0 +1,168 @@
+"""An identification as lines of text for a terminal: state is word and symbol, never colour alone.
+
+Every function returns plain text; nothing in it is markup, and foreign names are made printable.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from textwrap import wrap
+
+from daq.errors import printable
+
+from ...jobs.outcome import Estimated, Outcome, RunOutcome, StateOutcome
+from .glyphs import Glyphs, GlyphSet
+
+_BAR = 11
+_NARROW = 100
+_DOF = ("heave", "pitch", "roll", "FL", "FR", "RL", "RR")
+"""As `daq.vehicle.DOF`."""
+_SEVERITY = {"refused": "REFUSED", "doubtful": "DOUBT", "ok": "note"}
+
+
+def mark(verdict: str, glyphs: Glyphs) -> str:
+    """Return the symbol of a verdict or severity."""
+    return {"ok": glyphs.good, "accepted": glyphs.good, "doubtful": glyphs.warn}.get(
+        verdict, glyphs.bad
+    )
+
+
+def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> list[str]:
+    """Say the verdict in words, then its gravest reasons with what to do, in `most` lines."""
+    word = outcome.verdict.upper()
+    runs = f"{outcome.used} of {len(outcome.runs)} runs used"
+    fit = f"   chi2/n {outcome.chi2_per_n:.3f}" if isfinite(outcome.chi2_per_n) else ""
+    head = f"{mark(outcome.verdict, glyphs)} {word}  {outcome.headline}"
+    tail = f"{runs}{fit}"
+    if outcome.without:
+        tail += f"   trial without {printable(', '.join(outcome.without), 40)}"
+    lines = [f"{head}   {tail}"] if len(head) + len(tail) + 3 <= width else [head, f"  {tail}"]
+    grave = [told for told in outcome.findings if told.severity != "ok"]
+    rest = [told for told in outcome.findings if told.severity == "ok"]
+    for told in (*grave, *(() if grave else rest)):
+        lines += finding_lines(told.severity, told.text, glyphs, width)
+    if not outcome.findings:
+        lines += wrap(outcome.meaning, width - 2, initial_indent="  ", subsequent_indent="  ")
+    if len(lines) > most:
+        hidden = len(lines) - most + 1
+        lines = [*lines[: most - 1], f"  ... {hidden} more lines: Tab to Findings"]
+    return lines
+
+
+def finding_lines(severity: str, text: str, glyphs: Glyphs, width: int) -> list[str]:
+    """Return one finding, folded."""
+    symbol = "·" if severity == "ok" else mark(severity, glyphs)
+    symbol = "-" if glyphs.name is GlyphSet.ASCII and severity == "ok" else symbol
+    head = f"{symbol} {_SEVERITY.get(severity, severity)}: "
+    return wrap(head + printable(text, 1000), width, subsequent_indent="    ")
+
+
+def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
+    """Return all findings, and the warnings that a person answered for."""
+    lines = [*wrap(outcome.meaning, width), ""]
+    for told in outcome.findings:
+        lines += finding_lines(told.severity, told.text, glyphs, width)
+    if not outcome.findings:
+        lines.append(f"{glyphs.good} nothing was found that speaks against the result")
+    lines += ["", "Warnings of the bench check that a person answered for:"]
+    if not outcome.overrides:
+        lines.append("  none")
+    for text in outcome.overrides:
+        lines += wrap(f"{glyphs.warn} {printable(text, 700)}", width, subsequent_indent="    ")
+    return lines
+
+
+def number(value: float) -> str:
+    """Write a number as the report does: five significant digits."""
+    return f"{value:#,.5g}".rstrip(".") if abs(value) < 1e5 else f"{value:,.0f}"
+
+
+def bar(half_percent: float | None, widest: float, glyphs: Glyphs) -> str:
+    """Draw a 95 % interval about its value; the widest of a table fills the bar."""
+    plain = glyphs.name is GlyphSet.ASCII
+    if half_percent is None:
+        return "given".center(_BAR)
+    reach = _BAR // 2
+    cells = reach
+    if isfinite(half_percent) and widest > 0.0:
+        cells = max(0, min(reach, round(reach * half_percent / widest)))
+    arm = "-" if plain else "─"
+    point = "*" if plain else "●"
+    space = " " * (reach - cells)
+    left = ("|" if plain else "├") + arm * (cells - 1) if cells else ""
+    right = arm * (cells - 1) + ("|" if plain else "┤") if cells else ""
+    return f"{space}{left}{point}{right}{space}"
+
+
+def parameter_lines(
+    rows: tuple[Estimated, ...], title: str, glyphs: Glyphs, width: int
+) -> list[str]:
+    """Return quantities with their 95 % intervals, as numbers and as bars."""
+    halves = [row.half_percent for row in rows]
+    widest = max((half for half in halves if half is not None and isfinite(half)), default=0.0)
+    wide = width >= _NARROW
+    full = f"bar ±{widest:.2g} %"
+    head = f"{title:<30}{'value':>10} {'':<6}{'95 % interval':>19} "
+    head += f"{'±':>8}  {full:<18} rests mostly on" if wide else f"{full:>11}"
+    lines = [head]
+    for row, half in zip(rows, halves, strict=True):
+        symbol = "" if row.words == row.name.replace("_", " ") else f"{row.name:<5}"
+        interval = f"{number(row.low)} .. {number(row.high)}" if half is not None else ""
+        if half is not None and not isfinite(half):
+            interval = "not determined"
+        words = (symbol + row.words)[:29]
+        text = f"{words:<30}{number(row.value):>10} {row.unit:<6}{interval:>19} "
+        drawn = bar(half, widest, glyphs)
+        if wide:
+            share = f"{half:.2f} %" if half is not None and isfinite(half) else ""
+            text += f"{share:>8}  {drawn:<18} {row.rests_on}"
+        else:
+            text = f"{text:<67}{drawn}"
+        lines.append(text[:width].rstrip())
+    return lines
+
+
+def mode_lines(states: tuple[StateOutcome, ...], width: int) -> list[str]:
+    """Return the modes of every mass state with their 95 % intervals."""
+    lines: list[str] = []
+    for state in states:
+        title = f"Mass state {printable(state.name, 20)}"
+        if lines:
+            lines.append("")
+        lines.append(f"{title:<30}{'Hz':>9}{'± 95 %':>10}{'damping ratio':>16}{'± 95 %':>10}")
+        for i, mode in enumerate(state.modes, start=1):
+            lines.append(
+                f"  {i} {mode.name:<26}{mode.frequency_hz:>9.4f}{mode.frequency_half_hz:>10.4f}"
+                f"{mode.damping_ratio:>16.4f}{mode.damping_ratio_half:>10.4f}"
+            )
+    return [line[:width] for line in lines]
+
+
+def matrix_lines(states: tuple[StateOutcome, ...], width: int) -> list[str]:
+    """Return M, C and K of every mass state, SI."""
+    lines: list[str] = []
+    for state in states:
+        for letter, unit, matrix in (
+            ("M", "kg, kg m²", state.mass),
+            ("C", "N s/m, N m s/rad", state.damping),
+            ("K", "N/m, N m/rad", state.stiffness),
+        ):
+            title = f"{letter} {printable(state.name, 12)}"
+            if lines:
+                lines.append("")
+            lines.append(f"{title:<12}" + "".join(f"{dof:>9}" for dof in _DOF) + f"   {unit}")
+            for dof, row in zip(_DOF, matrix, strict=True):
+                cells = "".join(f"{_short(value):>9}" for value in row)
+                lines.append(f"{dof:>10}  {cells}")
+    return [line[:width].rstrip() for line in lines]
+
+
+def _short(value: float) -> str:
+    return "0" if abs(value) < 1e-9 else f"{value:.5g}" if abs(value) < 1e4 else f"{value:,.0f}"
+
+
+def run_line(run: RunOutcome, glyphs: Glyphs) -> str:
+    """Return one run of the result in a few words."""
+    fit = f"  chi2/n {run.chi2_per_n:.2f}" if isfinite(run.chi2_per_n) else ""
+    used = "" if run.status == "accepted" else f"  {run.status.upper()}"
+    return f"{mark(run.status, glyphs)} {printable(run.label, 40)}{used}{fit}"

@@ -1,0 +1,95 @@
+"""The seven steps of a campaign at the bench: which are reached, which is due."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from daq.control.messages import Status
+from daq.runs import ADDED, BASELINE
+
+
+class BenchStep(IntEnum):
+    """The steps, by the key that jumps to them."""
+
+    VEHICLE = 1
+    CHECK = 2
+    BASELINE = 3
+    MASSES = 4
+    ADDED = 5
+    IDENTIFY = 6
+    REPORT = 7
+
+    @property
+    def title(self) -> str:
+        """`1 Vehicle` and the like."""
+        return f"{self.value} {self.name.capitalize()}"
+
+    @property
+    def mark(self) -> str:
+        """The mark in the recording by which a person says that the step is done."""
+        return f"step {self.name.lower()} done"
+
+
+SCREEN_OF = {
+    BenchStep.VEHICLE: "vehicle",
+    BenchStep.CHECK: "check",
+    BenchStep.BASELINE: "home",
+    BenchStep.MASSES: "masses",
+    BenchStep.ADDED: "home",
+    BenchStep.IDENTIFY: "identify",
+    BenchStep.REPORT: "report",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a campaign is."""
+
+    done: frozenset[BenchStep]
+    """Steps that are behind us."""
+    due: BenchStep
+    """The first that is not done."""
+
+    def reached(self, step: BenchStep) -> bool:
+        """Whether a person may go to a step."""
+        return step <= self.due or step in self.done
+
+
+def bump_step(status: Status) -> BenchStep:
+    """Return the step of the bumps that come next: with weights as soon as these are on the car."""
+    due = status.due
+    more_of_the_baseline = due is not None and due.step.mass_state == BASELINE
+    if more_of_the_baseline or not progress(status).reached(BenchStep.ADDED):
+        return BenchStep.BASELINE
+    return BenchStep.ADDED
+
+
+def progress(status: Status | None) -> Progress:
+    """Return how far the recording is, by its book alone: a new terminal is where the old one was.
+
+    A person's word (a mark) ends the steps without bumps; accepted runs end the others.  A bump of
+    a later step implies those before it.  What is identified and reported has to be again when
+    runs, weights or vehicle have changed since.
+    """
+    if status is None:
+        return Progress(frozenset(), BenchStep.VEHICLE)
+    done = {step for step in BenchStep if is_marked(status, step)}
+    for step, state in ((BenchStep.BASELINE, BASELINE), (BenchStep.ADDED, ADDED)):
+        if any(run.mass_state == state for run in status.runs):
+            done |= {before for before in BenchStep if before < step and before.mark}
+        tallies = [tally for tally in status.tallies if tally.mass_state == state]
+        if tallies and all(tally.accepted >= tally.planned for tally in tallies):
+            done.add(step)
+        else:
+            done.discard(step)
+    due = next((step for step in BenchStep if step not in done), BenchStep.REPORT)
+    return Progress(frozenset(done), due)
+
+
+def is_marked(status: Status, step: BenchStep) -> bool:
+    """Whether a person has said that a step is done, and it still is."""
+    marks = {note.text: note.revision for note in status.notes if not note.by}
+    if step < BenchStep.IDENTIFY:
+        return step.mark in marks
+    return marks.get(step.mark) == status.revision
