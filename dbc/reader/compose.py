@@ -8,7 +8,8 @@ from re import Match
 
 from ..crc import CRC_RULES
 from ..layout import CounterRule, MessageLayout, SignalLayout
-from .document import EXTENDED_BIT, Block, Document, SignalKey, number, unquoted, whole
+from .document import EXTENDED_BIT, Block, Document, SignalKey, number, whole
+from .grammar import unquoted
 from .lint import FaultError
 from .sentinels import sentinels
 

@@ -11,7 +11,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 
 from ..errors import InputError, printable
-from .grammar import KEYWORDS, Statement, statements, without_comments
+from .grammar import KEYWORDS, Statement, as_written, readable, statements, unquoted
 from .limits import MAX_FAULTS, MAX_MESSAGES, PICK_DBC
 from .source import Source
 
@@ -26,8 +26,8 @@ _ENDED = frozenset(("BO_", "SG_", "VERSION", "NS_", "BS_", "BU_"))
 _BLANK_LINE = re.compile(r"\n\s*\n")
 _DIGITS = re.compile(r"[0-9]+")
 _RANGE = re.compile(r"([0-9]+)\s*-\s*([0-9]+)")
-_ENTRY = re.compile(r'([-+]?[0-9]+)\s*"((?:\\"|[^"])*+)"')
-_STRING = re.compile(r'"((?:\\"|[^"])*+)"')
+_ENTRY = re.compile(r'([-+]?[0-9]+)\s*"([^"]*)"')
+_STRING = re.compile(r'"([^"]*)"')
 
 SignalKey = tuple[int, str]
 
@@ -108,7 +108,7 @@ def read_document(text: str, source: Source) -> Document:
     InputError
         If it is cut off within a statement, or is no DBC.
     """
-    text = without_comments(text)
+    text = readable(text)
     document = Document()
     current: Block | None = None
     count = 0
@@ -155,7 +155,7 @@ def _misread(
     document: Document, statement: Statement, text: str, current: Block | None
 ) -> Block | None:
     """Note a statement that is not understood; return the block to which `SG_` lines now belong."""
-    line = text[statement.start : statement.stop].strip().split("\n", 1)[0].strip()
+    line = as_written(text[statement.start : statement.stop].strip().split("\n", 1)[0].strip())
     fault = (statement.start, f"has a line that is not understood: {printable(line, 60)}")
     if statement.keyword == "BO_":
         document.blocks.append(Block(statement.start, None, fault=fault))
@@ -179,7 +179,7 @@ def _sort_in(document: Document, statement: Statement) -> None:
     assert body is not None
     match statement.keyword:
         case "VAL_" if body["id"]:
-            entries = {int(raw): label for raw, label in _ENTRY.findall(body["table"])}
+            entries = {int(raw): unquoted(label) for raw, label in _ENTRY.findall(body["table"])}
             key = (whole(body["id"]), body["name"])
             document.tables[key].update(entries)
             document.positions[key] = statement.start
@@ -227,11 +227,6 @@ def _twice(document: Document, key: SignalKey, statement: Statement) -> None:
 
 def _value(text: str) -> str | float:
     return unquoted(text[1:-1]) if text.startswith('"') else number(text)
-
-
-def unquoted(text: str) -> str:
-    """Return the inside of a string without its escapes."""
-    return text.replace('\\"', '"')
 
 
 def joined(pairs: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:

@@ -1,7 +1,9 @@
-"""The text of a DBC, cut into statements; what is not one is marked and passed over.
+"""Cuts the text of a DBC into statements; what is not one is marked and passed over.
 
-Every pattern here is possessive: text that does not fit is given up in one pass, so that no file,
-however it is made, takes more than time in proportion to its length.
+No pattern here needs a possessive quantifier or an atomic group: Python 3.11.0 to 3.11.4 match
+those wrongly.  Each is written so that a text can fit it in one way only.  Whatever a quantifier
+gives back then fails at its next character, so that no file takes more than time in proportion to
+its length.
 """
 
 from __future__ import annotations
@@ -9,53 +11,65 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 
-_WHOLE = r"[0-9]++"
-_NUMBER = r"[-+]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][-+]?[0-9]++)?+"
-_STRING = r'"(?:\\"|[^"])*+"'
-_FILLER = re.compile(r'("(?:\\"|[^"])*+"?)|//[^\n]*+')
-_NEXT = re.compile(r"[\s;]*+(\w*+)")
+from .limits import MAX_ITEMS
+
+# A quantifier and what follows it share no character; where they may, `\b` or `(?!...)` ends it.
+_WHOLE = r"[0-9]+"
+# An empty branch, `(?:x|)`, is matched in less time than an optional group, `(?:x)?`.
+_NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*|)|\.[0-9]+)(?:[eE][-+]?[0-9]+|)"
+_STRING = r'"[^"]*"'
+_MANY = rf"{{0,{MAX_ITEMS}}}"
+_RANGE = rf"{_WHOLE}\s*-\s*{_WHOLE}"
+_PLAIN = r"[\s,0-9.eE+-]*"
+_ESCAPED_QUOTE, _HIDDEN_QUOTE = '\\"', "\\\0"
+_FILLER = re.compile(r'("[^"]*"?)|//[^\n]*')
+_NEXT = re.compile(r"[\s;]*(\w*)")
 
 # Each is matched right after its keyword.
 _BODIES = {
-    "VERSION": rf"\s*+{_STRING}",
+    "VERSION": rf"\s*{_STRING}",
     # The names of all kinds of statements, each alone on its line.
-    "NS_": r"\s*+:[^\n]*+(?:\s*?\n[ \t]*+[A-Z_]++[ \t\r]*+(?=\n|\Z))*+",
-    "BS_": r"\s*+:[^\n]*+",
-    "BU_": r"\s*+:(?:\s*+(?!KEYWORD\b)\w++)*+",
+    "NS_": rf"\s*:[^\n]*(?:\s*?\n[ \t]*[A-Z_]+[ \t\r]*(?=\n|\Z)){_MANY}",
+    "BS_": r"\s*:[^\n]*",
+    "BU_": rf"\s*:(?:\s*(?!KEYWORD\b)\w+){_MANY}",
     "BO_": (
-        rf"\s++(?P<id>{_WHOLE})\s++(?P<name>\w++)\s*+:\s*+(?P<length>{_WHOLE})"
-        r"\s++(?P<sender>\w++)"
+        rf"\s+(?P<id>{_WHOLE})\s+(?P<name>\w+)\s*:\s*(?P<length>{_WHOLE})"
+        r"\s+(?P<sender>\w+)"
     ),
     "SG_": (
-        r"\s++(?P<name>\w++)(?:\s++(?P<marker>M|m[0-9]++M?+))?+\s*+:"
-        rf"\s*+(?P<start>{_WHOLE})\s*+\|\s*+(?P<length>{_WHOLE})\s*+@\s*+(?P<order>[01])\s*+"
-        rf"(?P<sign>[-+])\s*+\(\s*+(?P<factor>{_NUMBER})\s*+,\s*+(?P<offset>{_NUMBER})\s*+\)"
-        rf"\s*+\[\s*+(?P<minimum>{_NUMBER})\s*+\|\s*+(?P<maximum>{_NUMBER})\s*+\]"
-        rf"\s*+(?P<unit>{_STRING})[ \t]*+(?:(?!KEYWORD\b)\w++[ \t]*+(?:,\s*+)?+)*+"
+        r"\s+(?P<name>\w+)(?:\s+(?P<marker>M|m[0-9]+M?)|)\s*:"
+        rf"\s*(?P<start>{_WHOLE})\s*\|\s*(?P<length>{_WHOLE})\s*@\s*(?P<order>[01])\s*"
+        rf"(?P<sign>[-+])\s*\(\s*(?P<factor>{_NUMBER})\s*,\s*(?P<offset>{_NUMBER})\s*\)"
+        rf"\s*\[\s*(?P<minimum>{_NUMBER})\s*\|\s*(?P<maximum>{_NUMBER})\s*\]"
+        rf"\s*(?P<unit>{_STRING})[ \t]*(?:(?!KEYWORD\b)\w+[ \t]*(?:,\s*|)){_MANY}"
     ),
-    "CM_": rf"(?:\s++\w++)*+\s*+{_STRING}(?:\s*+;|(?=[ \t\r]*+(?:\n|\Z)))",  # here, too
+    "CM_": rf"(?:\s+(?!CM_\b)\w+){_MANY}\s*{_STRING}(?:\s*;|(?=[ \t\r]*(?:\n|\Z)))",
     "VAL_": (
-        rf"\s++(?:(?P<id>{_WHOLE})\s++)?+(?P<name>\w++)"
-        rf"(?P<table>(?:\s*+[-+]?{_WHOLE}\s*+{_STRING})*+)"
-        r"(?:\s*+;|(?=\s*?\n\s*+(?:KEYWORD\b|\Z)))"  # some files leave out the semicolon
+        rf"\s+(?:(?P<id>{_WHOLE})\s+|(?!{_WHOLE}\s))(?P<name>\w+\b)"
+        rf"(?P<table>(?:\s*[-+]?{_WHOLE}\s*{_STRING}){_MANY})"
+        # Some files leave out the semicolon, here and after CM_.
+        r"(?:\s*;|(?=[^\S\n]*\n\s*(?!\s)(?:KEYWORD\b|\Z)))"
     ),
-    "VAL_TABLE_": rf"\s++\w++(?:\s*+{_NUMBER}\s*+{_STRING})*+\s*+;",
-    "SIG_VALTYPE_": rf"\s++(?P<id>{_WHOLE})\s++(?P<name>\w++)\s*+:?+\s*+(?P<type>[0-3])\s*+;",
+    "VAL_TABLE_": rf"\s+\w+\b(?:\s*{_NUMBER}\s*{_STRING}){_MANY}\s*;",
+    "SIG_VALTYPE_": rf"\s+(?P<id>{_WHOLE})\s+(?P<name>\w+\b)\s*(?::\s*)?(?P<type>[0-3])\s*;",
     "SG_MUL_VAL_": (
-        rf"\s++(?P<id>{_WHOLE})\s++(?P<name>\w++)\s++(?P<selector>\w++)\s++"
-        rf"(?P<ranges>{_WHOLE}\s*+-\s*+{_WHOLE}(?:\s*+,\s*+{_WHOLE}\s*+-\s*+{_WHOLE})*+)\s*+;"
+        rf"\s+(?P<id>{_WHOLE})\s+(?P<name>\w+)\s+(?P<selector>\w+)\s+"
+        rf"(?P<ranges>{_RANGE}(?:\s*,\s*{_RANGE}){_MANY})\s*;"
     ),
-    "BO_TX_BU_": rf"\s++(?P<id>{_WHOLE})\s*+:(?P<senders>[\w\s,]*+);",
+    "BO_TX_BU_": (
+        rf"\s+(?P<id>{_WHOLE})\s*:(?P<senders>(?:[\s,]*(?!KEYWORD\b)\w+\b){_MANY})[\s,]*;"
+    ),
     "BA_DEF_": (
-        r"\s*+(?:(?:BO|SG|BU|EV)_\s*+)?+"
-        rf"(?P<name>{_STRING})\s*+\w++(?P<choices>(?:[\s,]++|{_STRING}|{_NUMBER})*+);"
+        r"\s*(?:(?:BO|SG|BU|EV)_\s*)?"
+        rf"(?P<name>{_STRING})\s*\w+\b(?P<choices>{_PLAIN}(?:{_STRING}{_PLAIN}){_MANY});"
     ),
-    "BA_DEF_DEF_": rf"\s*+(?P<name>{_STRING})\s*+(?P<value>{_STRING}|{_NUMBER})\s*+;",
+    "BA_DEF_DEF_": rf"\s*(?P<name>{_STRING})\s*(?P<value>{_STRING}|{_NUMBER})\s*;",
     "BA_": (
-        rf"\s*+(?P<name>{_STRING})\s*+(?:BO_\s++(?P<message>{_WHOLE})\s*+"
-        rf"|SG_\s++(?P<id>{_WHOLE})\s++(?P<signal>\w++)\s*+|BU_\s++(?P<node>\w++)\s*+"
-        rf"|EV_\s++\w++\s*+)?+(?P<value>{_STRING}|{_NUMBER})\s*+;"
+        rf"\s*(?P<name>{_STRING})\s*(?:BO_\s+(?P<message>{_WHOLE})(?![0-9])\s*"
+        rf"|SG_\s+(?P<id>{_WHOLE})\s+(?P<signal>\w+\b)\s*|BU_\s+(?P<node>\w+\b)\s*"
+        rf"|EV_\s+\w+\b\s*)?(?P<value>{_STRING}|{_NUMBER})\s*;"
     ),
 }
 # Statements that say nothing about frames; they may not swallow one that does.
@@ -66,16 +80,21 @@ _OTHERS = (
     *("SIG_TYPE_REF_", "SIGTYPE_VALTYPE_"),
 )
 _OTHER_BODY = (
-    rf"(?:\s++|{_STRING}|(?!(?:SIG_VALTYPE_|SG_MUL_VAL_|VAL_|BO_TX_BU_)\b)\w++|[-+.,:|\[\]])*+;"
+    rf"(?:[^\S\n]+(?![^\S\n])|\n(?![ \t]*KEYWORD\b)|{_STRING}"
+    rf"|(?!(?:SIG_VALTYPE_|SG_MUL_VAL_|VAL_|BO_TX_BU_)\b)\w+\b|[-+.,:|\[\]]){_MANY};"
 )
 
 KEYWORDS = frozenset((*_BODIES, *_OTHERS))
-_KEYWORD = "|".join(sorted(KEYWORDS, key=len, reverse=True))
+_KEYWORD = "|".join(
+    f"{first}(?:{'|'.join(sorted((word[1:] for word in words), key=len, reverse=True))})"
+    for first, words in groupby(sorted(KEYWORDS), lambda word: word[0])
+)
+"""All keywords; by their first letters, as most words have another one."""
 _PATTERNS = {
     word: re.compile(body.replace("KEYWORD", rf"(?:{_KEYWORD})"))
     for word, body in (_BODIES | dict.fromkeys(_OTHERS, _OTHER_BODY)).items()
 }
-_AT_LINE_START = re.compile(rf"^[ \t]*+(?=(?:{_KEYWORD})\b)", re.MULTILINE)
+_AT_LINE_START = re.compile(rf"^[ \t]*(?=(?:{_KEYWORD})\b)", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +111,25 @@ class Statement:
     """What follows the keyword, by group names; None if it is not understood."""
 
 
-def without_comments(text: str) -> str:
-    """Return the text with `//` comments blanked; all positions stay the same."""
+def readable(text: str) -> str:
+    r"""Return the text with `//` comments blanked and `\"` hidden; all positions stay the same.
+
+    A NUL takes the place of the quote, so that each `"` that is left begins or ends a string.
+    """
+    text = text.replace(_ESCAPED_QUOTE, _HIDDEN_QUOTE)
     if "//" not in text:
         return text
     return _FILLER.sub(lambda found: found[1] or " " * len(found[0]), text)
+
+
+def as_written(text: str) -> str:
+    """Return a piece of a `readable` text as the file has it."""
+    return text.replace(_HIDDEN_QUOTE, _ESCAPED_QUOTE)
+
+
+def unquoted(text: str) -> str:
+    """Return the inside of a string of a `readable` text without its escapes."""
+    return text.replace(_HIDDEN_QUOTE, '"')
 
 
 def statements(text: str) -> Iterator[Statement]:
@@ -105,7 +138,7 @@ def statements(text: str) -> Iterator[Statement]:
     Parameters
     ----------
     text : str
-        From `without_comments`.
+        From `readable`.
 
     Yields
     ------

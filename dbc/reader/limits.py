@@ -8,6 +8,11 @@ MAX_SELECTIONS = 1024
 """Ranges of selector values of one signal."""
 MAX_NESTING = 16
 """Selectors above one signal."""
+MAX_ITEMS = 100_000
+"""Items of one list, as the names of a value table or the nodes that receive a signal.
+
+Each costs the matcher some 0.5 kB until the list ends.
+"""
 MAX_FAULTS = 1000
 """Definitions that are not understood, in one file."""
 

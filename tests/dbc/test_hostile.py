@@ -45,6 +45,27 @@ HOSTILE = {
         "HEAD + ''.join(f'BO_ {2**31 + i} M{i}: 8 A\\n SG_ s' + LINE for i in range(10_000))",
         "10000 messages",
     ),
+    "comments that do not come": ("HEAD + 'CM_ a\\n' * 800_000", "1000 lines"),
+    "other statements that do not end": ("HEAD + 'EV_\\n' * 1_200_000", "1000 lines"),
+    "spaces after other statements": ("HEAD + ('EV_' + ' ' * 4000 + '\\n') * 1200", "1000 lines"),
+    "digits": ("HEAD + 'BA_DEF_ \"x\" INT ' + '1' * 4_900_000", "ends within a definition"),
+    "letters": ("HEAD + 'BA_DEF_ \"x\" ' + 'e' * 4_900_000", "ends within a definition"),
+    "blanks before a colon": (
+        "HEAD + 'SIG_VALTYPE_ 1 s' + ' ' * 4_900_000 + 'x\\n'",
+        "ends within a definition",
+    ),
+    "lines after a table": (
+        "HEAD + 'VAL_ 1 s 1 \"a\"' + '\\n' * 4_900_000 + 'x\\n'",
+        "ends within a definition",
+    ),
+    "receivers": (
+        "HEAD + 'BO_ 1 M: 8 A\\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" ' + 'A,' * 2_400_000 + '\\n'",
+        "message M has a line that is not understood",
+    ),
+    "value names": (
+        "HEAD + 'VAL_ 1 s' + ' 1 \"\"' * 900_000 + ';x\\n'",
+        "ends within a definition",
+    ),
     "60,000 multiplexed signals": (
         "HEAD + 'BO_ 1 M: 8 A\\n SG_ top M : 8|16@1+ (1,0) [0|0] \"\" B\\n'"
         " + ''.join(f' SG_ s{k} m{k}' + LINE for k in range(60_000))",
