@@ -29,8 +29,8 @@ RESERVED = {
     ),
     "textual_serve": ("tui/browser/",),
     "asammdf": ("daq/formats/",),
-    "pandas": ("daq/formats/", "daq/runs.py", "tui/commands/batch/"),  # runs.py: the type only
-    "matplotlib": ("identify/figures/", "identify/report/", "identify/plots.py"),
+    "pandas": ("daq/formats/", "daq/session_tables.py", "daq/sessions.py", "tui/commands/batch/"),
+    "matplotlib": ("identify/report/", "identify/study/figures/", "identify/plots.py"),
     "distributed": ("tui/jobs/executors.py",),
     "threading": ("daq/", "tui/"),
     "typer": ("tui/",),

@@ -192,7 +192,7 @@ def test_foreign_and_hostile_files_are_refused(tmp_path: Path, session: Session)
 def test_a_full_disk_is_one_error_and_no_crash(tmp_path: Path) -> None:
     # A limit on the size of files stands for a disk that is full; what HDF5 does after a failed
     # write, it does when the process ends.
-    golden = Path(__file__).parents[1] / "golden" / "session_v1_2026-11.h5"
+    golden = Path(__file__).parents[2] / "golden" / "session_v1_2026-11.h5"
     script = f"""
 import resource, signal, sys
 from daq import InputError, read_session, write_session
