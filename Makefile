@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test lint bench coverage fuzz crash soak release-check test-socketcan constraints clean
+.PHONY: demo test lint bench coverage mutate fuzz crash soak release-check test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -26,6 +26,12 @@ bench: .venv/bench
 # Do the intervals hold the truth?  Some 3 s a campaign.
 coverage: .venv/test
 	$(BIN)/python -m tests.flow.coverage $(or $(CAMPAIGNS),100)
+
+# Small faults in the sources, each against the tests of its room: lists those that no test finds.
+# PATHS: files and folders; without it what differs from main, or all packages.
+mutate: .venv/test
+	$(BIN)/python -m tests.mutate --count $(or $(N),200) --seed $(or $(SEED),1) \
+	    --jobs $(or $(JOBS),$(shell getconf _NPROCESSORS_ONLN)) $(PATHS)
 
 # Mutated DBCs and session files: no traceback, no hang, bounded memory.
 fuzz: .venv/test
