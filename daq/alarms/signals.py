@@ -10,18 +10,16 @@ import numpy as np
 
 from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 
-from ..channels import TIME_DERIVATIVE, Quantity
+from ..channels import Quantity
+from ..samples.converter import is_fine, is_stuck
 from ..samples.mapping import MappedChannel
 from .inputs import Count, Key, Symptom
 
-STUCK_SAMPLES = 20
 _STUCK_S = 0.8
 """A fine sensor that stands quite still for so long is frozen."""
 _STUCK_MOVING_TURNS = 3
 _MOVING_STEPS = 20.0
 """Others move if they move by so many steps of this channel within one turn."""
-_FINE = {"m/s2": 0.05, "rad/s": 0.01, "rad/s2": 0.05}
-"""The noise of a sensor with finer steps than this never lets its lowest bit rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,17 +69,16 @@ def limits_of(mapped: MappedChannel) -> Limits:
     The end of its range is where its bits end, or where the DBC's range ends if that is narrower:
     a sensor of 16 bits that measures to 4 g stops there.
     """
-    signal = mapped.message.signal(mapped.channel.signal.partition(".")[2])
+    signal = mapped.signal
     low, high = signal.span
     least, most = signal.minimum, signal.maximum
     if least is not None and most is not None and least < most:
         low, high = max(low, least), min(high, most)
     if signal.length == 1:
         low, high = float("-inf"), float("inf")
-    step = abs(mapped.factor * mapped.channel.gain * (0.0 if signal.is_float else signal.factor))
-    moves = TIME_DERIVATIVE.get(mapped.channel.quantity, 0) > 0
-    is_fine = moves and step < _FINE.get(mapped.channel.unit, 0.0)
-    return Limits(low, high, step, is_fine, f"{low:g} to {high:g} {signal.unit}".rstrip())
+    channel, step = mapped.channel, mapped.step
+    fine = is_fine(channel.quantity, channel.unit, step)
+    return Limits(low, high, step, fine, f"{low:g} to {high:g} {signal.unit}".rstrip())
 
 
 def advance_signals(
@@ -172,7 +169,7 @@ def signal_symptoms(watch: SignalsWatch) -> list[Symptom]:
     found = []
     for name, each in watch.standing.items():
         still_s = (each.until_ns - each.since_ns) * 1e-9
-        if each.samples < STUCK_SAMPLES:
+        if not is_stuck(each.samples):
             continue
         says = f"{each.samples} samples in a row are {each.value:.6g}"
         if each.moving >= _STUCK_MOVING_TURNS:

@@ -19,7 +19,8 @@ from dbc.layout import SignalLayout
 from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 from dbc.units import G_M_S2, to_si
 
-from ..channels import ON_BODY, TIME_DERIVATIVE, Channel, Quantity
+from ..channels import ON_BODY, Channel, Quantity
+from ..samples.converter import is_fine, is_stuck
 from ..samples.groups import Timekeeping
 from ..samples.mapping import MappedChannel
 from .result import CheckLine, Verdict
@@ -37,9 +38,6 @@ _QUIETEST = 2e-3
 _SLOWEST_HZ = 50.0
 _GUESSED_M = 0.3
 _BLOCK_S = 0.1
-_STUCK_SAMPLES = 20
-_FINE_M_S2, _FINE_RAD_S = 0.05, 0.01
-"""A sensor whose steps are finer than this never stands quite still."""
 
 Found = tuple[Verdict, str, str]
 
@@ -117,7 +115,7 @@ def check_channel(
             (verdict, f"no sample of {channel.signal}", f"see message {mapped.message.name}")
         )
         return [CheckLine(v, subject, r, a) for v, r, a in found]
-    signal = mapped.message.signal(channel.signal.partition(".")[2])
+    signal = mapped.signal
     value = mapped.values(samples)
     finite = np.isfinite(value)
     found += _validity_lines(samples, value, signal)
@@ -226,14 +224,11 @@ def _stuck_lines(
     told: NDArray[np.float64],
     value: NDArray[np.float64],
 ) -> list[Found]:
-    if len(value) < _STUCK_SAMPLES or np.ptp(value) > 0:
+    if np.ptp(value) > 0 or not is_stuck(len(value)):
         return []
     quantity = mapped.channel.quantity
-    step = abs(mapped.factor * mapped.channel.gain * (0.0 if signal.is_float else signal.factor))
     reason = f"stuck: all {len(value)} samples are {value[0]:.6g} {mapped.channel.unit}"
-    fine = TIME_DERIVATIVE.get(quantity, 0) > 0 and step < (
-        _FINE_RAD_S if quantity in RATES else _FINE_M_S2
-    )
+    fine = is_fine(quantity, mapped.channel.unit, mapped.step)
     at_end = not signal.is_float and signal.length > 1 and told[0] in signal.span and told[0] != 0
     if fine or at_end:
         return [(Verdict.FAIL, reason, "the sensor is dead, frozen or not started")]

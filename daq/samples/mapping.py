@@ -29,9 +29,20 @@ class MappedChannel:
     """SI value = factor * signal + offset, before sign, gain and tare."""
 
     @property
+    def signal(self) -> SignalLayout:
+        """The signal that carries the channel."""
+        return self.message.signal(self.channel.signal.partition(".")[2])
+
+    @property
     def is_multiplexed(self) -> bool:
         """Whether only some frames of the message hold the signal."""
-        return self.message.signal(self.channel.signal.partition(".")[2]).is_multiplexed
+        return self.signal.is_multiplexed
+
+    @property
+    def step(self) -> float:
+        """Step of the converter in the channel's unit; 0 for a signal of floating point."""
+        factor = 0.0 if self.signal.is_float else self.signal.factor
+        return abs(self.factor * self.channel.gain * factor)
 
     def values(self, samples: Samples) -> NDArray[np.float64]:
         """Return ``sign * gain * SI(signal) - tare``, (n,); NaN where a sample is unusable."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..bench.config import Bench
 from ..channels import Channel, Quantity
 from ..runlog.runlog import Finding
+from ..samples.converter import flat_tops
 from ..samples.counter import FASTEST
 from .finding import finding
 from .window import RunWindow, Trace
@@ -26,16 +27,8 @@ GAP_S = 0.02
 """A quarter of a period of the wheels."""
 GAP_CYCLES = 3.5
 """Two lost samples in a row are no gap, however slow the message."""
-FLAT_SAMPLES = 3
-"""So many equal samples at the extreme of a run are a top that was cut."""
-FLAT_IN_NOISE = 4
-"""And so many where noise is above the converter's steps: now and then three are equal by
-chance, and their neighbours differ by as much as beside a cut top."""
 _SPOKEN = 0.9
 """Share of the samples of a message that each of its channels has, if it is sound."""
-STEEP = 4.5
-"""Converter steps by which a signal must enter and leave a cut top: a parabola that stays within
-one step for three samples leaves it by three steps, four with rounding."""
 
 
 def stale(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
@@ -172,29 +165,13 @@ def _cut_tops(window: RunWindow, seen: tuple[Trace, ...]) -> Mapping[str, NDArra
     """Return when each channel was at the end of its range, s since the bump."""
     result = {}
     for trace in seen:
-        sure = trace.channel.name in window.saturated
-        flat = _flat(trace.value, trace.noise, sure)
+        flat = np.zeros(len(trace.value), bool)
+        for first, stop in flat_tops(trace.value):
+            flat[first:stop] = True
+        low, high = trace.value.min(), trace.value.max()
+        if trace.channel.name in window.saturated and low < high:  # any extreme sample counts
+            flat |= (trace.value == low) | (trace.value == high)
         times = trace.time_s[flat & (trace.time_s > 0.0)]
         if len(times):
             result[trace.channel.name] = times
     return result
-
-
-def _flat(value: NDArray[np.float64], noise: float, sure: bool) -> NDArray[np.bool_]:
-    """Return which samples stand at an extreme of the run and look cut, (n,)."""
-    flat = np.zeros(len(value), bool)
-    levels = np.diff(np.unique(value))
-    if not len(levels):
-        return flat
-    step = levels.min()
-    fewest = FLAT_SAMPLES if noise < step else FLAT_IN_NOISE
-    for extreme in (value.max(), value.min()):
-        change = np.diff(np.concatenate([[0], (value == extreme).astype(np.int8), [0]]))
-        for first, stop in zip(
-            np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True
-        ):
-            beside = np.concatenate([value[max(first - 1, 0) : first], value[stop : stop + 1]])
-            steep = np.all(np.abs(beside - extreme) > STEEP * step)
-            if sure or (stop - first >= fewest and steep):
-                flat[first:stop] = True
-    return flat

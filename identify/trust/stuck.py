@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.channels import Channel
 from daq.runs import Run
+from daq.samples.converter import is_stuck, share_changed
 
 from ..decays.decay import Record, record_of
 from ..decays.onset import decay_start_s, onset_s
@@ -19,9 +19,6 @@ from .format import listed
 FROZEN_S = 0.2
 """Two periods of the wheels, and too long for a saturated top."""
 _MOVING_S = 0.5  # after this, a coarse sensor may rest on one step of its converter
-_EXPECTED = 20.0
-"""Changes of value that the hold should have seen: none by chance has odds of 1 to 500 million."""
-_FEWEST = 20  # samples that show how often a channel changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +98,7 @@ def _is_frozen(hold: _Hold, holds: Sequence[_Hold]) -> bool:
             if h.kind == hold.kind and h.channel == hold.channel and h.run != hold.run
         ]
         rate = float(np.mean(repeats)) if repeats else np.nan
-    return hold.held_s >= FROZEN_S and bool(hold.held * rate > _EXPECTED)
+    return hold.held_s >= FROZEN_S and is_stuck(hold.held, rate)
 
 
 def _starts_s(records: Sequence[Record]) -> list[float]:
@@ -132,11 +129,7 @@ def _holds(record: Record, start: float) -> Iterator[_Hold]:
                 kind,
                 float(length[k]),
                 int(last[k] - first[k] + 1),
-                _rate(column[time < start]),
-                _rate(column[time >= start]),
+                share_changed(column[time < start]),
+                share_changed(column[time >= start]),
                 len(change) == 0,
             )
-
-
-def _rate(column: NDArray[np.float64]) -> float:
-    return float(np.mean(np.diff(column) != 0.0)) if len(column) >= _FEWEST else float("nan")
