@@ -43,7 +43,7 @@ class Loading:
 
 
 def loading(weights: Sequence[Weight], car: VehicleParameters) -> Loading:
-    """Return what weights change on a car (METHOD, section 4)."""
+    """Return what weights change on a car (docs/method.md, "Added mass")."""
     body = [w for w in weights if isinstance(w, BodyWeight)]
     hubs = [w for w in weights if isinstance(w, HubWeight)]
     body_kg = sum(w.mass_kg for w in body)

@@ -1,10 +1,10 @@
 """Where the free decay of a record starts, and how loud its sensors are at rest.
 
 A bump forces the wheels as long as they are on it.  The free decay begins when the last wheel has
-left it: 5 ms too early costs 15 % of error, 20 ms too late a fifth of the precision (METHOD,
-section 5).  The onset of motion is seen to a millisecond or two; the stated length of the bump and
-a guard are added.  Where the length is not known, `likelihood` tells by the misfit how far back
-the decay reaches.
+left it: 5 ms too early costs 15 % of error, 20 ms too late a fifth of the precision
+(docs/method.md, "The start of a decay").  The onset of motion is seen to a millisecond or two; the
+stated length of the bump and a guard are added.  Where the length is not known, the misfit of the
+fit shows how far back the decay reaches.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ White Gaussian noise of known level per channel, so the estimate is the weighted
 of the free decays of all runs and mass states at once (output error), of the facts, and of the
 stated uncertainties.  What is linear in each decay is projected out (`projection`); the rest is
 iterated by Levenberg-Marquardt.  The inverse of the projected normal matrix is the covariance; at
-the optimum it is the Cramer-Rao bound (METHOD, section 5).
+the optimum it is the Cramer-Rao bound (docs/method.md, "Maximum likelihood").
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from ..model.matrices import FULL_NAMES
 from .design import Plan, Runs, Sensor, sensor
 
 HIGHEST_BUMP_M = 0.05
-"""Above this a wheel may lift off the ground (METHOD, section 5)."""
+"""Above this a wheel may lift off the ground (docs/method.md, "Excitation")."""
 
 _HIGHEST_RATE_HZ = 1000.0
 _HUB_KG = 5.0

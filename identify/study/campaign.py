@@ -1,9 +1,9 @@
 """Simulated campaigns of the paper's vehicle: records with noise of a known level.
 
 Noise of so many dB is white and Gaussian, on each channel by itself, that far below the channel's
-rms over the three complete records (bounce, pitch, roll) of its mass state (METHOD, section 5).  A
-channel that is silent by symmetry in one run has noise there all the same, and one more run leaves
-the noise as it is.
+rms over the three complete records (bounce, pitch, roll) of its mass state (docs/method.md, "Noise
+and the bound").  A channel that is silent by symmetry in one run has noise there all the same, and
+one more run leaves the noise as it is.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def test_demo(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         assert estimate["low"] < estimate["value"] < estimate["high"]
         assert estimate["std"] > 0
         assert estimate["unit"]
-    # METHOD section 1, of the car without and with the shipped weights.
+    # docs/method.md, "The vehicle": of the car without and with the shipped weights.
     frequencies = [mode["frequency_hz"] for mode in result["modes"]["baseline"]]
     expected = [1.0511, 1.3078, 1.6516, 10.7678, 10.7712, 11.2859, 11.2881]
     np.testing.assert_allclose(frequencies, expected, rtol=0.005)

@@ -1,4 +1,4 @@
-"""Each line of the Python interface in DESIGN section 6, in a fresh interpreter."""
+"""The Python interface as the README shows it, in a fresh interpreter."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ records = [
 modal = identify.identify_modes(records, rate_hz)
 assert modal.shapes.shape == (7, len(modal.poles))
 bounce = np.abs(modal.poles).min() / (2 * np.pi)
-assert abs(bounce / 1.0511 - 1) < 0.05  # METHOD section 1
+assert abs(bounce / 1.0511 - 1) < 0.05  # docs/method.md, "The vehicle"
 
 model = identify.state_space(daq.FORD_GRANADA)
 assert (model.M.shape, model.C.shape, model.K.shape, model.A.shape) == (*3 * [(7, 7)], (14, 14))

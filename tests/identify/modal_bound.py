@@ -20,8 +20,8 @@ def unstructured_bound(
     """Return relative standard deviations of seven frequencies and seven damping ratios, (14,).
 
     Nothing is known of the structure but that it has seven modes: 7 poles, a shape each in seven
-    accelerations, an amplitude each in every run.  Noise as METHOD section 5 defines it, on records
-    from the end of the bump.
+    accelerations, an amplitude each in every run.  Noise as docs/method.md, "Noise and the
+    bound", defines it, on records from the end of the bump.
     """
     model = physical_model(FORD_GRANADA)
     truth = modes_of(model.A)

@@ -19,7 +19,7 @@ def test_a_row_is_the_identification_flat() -> None:
     assert row["chi2_per_n"] == result.quality.chi2_per_n
     for name, e in result.parameters.items():
         assert (row[name], row[f"{name}_std"]) == (e.value, e.std)
-    # METHOD section 1: 1.0511 Hz is the bounce of the paper's car without added mass.
+    # docs/method.md, "The vehicle": 1.0511 Hz is the bounce of the paper's car without added mass.
     assert row["baseline_1_name"] == "body bounce"
     hz, std = row["baseline_1_hz"], row["baseline_1_hz_std"]
     assert isinstance(hz, float)

@@ -63,7 +63,7 @@ def test_arrays_that_begin_in_the_decay_say_where_the_noise_comes_from() -> None
 
 def test_modes_are_paired_through_their_swap() -> None:
     result = identify(_session(np.inf, bump_s=0.2))
-    # METHOD section 1: 10.7678 Hz becomes 10.2395, 10.7712 becomes 10.2375.
+    # docs/method.md, "The vehicle": 10.7678 Hz becomes 10.2395, 10.7712 becomes 10.2375.
     assert result.pairings[ADDED].swapped == ((3, 4),)
     assert result.modal[BASELINE].frequencies_hz[3] == pytest.approx(10.7678, abs=1e-4)
     partner = result.pairings[ADDED].added[3]
@@ -85,7 +85,7 @@ def test_one_kind_of_bump_is_refused_with_what_it_does_not_tell() -> None:
 
 @pytest.mark.parametrize("bump_s", [0.2, float("nan")])
 def test_a_model_that_does_not_hold_is_refused(bump_s: float) -> None:
-    # Hubs 5 ms late cost 66 % of error (METHOD, section 5): that must not pass unseen.
+    # Hubs 5 ms late cost 66 % of error (docs/method.md, "Trust"): that must not pass unseen.
     runs = []
     for run in _session(50.0).runs:
         t_s = run.groups[0].time_s

@@ -92,7 +92,7 @@ def test_modes_go_into_the_universal_file(tmp_path: Path) -> None:
     write_session(tmp_path / "car.h5", session)
     assert run(["export", str(tmp_path / "car.h5"), "--format", "uff", "--modes"]) == 0
     modes = [s for s in pyuff.UFF(str(tmp_path / "car.uff")).read_sets() if s["type"] == 55]
-    # METHOD section 1: 10.7678 Hz becomes 10.2395 with mass on board.
+    # docs/method.md, "The vehicle": 10.7678 Hz becomes 10.2395 with mass on board.
     found_hz = sorted(abs(mode["eig"]) / (2 * np.pi) for mode in modes if "baseline" in mode["id1"])
     assert len(modes) == 14
     assert found_hz[3] == pytest.approx(10.7678, abs=2e-4)

@@ -111,7 +111,7 @@ def test_the_wrong_wheels_are_named(bumped: Excitation, words: str) -> None:
 
 def test_frequency_and_damping_are_those_of_the_pitch_mode() -> None:
     _, measure = judged(replace(ALL, step=PITCH), good(replace(ALL, step=PITCH), 6))
-    # METHOD section 1: the lowest mode of the car without weights is at 1.0511 Hz.
+    # docs/method.md, "The vehicle": the lowest mode of the car without weights is at 1.0511 Hz.
     assert measure.frequency_hz == pytest.approx(1.0511, rel=0.03)
     assert measure.damping is not None
     assert 0.2 < measure.damping < 0.3

@@ -98,7 +98,7 @@ def test_geometry_and_scales_bring_every_parameter_below_a_quarter_per_cent() ->
         stated.append(np.sqrt(np.diag(result.fit.covariance)))
     assert np.max(stated) < 0.0025
     assert np.max(np.sqrt(np.mean(np.square(errors), axis=0))) < 0.0025 * 1.6
-    # METHOD, section 5: 0.17 %.
+    # docs/method.md, "Noise and the bound": 0.17 %.
     assert np.max(np.mean(stated, axis=0)) == pytest.approx(0.0017, rel=0.1)
 
 

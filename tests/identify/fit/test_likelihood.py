@@ -70,7 +70,7 @@ def test_covariance_is_the_cramer_rao_bound_by_brute_force() -> None:
         information += J.T @ J
     bound = np.sqrt(np.diag(np.linalg.inv(information)))
     np.testing.assert_allclose(np.sqrt(np.diag(best.covariance)), bound, rtol=1e-4)
-    # METHOD section 5 (without constants per channel, hence a little lower): 0.34 .. 1.14 %.
+    # docs/method.md, "Noise and the bound" (without constants per channel, hence a little lower).
     published = np.array(
         [0.64, 0.74, 0.82, 0.76, 0.71, 0.77, 0.68, 0.73, 0.67, 0.73, 0.67, 0.52, 0.34, 1.14, 0.84]
     )

@@ -27,7 +27,7 @@ WARP = (*CASES, Excitation.WARP)
 TRUTH = modes_of(physical_model(FORD_GRANADA).A)
 SEEDS = range(20)
 
-# reference/identification.md, section 5: per cent, measured with another program.
+# docs/method.md, "Modes from free decays": per cent, computed with another program.
 PUBLISHED_BOUND = [
     *(0.14, 0.11, 0.15, 0.99, 0.06, 1.85, 0.06),
     *(0.53, 0.44, 0.55, 3.3, 0.27, 7.3, 0.24),

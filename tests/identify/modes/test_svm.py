@@ -28,7 +28,7 @@ from ..structures import (
 PAPER_RUNS = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
 BASELINE = physical_model(FORD_GRANADA)
 ADDED = BASELINE.with_mass(np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]))
-# METHOD.md section 1: frequency in Hz and damping ratio, measured with another program.
+# docs/method.md, "The vehicle": Hz and damping ratio, computed with another program.
 PUBLISHED_BASELINE = [
     (1.0511, 0.2663),
     (1.3078, 0.2502),
@@ -60,7 +60,7 @@ def decays(
 def noisy_decays(
     rate_hz: float, runs: Sequence[Excitation], rng: np.random.Generator
 ) -> list[NDArray[np.float64]]:
-    """Return 30 dB as METHOD.md defines it: of each channel's RMS over all complete records."""
+    """Return 30 dB as docs/method.md defines it: of each channel's RMS over complete records."""
     bump = Bump()
     responses = [exact_response(BASELINE, run, bump, rate_hz, 3.0) for run in runs]
     rms = np.sqrt(np.mean(np.concatenate([r.acceleration for r in responses]) ** 2, axis=0))

@@ -1,6 +1,6 @@
 """The planner against the tables of an independent prototype, and against brute force.
 
-Figures in per cent are standard deviations; reference/identification.md, section 5, has them.
+Figures in per cent are standard deviations: docs/method.md, "Noise and the bound".
 """
 
 from dataclasses import replace
@@ -56,7 +56,7 @@ def _runs(
 
 
 def _noise(rate_hz: float, decibels: float = 30.0) -> NDArray[np.float64]:
-    """Return the noise of METHOD, section 5, of the paper's channels, (7,)."""
+    """Return the noise of 30 dB (docs/method.md) of the paper's channels, (7,)."""
     powers = []
     for delta in (np.zeros((7, 7)), PAPER_MASS):
         model = physical_model(FORD_GRANADA).with_mass(delta)

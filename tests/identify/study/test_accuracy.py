@@ -36,7 +36,7 @@ def _percent(
 
 def test_errors_are_at_the_bound_and_no_fit_is_lost() -> None:
     errors, stated = _percent(PAPER_CASES, 20)
-    # METHOD, section 5; the bound of an independent prototype.
+    # docs/method.md, "Noise and the bound": that of another program.
     bound = np.array(
         [0.64, 0.74, 0.82, 0.76, 0.71, 0.77, 0.68, 0.73, 0.67, 0.73, 0.67, 0.52, 0.34, 1.14, 0.84]
     )
@@ -51,7 +51,7 @@ def test_a_warp_run_brings_every_parameter_below_one_per_cent() -> None:
     rms = np.sqrt(np.mean(errors**2, axis=0))
     assert np.max(rms) < 1.0 * 1.3
     assert np.all(rms < 1.6 * stated.mean(axis=0))
-    assert np.max(stated.mean(axis=0)) < 0.80  # METHOD, section 5: 0.75
+    assert np.max(stated.mean(axis=0)) < 0.80  # docs/method.md: 0.75
 
 
 @pytest.mark.parametrize("rate_hz", [100.0, 200.0, 1000.0])

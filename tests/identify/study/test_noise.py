@@ -12,7 +12,7 @@ from identify.study.campaign import Campaign
 from identify.study.noise import Outcome, bound_percent, noise_study, outcome
 from identify.study.result import DotPanel
 
-# METHOD, section 5, by an independent prototype: 30 dB, three cases, two mass states.
+# docs/method.md, "Noise and the bound", by another program: 30 dB, three cases, two mass states.
 AT_200_HZ = [0.64, 0.74, 0.82, 0.76, 0.71, 0.77, 0.68, 0.73, 0.67, 0.73, 0.67, 0.52, 0.34, 1.14]
 WORST = {100.0: 1.58, 200.0: 1.14, 500.0: 0.73, 1000.0: 0.52}
 WORST_WITH_WARP = {100.0: 1.03, 200.0: 0.75, 500.0: 0.48, 1000.0: 0.34}

@@ -117,7 +117,7 @@ def test_the_expected_gain_is_that_of_the_paper_in_a_process_without_the_termina
     gain = ask(default_bench_text())
     before = [s.before_hz for s in gain.shifts]
     assert [s.mode for s in gain.shifts] == ["bounce", "pitch", "roll"]
-    np.testing.assert_allclose(before, [1.0511, 1.3078, 1.6516], atol=1e-4)  # METHOD, section 1
+    np.testing.assert_allclose(before, [1.0511, 1.3078, 1.6516], atol=1e-4)  # docs/method.md
     assert all(-0.06 < s.share < -0.04 for s in gain.shifts)
     assert gain.worst is not None
     assert 0.001 < gain.worst < 0.05
