@@ -4,7 +4,7 @@ from .fit.uncertainty import Estimate
 from .identification import Identification
 from .model.matrices import PhysicalModel, state_space
 from .modes.era import realised_modes
-from .modes.modal import ModalModel, Mode, mac, mpc
+from .modes.modal_model import ModalModel, Mode, mac, mpc
 from .modes.mode_names import mode_names
 from .modes.mode_selection import identify_modes
 from .modes.stabilisation import StabilisationDiagram, stabilisation_diagram

@@ -14,7 +14,7 @@ from .fit.estimation import Estimation
 from .fit.likelihood import Residuals
 from .fit.uncertainty import Correlation, Estimate, ModeEstimate
 from .model.matrices import PhysicalModel
-from .modes.modal import ModalModel
+from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
 from .trust.finding import Quality
 

@@ -28,7 +28,7 @@ from .fit.uncertainty import (
 )
 from .identification import Identification
 from .model.matrices import loaded_model
-from .modes.modal import modes_of
+from .modes.modal_model import modes_of
 from .modes.mode_names import mode_names
 from .modes.pairing import pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
@@ -138,11 +138,11 @@ def usable_records(session: Session) -> tuple[Record, ...]:
 
 
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
-    """Return the structure of a session's problem; every sample clock that occurs, once."""
-    clocks = dict.fromkeys(r.clock for record in records for r in record.recordings)
+    """Return the structure of a session's problem; every channel group that occurs, once."""
+    groups = dict.fromkeys(r.group for record in records for r in record.recordings)
     vehicle = session.vehicle
     return GreyBox(
-        tuple(clocks), session.mass_states, vehicle.geometry, vehicle.structure, vehicle.facts
+        tuple(groups), session.mass_states, vehicle.geometry, vehicle.structure, vehicle.facts
     )
 
 

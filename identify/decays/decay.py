@@ -36,9 +36,9 @@ class ChannelGroup:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The samples of one clock, with the nominal lateness taken off their times."""
+    """The samples of one channel group, with the nominal lateness taken off their times."""
 
-    clock: ChannelGroup
+    group: ChannelGroup
     """Which channels."""
     time_s: NDArray[np.float64]
     """When the motion was as measured, shape (n,); in a `FreeDecay` since its start."""
@@ -52,13 +52,13 @@ class Recording:
     def between(self, start_s: float, end_s: float) -> Recording:
         """Return the samples with start <= time < end, times counted from the start."""
         keep = (self.time_s >= start_s) & (self.time_s < end_s)
-        return Recording(self.clock, self.time_s[keep] - start_s, self.values[keep])
+        return Recording(self.group, self.time_s[keep] - start_s, self.values[keep])
 
     def thinned(self, rate_hz: float) -> Recording:
         """Return every k-th sample, so that about `rate_hz` are left (all, if there are fewer)."""
         own = (len(self.time_s) - 1) / float(self.time_s[-1] - self.time_s[0])
         step = max(1, round(own / rate_hz))
-        return Recording(self.clock, self.time_s[::step], self.values[::step])
+        return Recording(self.group, self.time_s[::step], self.values[::step])
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -74,16 +74,16 @@ class Record:
     bump_s: float
     """Duration of the bump as stated, s; NaN if unknown."""
     recordings: tuple[Recording, ...]
-    """One for each clock."""
+    """One for each channel group."""
 
     @property
     def start_s(self) -> float:
-        """Time of the first sample of the clock that begins last."""
+        """Time of the first sample of the group that begins last."""
         return max(float(r.time_s[0]) for r in self.recordings)
 
     @property
     def end_s(self) -> float:
-        """Time just after the last sample of the clock that ends first."""
+        """Time just after the last sample of the group that ends first."""
         return min(float(r.time_s[-1]) for r in self.recordings) + 1e-9
 
     def decay(self, start_s: float) -> FreeDecay:
@@ -111,7 +111,7 @@ class FreeDecay:
         return sum(r.values.size for r in self.recordings)
 
     def thinned(self, rate_hz: float) -> FreeDecay:
-        """Return the decay with about `rate_hz` samples a second of each clock."""
+        """Return the decay with about `rate_hz` samples a second of each group."""
         thin = tuple(r.thinned(rate_hz) for r in self.recordings)
         return FreeDecay(self.label, self.mass_state, self.start_s, thin)
 
@@ -129,13 +129,13 @@ def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
         The session's channels; those of quantity `unused` are passed over.
     """
     used = {c.name: c for c in channels if c.quantity is not Quantity.UNUSED}
-    recordings = [r for group in run.groups for r in _by_clock(group, used)]
+    recordings = [r for group in run.groups for r in _by_channel_group(group, used)]
     return Record(
         run.label, run.mass_state, run.bump_s, tuple(r for r in recordings if len(r.time_s))
     )
 
 
-def _by_clock(group: SampleGroup, used: dict[str, Channel]) -> list[Recording]:
+def _by_channel_group(group: SampleGroup, used: dict[str, Channel]) -> list[Recording]:
     recordings = []
     for members in _alike(tuple(used[name] for name in group.values if name in used)):
         values = np.column_stack([group.values[c.name] for c in members])
@@ -166,11 +166,11 @@ def with_channels(decay: FreeDecay, change: Callable[[Channel], Channel | None])
     """
     recordings = []
     for r in decay.recordings:
-        changed = {c.name: change(c) for c in r.clock.channels}
+        changed = {c.name: change(c) for c in r.group.channels}
         kept = tuple(c for c in changed.values() if c is not None)
-        order = [c.name for c in r.clock.channels]
+        order = [c.name for c in r.group.channels]
         for members in _alike(kept):
             columns = [order.index(c.name) for c in members]
-            clock = ChannelGroup(r.clock.name, members)
-            recordings.append(Recording(clock, r.time_s, r.values[:, columns]))
+            group = ChannelGroup(r.group.name, members)
+            recordings.append(Recording(group, r.time_s, r.values[:, columns]))
     return replace(decay, recordings=tuple(recordings))

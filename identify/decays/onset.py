@@ -80,7 +80,7 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
         SI units.  Empty if the records have no quiet stretch worth the name.
     """
     pooled = _quiet(records)
-    names = {c.name for r in records for q in r.recordings for c in q.clock.channels}
+    names = {c.name for r in records for q in r.recordings for c in q.group.channels}
     if any(pooled.get(name, (0.0, 0))[1] < _QUIET_SAMPLES for name in names):
         return {}
     return {name: float(np.sqrt(squares / n)) for name, (squares, n) in pooled.items()}
@@ -103,7 +103,7 @@ def _quiet(records: Sequence[Record]) -> dict[str, tuple[float, int]]:
             if len(quiet) < 3:
                 continue
             spread = np.sum((quiet - quiet.mean(axis=0)) ** 2, axis=0)
-            for channel, total in zip(recording.clock.channels, spread.tolist(), strict=True):
+            for channel, total in zip(recording.group.channels, spread.tolist(), strict=True):
                 squares, n = pooled.get(channel.name, (0.0, 0))
                 pooled[channel.name] = (squares + total, n + len(quiet) - 1)
     return pooled

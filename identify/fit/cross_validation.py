@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..decays.onset import quiet_counts
 from .estimation import Estimation
-from .likelihood import covariance_of, residuals, shares
+from .likelihood import covariance_of, normal_blocks, residuals
 
 _LIMIT_SIGMAS = 5.0
 _LEAST_EXCESS = 0.05
@@ -61,7 +61,7 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
     noise = estimation.noise
     if len(estimation.decays) < 2:
         return ()
-    parts = shares(box, estimation.decays, sigma, fit.eta)
+    parts = normal_blocks(box, estimation.decays, sigma, fit.eta)
     whole = np.sum([part.information for part in parts.values()], axis=0)
     quiet = sum(quiet_counts(estimation.records).values()) if estimation.rest else 0
     n = len(box.parameters)

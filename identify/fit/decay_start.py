@@ -61,7 +61,7 @@ def earliest_start_s(
 
     Parameters
     ----------
-    at : Point
+    at : Evaluated
         The fitted model for the record's mass state.
     covariance : (P, P) float64
         Of the unknowns of the fit.
@@ -94,14 +94,14 @@ def _early(
     mixed = np.zeros((size, P))
     parts: list[tuple[NDArray[np.float64], ...]] = []
     for whole, later, product, stack in zip(
-        record.recordings, decay.recordings, linear.seen, linear.coefficients, strict=True
+        record.recordings, decay.recordings, linear.products, linear.coefficients, strict=True
     ):
-        J = slopes(at, later.clock, z)
-        weight = at.weights(later.clock)
+        J = slopes(at, later.group, z)
+        weight = at.weights(later.group)
         seen = product.gram[:, : J.shape[1]] @ J
         mixed += np.einsum("cms,cmp->sp", stack * weight[:, None, None], seen, optimize=True)
         before = whole.between(lower_s, start_s)
-        moved = Recording(before.clock, before.time_s + (lower_s - start_s), before.values)
+        moved = Recording(before.group, before.time_s + (lower_s - start_s), before.values)
         parts.append(_recording(at, moved, stack, J, linear, inverse_mass))
     time, rows, error, output, force = (
         np.concatenate([part[i] for part in parts]) for i in range(5)
@@ -125,8 +125,8 @@ def _recording(
     linear: LinearPart,
     mobility: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], ...]:
-    channels = early.clock.channels
-    level = np.sqrt(at.weights(early.clock))[:, None]
+    channels = early.group.channels
+    level = np.sqrt(at.weights(early.group))[:, None]
     basis = at.basis(early)
     by_unknown = np.einsum("nm,cmp->ncp", basis[:, : J.shape[1]], J, optimize=True) * level
     by_linear = np.einsum("nm,cms->ncs", basis, stack, optimize=True) * level

@@ -13,7 +13,7 @@ from ..decays.onset import decay_start_s, difference_noise, onset_s, quiet_count
 from .decay_start import earliest_start_s
 from .grey_box import GreyBox
 from .likelihood import HOLD, Fit, Residuals, fit, residuals
-from .varpro import point
+from .varpro import evaluate
 
 _BASIN_CHI2 = 1.3
 _LIMIT_SIGMAS = 5.0
@@ -167,7 +167,7 @@ def settled(late: Estimation) -> Estimation:
     best = late
     for _ in range(_SCANS):
         points = {d.mass_state: None for d in best.decays}
-        at = {s: point(best.box, best.fit.eta, s, best.sigma) for s in points}
+        at = {s: evaluate(best.box, best.fit.eta, s, best.sigma) for s in points}
         starts = [
             earliest_start_s(
                 at[d.mass_state], best.fit.covariance, record, d.start_s, _lower_s(record)
@@ -213,7 +213,7 @@ def _search(
     power = 0.0
     for recording in (r for decay in decays for r in decay.recordings):
         moving = recording.values - recording.values.mean(axis=0)
-        level = [sigma[c.name] for c in recording.clock.channels]
+        level = [sigma[c.name] for c in recording.group.channels]
         power += float(np.sum((moving / level) ** 2))
     found = fit(box, decays, sigma, eta, _ROUGH, _SEARCH_STEPS, HOLD)
     return _Found(found.eta, found.cost, found.cost < _BASIN_CHI2 * n + _UNEXPLAINED * power)
@@ -274,7 +274,7 @@ def _rough_noise(decays: Sequence[FreeDecay]) -> dict[str, float]:
     for decay in decays:
         for recording in decay.recordings:
             noise = difference_noise(recording.values)
-            for channel, level in zip(recording.clock.channels, noise.tolist(), strict=True):
+            for channel, level in zip(recording.group.channels, noise.tolist(), strict=True):
                 worst[channel.name] = max(worst.get(channel.name, 0.0), level)
     return worst
 
@@ -296,7 +296,7 @@ def _floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, 
     power: dict[str, list[float]] = {}
     for decay in decays:
         for recording in decay.recordings:
-            for channel, column in zip(recording.clock.channels, recording.values.T, strict=True):
+            for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
                 power.setdefault(channel.name, []).append(float(np.mean(column**2)))
     floor = {name: _FLOOR * float(np.sqrt(np.mean(p))) for name, p in power.items()}
     return {name: max(level, floor[name], 1e-300) for name, level in sigma.items()}

@@ -2,7 +2,7 @@
 
 Unknowns are the parameters of the vehicle (logarithms of those that cannot be negative) and, where
 the session states an uncertainty, small corrections to what is nominally known: the place of a body
-sensor, the lateness of a sample clock, the mass of a weight.  Each correction carries its standard
+sensor, the lateness of a channel group, the mass of a weight.  Each correction carries its standard
 uncertainty as a prior, so that it widens the intervals of the parameters as much as it should and
 no more.  Facts (scales, tape measure) are data like the samples.  Derivatives are exact, by a
 complex step.
@@ -66,8 +66,8 @@ class GreyBox:
         Standard uncertainty of each unknown before any run; infinite for the parameters.
     """
 
-    clocks: tuple[ChannelGroup, ...]
-    """Every sample clock of the session."""
+    groups: tuple[ChannelGroup, ...]
+    """Every channel group of the session."""
     mass_states: tuple[MassState, ...]
     """With their added masses."""
     geometry: VehicleGeometry | None
@@ -87,9 +87,9 @@ class GreyBox:
     def __post_init__(self) -> None:
         known = () if self.geometry is None else ("a", "b", "t_f", "t_r")
         names = parameter_names(self.structure)
-        channels = {c.name: c for clock in self.clocks for c in clock.channels}
+        channels = {c.name: c for group in self.groups for c in group.channels}
         loose = [c for c in channels.values() if c.position_sigma_m > 0 and not c.at_cg]
-        late = tuple(i for i, clock in enumerate(self.clocks) if clock.delay_sigma_s > 0)
+        late = tuple(i for i, group in enumerate(self.groups) if group.delay_sigma_s > 0)
         weights = {
             (state.name, i): weight.sigma_kg
             for state in self.mass_states
@@ -101,7 +101,7 @@ class GreyBox:
         prior = [
             *[np.inf] * len(parameters),
             *[c.position_sigma_m for c in loose for _ in "xy"],
-            *[self.clocks[i].delay_sigma_s for i in late],
+            *[self.groups[i].delay_sigma_s for i in late],
             *weights.values(),
             *[np.inf] * free_cross,
         ]
@@ -125,7 +125,7 @@ class GreyBox:
         """What is stated with an uncertainty, in the order of the unknowns after the parameters."""
         return (
             *(f"{axis} of {name}" for name in self._loose for axis in "xy"),
-            *(f"delay of {self.clocks[i].name}" for i in self._late),
+            *(f"delay of {self.groups[i].name}" for i in self._late),
             *(f"weight {i + 1} of state {state}" for state, i in self._weights),
         )
 
@@ -175,14 +175,14 @@ class GreyBox:
         return values
 
     def delays_s(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the lateness of each clock beyond its nominal one, (n_clocks,) s."""
-        delays = np.zeros(len(self.clocks))
+        """Return the lateness of each group beyond its nominal one, (n_groups,) s."""
+        delays = np.zeros(len(self.groups))
         delays[list(self._late)] = eta[self._first_delay : self._first_delay + len(self._late)]
         return delays
 
-    def delay_index(self, clock: int) -> int | None:
-        """Return which unknown is the lateness of a clock, None if it is exact."""
-        return self._first_delay + self._late.index(clock) if clock in self._late else None
+    def delay_index(self, group: int) -> int | None:
+        """Return which unknown is the lateness of a group, None if it is exact."""
+        return self._first_delay + self._late.index(group) if group in self._late else None
 
     def system(self, eta: NDArray[np.float64], mass_state: str) -> System:
         """Return state matrix, output rows and their derivatives for one mass state."""

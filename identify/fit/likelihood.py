@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
-from .varpro import NormalBlock, linear_part, point, share
+from .varpro import NormalBlock, evaluate, linear_part, normal_block
 
 _MAX_STEP = 0.5  # largest change of a logarithm in one iteration
 _BAD = 2.0  # chi2/n above which a fit counts as bad
@@ -96,11 +96,11 @@ def fit(
     Fit
     """
     eta = start.copy()
-    parts = shares(box, decays, sigma, eta)
+    parts = normal_blocks(box, decays, sigma, eta)
     here = _sum(parts)
     # What rounding leaves of a difference of large sums; a cost can be compared no better.
     rounding = 1e-13 * sum(
-        float(np.sum((r.values / [sigma[c.name] for c in r.clock.channels]) ** 2))
+        float(np.sum((r.values / [sigma[c.name] for c in r.group.channels]) ** 2))
         for decay in decays
         for r in decay.recordings
     )
@@ -119,7 +119,7 @@ def fit(
         downhill = here.gradient - held * (eta - start)
         step = np.linalg.solve(H + damping * np.eye(len(eta)), downhill / scale) / scale
         step *= min(1.0, _MAX_STEP / max(float(np.max(np.abs(step))), 1e-300))
-        trial_parts = shares(box, decays, sigma, eta + step)
+        trial_parts = normal_blocks(box, decays, sigma, eta + step)
         trial = _sum(trial_parts)
         pull = held * float(np.sum((eta + step - start) ** 2) - np.sum((eta - start) ** 2))
         if np.isfinite(trial.cost) and trial.cost + pull <= here.cost + rounding:
@@ -139,7 +139,7 @@ def fit(
     return Fit(eta, covariance_of(here.information), here.cost, information, iterations, converged)
 
 
-def shares(
+def normal_blocks(
     box: GreyBox,
     decays: tuple[FreeDecay, ...],
     sigma: Mapping[str, float],
@@ -152,8 +152,8 @@ def shares(
         FACTS: NormalBlock(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits),
         PRIORS: NormalBlock(float(prior @ eta**2), np.diag(prior), -prior * eta),
     }
-    points = {state: point(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
-    return result | {decay.label: share(points[decay.mass_state], decay) for decay in decays}
+    points = {state: evaluate(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
+    return result | {decay.label: normal_block(points[decay.mass_state], decay) for decay in decays}
 
 
 def _sum(parts: Mapping[str, NormalBlock]) -> NormalBlock:
@@ -184,7 +184,7 @@ def residuals(
     eta: NDArray[np.float64],
 ) -> tuple[Residuals, ...]:
     """Return what the model at `eta` leaves of each decay."""
-    points = {state: point(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
+    points = {state: evaluate(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
     result = []
     for decay in decays:
         at = points[decay.mass_state]
@@ -192,10 +192,10 @@ def residuals(
         values: dict[str, NDArray[np.float64]] = {}
         freedom: dict[str, float] = {}
         for r, product, stack in zip(
-            decay.recordings, linear.seen, linear.coefficients, strict=True
+            decay.recordings, linear.products, linear.coefficients, strict=True
         ):
             left = r.values - at.basis(r) @ (stack @ linear.solution).T
-            for c, channel in enumerate(r.clock.channels):
+            for c, channel in enumerate(r.group.channels):
                 values[channel.name] = left[:, c]
                 used = stack[c].T @ product.gram @ stack[c] * linear.normal_inverse
                 freedom[channel.name] = len(left) - float(used.sum()) / sigma[channel.name] ** 2

@@ -35,27 +35,27 @@ class Evaluated:
     change: Change
     """Of the state matrix with each unknown."""
     delays_s: NDArray[np.float64]
-    """Lateness of each clock beyond its nominal one, shape (n_clocks,)."""
+    """Lateness of each group beyond its nominal one, shape (n_groups,)."""
     sigma: Mapping[str, float]
     """Standard deviation of the noise, SI."""
 
     def time_s(self, recording: Recording) -> NDArray[np.float64]:
         """Return when the motion was as sampled, lateness as estimated."""
-        late = float(self.delays_s[self.box.clocks.index(recording.clock)])
+        late = float(self.delays_s[self.box.groups.index(recording.group)])
         return recording.time_s - late
 
     def basis(self, recording: Recording) -> NDArray[np.float64]:
         """Return the functions that the recording consists of, (n_samples, 28 + order + 1)."""
         time = self.time_s(recording)
-        own = low_pass_of(recording.clock.channels[0]).transients(time)
+        own = low_pass_of(recording.group.channels[0]).transients(time)
         return np.hstack([self.modes.basis(time), own, np.ones((len(time), 1))])
 
-    def weights(self, clock: ChannelGroup) -> NDArray[np.float64]:
-        """Return the inverse variance of each channel of a clock."""
-        return np.array([self.sigma[channel.name] ** -2 for channel in clock.channels])
+    def weights(self, group: ChannelGroup) -> NDArray[np.float64]:
+        """Return the inverse variance of each channel of a group."""
+        return np.array([self.sigma[channel.name] ** -2 for channel in group.channels])
 
 
-def point(
+def evaluate(
     box: GreyBox, eta: NDArray[np.float64], mass_state: str, sigma: Mapping[str, float]
 ) -> Evaluated:
     """Evaluate a mass state at the unknowns `eta`."""
@@ -68,8 +68,8 @@ def point(
 class LinearPart:
     """The linear part of one decay, fitted."""
 
-    seen: tuple[Products, ...]
-    """Each recording through its basis."""
+    products: tuple[Products, ...]
+    """Of each recording with its basis."""
     coefficients: tuple[NDArray[np.float64], ...]
     """From the linear unknowns to the basis, for each recording, each shape (n_channels, m,
     n_linear)."""
@@ -86,7 +86,7 @@ def linear_part(at: Evaluated, decay: FreeDecay) -> LinearPart:
     size = coefficients[0].shape[-1]
     normal, right = np.zeros((size, size)), np.zeros(size)
     for recording, product, stack in zip(decay.recordings, seen, coefficients, strict=True):
-        weight = at.weights(recording.clock)
+        weight = at.weights(recording.group)
         weighted = stack * weight[:, None, None]
         normal += _over_channels(weighted, product.gram @ stack)
         right += np.einsum("cms,mc->s", weighted, product.cross)
@@ -103,14 +103,14 @@ def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.flo
         One for each recording.
     """
     modes = at.modes
-    own = [1 + len(low_pass_of(r.clock.channels[0]).poles) for r in decay.recordings]
-    total = sum(n * len(r.clock.channels) for n, r in zip(own, decay.recordings, strict=True))
+    own = [1 + len(low_pass_of(r.group.channels[0]).poles) for r in decay.recordings]
+    total = sum(n * len(r.group.channels) for n, r in zip(own, decay.recordings, strict=True))
     result = []
     column = _N
     for n_own, recording in zip(own, decay.recordings, strict=True):
-        clock = recording.clock
-        gain = low_pass_of(clock.channels[0]).gain(modes.poles)
-        rows = _modal_rows(at, clock) * gain
+        group = recording.group
+        gain = low_pass_of(group.channels[0]).gain(modes.poles)
+        rows = _modal_rows(at, group) * gain
         stack = np.zeros((len(rows), 2 * _N + n_own, _N + total))
         stack[:, : 2 * _N, :_N] = (modes.to_real[:, :_N] @ (rows[..., None] * modes.W)).real
         for c in range(len(rows)):
@@ -129,8 +129,8 @@ def pseudo_inverse(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(inverse * np.outer(scale, scale))
 
 
-def _modal_rows(at: Evaluated, clock: ChannelGroup) -> NDArray[np.complex128]:
-    rows = np.array([at.system.rows[c.name] for c in clock.channels])
+def _modal_rows(at: Evaluated, group: ChannelGroup) -> NDArray[np.complex128]:
+    rows = np.array([at.system.rows[c.name] for c in group.channels])
     return np.asarray(rows @ at.modes.V)
 
 
@@ -146,7 +146,7 @@ class NormalBlock:
     """Right-hand side, shape (P,)."""
 
 
-def share(at: Evaluated, decay: FreeDecay) -> NormalBlock:
+def normal_block(at: Evaluated, decay: FreeDecay) -> NormalBlock:
     """Return the share of one decay in cost, normal matrix and right-hand side."""
     linear = linear_part(at, decay)
     P = len(at.box.prior_sigma)
@@ -155,11 +155,11 @@ def share(at: Evaluated, decay: FreeDecay) -> NormalBlock:
     z = at.modes.W @ linear.solution[:_N]
     cost = 0.0
     for recording, product, stack in zip(
-        decay.recordings, linear.seen, linear.coefficients, strict=True
+        decay.recordings, linear.products, linear.coefficients, strict=True
     ):
-        weight = at.weights(recording.clock)
+        weight = at.weights(recording.group)
         fitted = stack @ linear.solution
-        J = slopes(at, recording.clock, z)
+        J = slopes(at, recording.group, z)
         GJ = product.gram[:, : 2 * _N] @ J  # (n_channels, m, P)
         left = product.cross.T - fitted @ product.gram
         cost += _squares(product, fitted, weight)
@@ -170,40 +170,40 @@ def share(at: Evaluated, decay: FreeDecay) -> NormalBlock:
     return NormalBlock(cost, H - mixed.T @ linear.normal_inverse @ mixed, g)
 
 
-def slopes(at: Evaluated, clock: ChannelGroup, z: NDArray[np.complex128]) -> NDArray[np.float64]:
+def slopes(at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Return each channel's derivative by each unknown on the real basis, (n_channels, 28, P).
 
     Parameters
     ----------
-    at : Point
+    at : Evaluated
         Where.
-    clock : Clock
+    group : ChannelGroup
         Whose channels.
     z : (14,) complex128
         Initial state in modal coordinates.
     """
-    modes, low_pass = at.modes, low_pass_of(clock.channels[0])
-    rows = _modal_rows(at, clock)
-    d_rows = np.array([at.system.d_rows[c.name] for c in clock.channels]) @ modes.V
+    modes, low_pass = at.modes, low_pass_of(group.channels[0])
+    rows = _modal_rows(at, group)
+    d_rows = np.array([at.system.d_rows[c.name] for c in group.channels]) @ modes.V
     gain = low_pass.gain(modes.poles)
     on = modes.propagator_slope(rows, at.change, z, low_pass)  # (P, n_channels, 28)
     on[..., :_N] += (d_rows * gain * z).swapaxes(0, 1)
-    late = at.box.delay_index(at.box.clocks.index(clock))
+    late = at.box.delay_index(at.box.groups.index(group))
     if late is not None:
         on[late, :, :_N] -= rows * gain * modes.poles * z
     return np.asarray((on @ modes.to_real.T).real.transpose(1, 2, 0))
 
 
 def motion(
-    at: Evaluated, clock: ChannelGroup, z: NDArray[np.complex128], derivative: int
+    at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128], derivative: int
 ) -> NDArray[np.float64]:
     """Return what the vehicle's motion gives in each channel, on the real basis, (n_channels, 28).
 
     Parameters
     ----------
-    at : Point
+    at : Evaluated
         Where.
-    clock : Clock
+    group : ChannelGroup
         Whose channels.
     z : (14,) complex128
         Initial state in modal coordinates.
@@ -211,8 +211,8 @@ def motion(
         Of the motion by time: 0 for the motion itself, 1 for its rate of change.
     """
     modes = at.modes
-    gain = low_pass_of(clock.channels[0]).gain(modes.poles)
-    on_exp = _modal_rows(at, clock) * (gain * z * modes.poles**derivative)
+    gain = low_pass_of(group.channels[0]).gain(modes.poles)
+    on_exp = _modal_rows(at, group) * (gain * z * modes.poles**derivative)
     return np.asarray((on_exp @ modes.to_real[:, :_N].T).real)
 
 

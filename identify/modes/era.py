@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .modal import ModalModel
-from .svm import checked_records
+from .modal_model import ModalModel
+from .state_variable_method import checked_records
 
 _ROWS_S = 0.25
 """Length of a column: some periods of the wheels, a quarter of one of the body."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from dbc.frames import read_only
 
 from .normal_equations import Point, Problem, Ties, problem_of, unit_scale
-from .products import Block
+from .waves import Block
 
 _STEPS = 60
 _SETTLED = 1e-5

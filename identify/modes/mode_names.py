@@ -6,7 +6,7 @@ import numpy as np
 
 from daq.vehicle import VehicleGeometry
 
-from .modal import ModalModel
+from .modal_model import ModalModel
 
 MODE_NAMES = (
     "body bounce",

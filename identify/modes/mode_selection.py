@@ -21,12 +21,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .modal import ModalModel
+from .modal_model import ModalModel
 from .order_selection import likely_modes
-from .products import even_blocks
 from .shape_fit import ModalFit, fit_modes
 from .stabilisation import Poles, diagram_of, seen_in
-from .svm import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
+from .state_variable_method import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
+from .waves import even_blocks
 
 _GAP = 100.0
 _ROUNDING = 1e-11

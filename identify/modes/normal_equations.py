@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import read_only
 
-from .products import Block, Waves, real_block, real_gradient, waves
+from .waves import Block, Waves, real_block, real_gradient, waves
 
 _MAX_GROWTH = 30.0
 """Nepers within the longest series; what grows faster is an overflow to come."""

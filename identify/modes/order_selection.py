@@ -16,8 +16,8 @@ from scipy.special import chdtri
 
 from .modal_likelihood import LikelyModes, likelihood_near, most_likely_modes
 from .normal_equations import Ties
-from .products import Block
 from .shape_fit import feigned
+from .waves import Block
 
 _FALSE_ALARM = 1e-3
 _MOST_SPLITS = 4

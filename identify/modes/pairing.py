@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dbc.errors import InputError
 from dbc.frames import read_only
 
-from .modal import ModalModel, mac
+from .modal_model import ModalModel, mac
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from dbc.frames import read_only
 
-from .modal import mac
-from .svm import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
+from .modal_model import mac
+from .state_variable_method import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
 
 _SAME_POLE = 0.05
 _SAME_SHAPE = 0.9

@@ -1,6 +1,6 @@
 """Modes of a vehicle as its sensors see them, and the paper's chain from there (Eqs. 22-33).
 
-The State Variable Method wants samples on one grid, so the clocks are interpolated onto the slowest
+The State Variable Method wants samples on one grid, so the groups are interpolated onto the slowest
 of them; from there on the modal likelihood takes every sample at its own time.
 """
 
@@ -19,12 +19,12 @@ from dbc.errors import InputError
 from ..decays.decay import FreeDecay, Record
 from ..decays.onset import onset_s
 from ..model.matrices import N_DOF
-from .modal import ModalModel
 from .modal_likelihood import LikelyModes, most_likely_modes
+from .modal_model import ModalModel
 from .mode_selection import regression_modes, vibrates
 from .order_selection import likely_modes
-from .products import Block
 from .symmetry import Mirror, mirror_of
+from .waves import Block
 
 _RATE_HZ = 125.0  # ten times the fastest mode of a vehicle
 _LENGTH_S = 1.5  # two time constants of the slowest mode; what follows is mostly noise
@@ -61,12 +61,12 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     InputError
         If the decays are too short or have no channel in common.
     """
-    common = {c.name for r in decays[0].recordings for c in r.clock.channels}
+    common = {c.name for r in decays[0].recordings for c in r.group.channels}
     for decay in decays:
-        common &= {c.name for r in decay.recordings for c in r.clock.channels}
+        common &= {c.name for r in decay.recordings for c in r.group.channels}
     if not common:
         raise InputError("free decays", "no channel is in every run", "record the same sensors")
-    channels = tuple(c for r in decays[0].recordings for c in r.clock.channels if c.name in common)
+    channels = tuple(c for r in decays[0].recordings for c in r.group.channels if c.name in common)
     slowest = min(_rate_hz(r.time_s) for d in decays for r in d.recordings if len(r.time_s) > 1)
     rate_hz = slowest / max(1, round(slowest / _RATE_HZ))
     grids = [on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
@@ -125,7 +125,7 @@ def _blocks(decays: Sequence[FreeDecay], channels: Sequence[Channel]) -> tuple[B
     blocks = []
     for run, decay in enumerate(decays):
         for recording in decay.recordings:
-            names = [channel.name for channel in recording.clock.channels]
+            names = [channel.name for channel in recording.group.channels]
             columns = [number for number, name in enumerate(names) if name in position]
             if columns and len(recording.time_s):
                 mine = np.array([position[names[column]] for column in columns])
@@ -160,7 +160,7 @@ def on_grid(
 ) -> NDArray[np.float64]:
     """Bring a decay, less the level of rest, on a common grid, (n, n_channels).
 
-    Fast clocks are averaged in blocks first: a mean of exponentials has the same exponents, and
+    Fast groups are averaged in blocks first: a mean of exponentials has the same exponents, and
     less noise.
     """
     onset = onset_s(record)
@@ -173,7 +173,7 @@ def on_grid(
         if onset is not None:
             level = before.values[before.time_s < onset].mean(axis=0)
         values = (after.values - level)[: n * width].reshape(n, width, -1).mean(axis=1)
-        for channel, column in zip(after.clock.channels, values.T, strict=True):
+        for channel, column in zip(after.group.channels, values.T, strict=True):
             columns[channel.name] = (time, column)
     first = max(float(columns[channel.name][0][0]) for channel in channels)
     last = min(float(columns[channel.name][0][-1]) for channel in channels)

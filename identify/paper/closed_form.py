@@ -6,9 +6,9 @@ from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 
 from ..model.matrices import N_DOF, delta_mass
-from ..modes.modal import displacement_shapes
+from ..modes.modal_model import displacement_shapes
 from ..modes.vehicle_modes import SensedModes
-from .physical import ClosedForm, identify_parameters
+from .physical_matrices import ClosedForm, identify_parameters
 
 
 def closed_form(

@@ -21,8 +21,8 @@ from daq.vehicle import MassState
 
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..fit.grey_box import GreyBox
-from ..fit.likelihood import shares
-from ..fit.varpro import Evaluated, linear_coefficients, point, share
+from ..fit.likelihood import normal_blocks
+from ..fit.varpro import Evaluated, evaluate, linear_coefficients, normal_block
 from ..model.facts import CORNERS
 from ..model.matrices import loaded_model
 from ..model.response import Bump, exact_response
@@ -49,12 +49,12 @@ class KnownRuns:
 
     def fisher(self, plan: Plan) -> Fisher:
         """Return the information of all runs of a plan, its facts and stated uncertainties."""
-        rates, clocks = _clocks(plan)
-        box = GreyBox(clocks, plan.mass_states, plan.geometry, plan.structure, plan.facts)
+        rates, groups = _channel_groups(plan)
+        box = GreyBox(groups, plan.mass_states, plan.geometry, plan.structure, plan.facts)
         eta = box.unknowns_of(plan.vehicle)
         sigma = {s.channel.name: s.noise for s in plan.sensors}
         common = _common(plan)
-        total = np.sum([s.information for s in shares(box, (), sigma, eta).values()], axis=0)
+        total = np.sum([s.information for s in normal_blocks(box, (), sigma, eta).values()], axis=0)
         per_state: defaultdict[str, list[Runs]] = defaultdict(list)
         for runs in plan.runs:
             per_state[runs.mass_state].append(runs)
@@ -64,10 +64,10 @@ class KnownRuns:
                 added = state.added
                 key = (common, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
                 if key not in self._known:
-                    at = at or point(box, eta, state.name, sigma)
+                    at = at or evaluate(box, eta, state.name, sigma)
                     start = _start(at, eta, state, runs.excitation, plan.bump.duration_s)
                     decay = _decay(at, start, state.name, rates, plan.decay_s)
-                    self._known[key] = share(at, decay).information
+                    self._known[key] = normal_block(at, decay).information
                 total = total + plan.bump.height_m**2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
 
@@ -92,8 +92,8 @@ def _common(plan: Plan) -> tuple[Any, ...]:
     )
 
 
-def _clocks(plan: Plan) -> tuple[dict[ChannelGroup, float], tuple[ChannelGroup, ...]]:
-    """Return the sample clocks, as a session would have them, and the rate of each."""
+def _channel_groups(plan: Plan) -> tuple[dict[ChannelGroup, float], tuple[ChannelGroup, ...]]:
+    """Return the channel groups, as a session would have them, and the rate of each."""
     groups: defaultdict[tuple[Any, ...], list[Channel]] = defaultdict(list)
     for sensor in plan.sensors:
         c = sensor.channel
@@ -125,12 +125,12 @@ def _decay(
 ) -> FreeDecay:
     """Return the free decay from a state, without noise, as the sensors sample it."""
     empty = []
-    for clock, rate in rates.items():
+    for group, rate in rates.items():
         time = np.arange(int(decay_s * rate)) / rate
-        empty.append(Recording(clock, time, np.zeros((len(time), len(clock.channels)))))
+        empty.append(Recording(group, time, np.zeros((len(time), len(group.channels)))))
     silent = FreeDecay("planned", mass_state, 0.0, tuple(empty))
     filled = tuple(
-        Recording(r.clock, r.time_s, at.basis(r) @ (stack[..., : len(start)] @ start).T)
+        Recording(r.group, r.time_s, at.basis(r) @ (stack[..., : len(start)] @ start).T)
         for r, stack in zip(empty, linear_coefficients(at, silent), strict=True)
     )
     return FreeDecay("planned", mass_state, 0.0, filled)

@@ -16,7 +16,7 @@ from .modes import modes_section
 from .numbers import number
 from .parameters import parameter_section
 from .prediction import prediction_data, prediction_section
-from .record import provenance_section, run_section
+from .provenance import provenance_section, run_section
 from .vehicle import vehicle_section
 
 

@@ -57,7 +57,7 @@ def _telling(noise: Mapping[str, float], decay: FreeDecay, left: Residuals) -> t
     """Choose the channel of the body and that of the wheels whose fit stands out most."""
     strength: dict[str, tuple[float, Channel]] = {}
     for recording in decay.recordings:
-        for c, channel in enumerate(recording.clock.channels):
+        for c, channel in enumerate(recording.group.channels):
             fitted = recording.values[:, c] - left.values[channel.name]
             size = float(np.std(fitted)) / noise[channel.name]
             place = "body" if channel.corner is None else "travel"
@@ -95,7 +95,7 @@ def _column(
     recordings: tuple[Recording, ...], channel: Channel
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     for recording in recordings:
-        names = [c.name for c in recording.clock.channels]
+        names = [c.name for c in recording.group.channels]
         if channel.name in names:
             return recording.time_s, recording.values[:, names.index(channel.name)]
     raise KeyError(channel.name)

@@ -148,11 +148,11 @@ def _cars(result: Identification, state: str) -> MovingCars:
 def _diagram(result: Identification, estimation: Estimation, state: str) -> Picture | None:
     mine = [i for i, record in enumerate(estimation.records) if record.mass_state == state]
     decays = [estimation.decays[i].thinned(_THIN_HZ) for i in mine]
-    common = [{c.name for r in decay.recordings for c in r.clock.channels} for decay in decays]
+    common = [{c.name for r in decay.recordings for c in r.group.channels} for decay in decays]
     channels = [
         c
         for r in decays[0].recordings
-        for c in r.clock.channels
+        for c in r.group.channels
         if all(c.name in names for names in common)
     ]
     slowest = min(

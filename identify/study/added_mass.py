@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 
 from ..model.matrices import delta_mass, physical_model
-from ..modes.modal import modes_of
+from ..modes.modal_model import modes_of
 from ..modes.pairing import pair_modes
-from ..paper.physical import physical_matrices, state_matrix_of
+from ..paper.physical_matrices import physical_matrices, state_matrix_of
 from ..paper.sequential import sequential_vehicle
 from .campaign import PAPER_ADDED_MASS
 from .result import Column, Curve, CurvePanel, Study, percent

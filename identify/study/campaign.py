@@ -33,9 +33,9 @@ from ..decays.decay import ChannelGroup, Record, Recording
 from ..fit.grey_box import GreyBox
 from ..model.matrices import delta_mass, physical_model
 from ..model.response import Bump, exact_response
-from ..modes.modal import sensor_rows
+from ..modes.modal_model import sensor_rows
 from ..pipeline import grey_box
-from .sensors import SENSOR_SETS
+from .sensor_sets import SENSOR_SETS
 
 PAPER_ADDED_MASS = AddedMass(matrix=np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0]))
 """Eq. 36."""
@@ -61,7 +61,7 @@ class Campaign:
     """Distance from signal to noise; infinite for none."""
     cases: tuple[Excitation, ...] = PAPER_CASES
     """How the vehicle is bumped, each once in a mass state."""
-    clocks: tuple[ChannelGroup, ...] = SENSOR_SETS["paper"]
+    groups: tuple[ChannelGroup, ...] = SENSOR_SETS["paper"]
     """The sensors, such as one of `SENSOR_SETS`."""
     mass_states: tuple[MassState, ...] = PAPER_MASS_STATES
     """Loading of the vehicle."""
@@ -113,7 +113,7 @@ def records_of(campaign: Campaign, seed: int) -> tuple[Record, ...]:
         sigma = _sigma(campaign, state)
         for case, recordings in _clean(campaign, state, campaign.cases).items():
             noisy = tuple(
-                Recording(r.clock, r.time_s, r.values + level * rng.standard_normal(r.values.shape))
+                Recording(r.group, r.time_s, r.values + level * rng.standard_normal(r.values.shape))
                 for r, level in zip(recordings, sigma, strict=True)
             )
             label = f"{state.name}_{case}_1"
@@ -126,8 +126,8 @@ def noise_levels(campaign: Campaign) -> dict[str, float]:
     levels = [_sigma(campaign, state) for state in campaign.mass_states]
     return {
         channel.name: float(np.sqrt(np.mean([state[i][c] ** 2 for state in levels])))
-        for i, clock in enumerate(campaign.clocks)
-        for c, channel in enumerate(clock.channels)
+        for i, group in enumerate(campaign.groups)
+        for c, channel in enumerate(group.channels)
     }
 
 
@@ -136,7 +136,7 @@ def box_of(campaign: Campaign, seed: int | None) -> GreyBox:
 
     `seed` draws what the scales show; with None they show the truth.
     """
-    channels = tuple(channel for clock in campaign.clocks for channel in clock.channels)
+    channels = tuple(channel for group in campaign.groups for channel in group.channels)
     vehicle = Vehicle("Ford Granada", campaign.geometry, facts=_facts(campaign, seed))
     session = Session(vehicle, channels, campaign.mass_states, (), {})
     return grey_box(session, records_of(campaign, 0))
@@ -166,22 +166,22 @@ def _clean(
         run = exact_response(loaded, case, BUMP, campaign.rate_hz, RECORD_S)
         motion = (run.displacement, run.velocity, run.acceleration)
         clean[case] = tuple(
-            Recording(clock, run.time_s, np.column_stack(list(_columns(clock, motion))))
-            for clock in campaign.clocks
+            Recording(group, run.time_s, np.column_stack(list(_columns(group, motion))))
+            for group in campaign.groups
         )
     return clean
 
 
 def _columns(
-    clock: ChannelGroup, motion: tuple[NDArray[np.float64], ...]
+    group: ChannelGroup, motion: tuple[NDArray[np.float64], ...]
 ) -> Iterator[NDArray[np.float64]]:
-    rows = sensor_rows(clock.channels, FORD_GRANADA.geometry)
-    for channel, row in zip(clock.channels, rows, strict=True):
+    rows = sensor_rows(group.channels, FORD_GRANADA.geometry)
+    for channel, row in zip(group.channels, rows, strict=True):
         yield motion[TIME_DERIVATIVE[channel.quantity]] @ row
 
 
 def _sigma(campaign: Campaign, state: MassState) -> list[NDArray[np.float64]]:
-    """Return the noise of each clock's channels in one mass state."""
+    """Return the noise of each group's channels in one mass state."""
     below = 10 ** (-campaign.noise_db / 20)
     clean = _clean(campaign, state, PAPER_CASES)
     return [

@@ -48,7 +48,7 @@ def fig9(rate_hz: float, noise_db: float, seed: int) -> Study:
     decay, decay_low = time > BUMP.end_s, time_low > BUMP.end_s + half / rate_hz
     rows, panels = [], []
     for name, title in _SHOWN.items():
-        c = [channel.name for channel in noisy.clock.channels].index(name)
+        c = [channel.name for channel in noisy.group.channels].index(name)
         before, after = noisy.values[:, c] - clean.values[:, c], low[:, c] - clean_low[:, c]
         rows.append(
             (

@@ -15,12 +15,12 @@ from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 
 from ..model.matrices import PhysicalModel, delta_mass, physical_model
 from ..model.response import Bump, Response, exact_response, wilson_response
-from ..modes.modal import ModalModel, displacement_shapes
+from ..modes.modal_model import ModalModel, displacement_shapes
 from ..modes.mode_selection import identify_modes
-from ..paper.physical import physical_matrices, state_matrix_of
+from ..paper.physical_matrices import physical_matrices, state_matrix_of
 from ..paper.sequential import sequential_vehicle
 from .campaign import BUMP, PAPER_ADDED_MASS, PAPER_CASES, RECORD_S
-from .paper import TABLE2_PERCENT
+from .printed_tables import TABLE2_PERCENT
 from .result import Column, DotPanel, Dots, Study, percent
 
 ResponseName = Literal["exact", "wilson"]

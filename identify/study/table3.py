@@ -20,14 +20,14 @@ from dbc.frames import read_only
 
 from ..decays.decay import Record
 from ..model.matrices import N_DOF
-from ..modes.modal import ModalModel, displacement_shapes
-from ..modes.svm import Delays, delay_space, poles_of_rank
-from ..paper.physical import physical_matrices, state_matrix_of
+from ..modes.modal_model import ModalModel, displacement_shapes
+from ..modes.state_variable_method import Delays, delay_space, poles_of_rank
+from ..paper.physical_matrices import physical_matrices, state_matrix_of
 from .campaign import BUMP, PAPER_ADDED_MASS, Campaign, records_of
 from .fir import PASS_HZ, filtered, taps
 from .measured_geometry import vehicle_of_geometry
 from .noise import outcome
-from .paper import TABLE3_PERCENT
+from .printed_tables import TABLE3_PERCENT
 from .result import Column, DotPanel, Dots, Study, percent
 
 _N = len(TABLE3_PERCENT)

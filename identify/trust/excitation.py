@@ -17,10 +17,10 @@ from daq.vehicle import MassState, VehicleGeometry
 
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
-from ..fit.varpro import Evaluated, linear_part, point, pseudo_inverse
+from ..fit.varpro import Evaluated, evaluate, linear_part, pseudo_inverse
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from ..model.response import WHEELS
-from ..modes.modal import modes_of
+from ..modes.modal_model import modes_of
 from ..modes.mode_names import mode_names
 from .finding import Finding, Verdict
 
@@ -47,7 +47,7 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
     Returns
     -------
     dict of run label to tuple of float
-        dB, in the order of `identify.modes.modal.modes_of` for the run's mass state.
+        dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
     """
     points = _points(estimation)
     return {
@@ -122,7 +122,7 @@ def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64])
 def _points(estimation: Estimation) -> dict[str, Evaluated]:
     states = dict.fromkeys(decay.mass_state for decay in estimation.decays)
     noise = estimation.noise
-    return {s: point(estimation.box, estimation.fit.eta, s, noise) for s in states}
+    return {s: evaluate(estimation.box, estimation.fit.eta, s, noise) for s in states}
 
 
 def _energies(at: Evaluated, decay: FreeDecay) -> NDArray[np.float64]:
@@ -131,9 +131,9 @@ def _energies(at: Evaluated, decay: FreeDecay) -> NDArray[np.float64]:
     size = len(linear.solution)
     normal = np.zeros((size, size))
     for recording, product, stack in zip(
-        decay.recordings, linear.seen, linear.coefficients, strict=True
+        decay.recordings, linear.products, linear.coefficients, strict=True
     ):
-        weighted = stack * at.weights(recording.clock)[:, None, None]
+        weighted = stack * at.weights(recording.group)[:, None, None]
         normal += np.einsum("cms,cmt->st", weighted, product.gram @ stack, optimize=True)
     modes = at.modes
     upper = np.flatnonzero(modes.poles.imag > 0.0)

@@ -5,16 +5,16 @@ from __future__ import annotations
 from daq.sessions import Session
 
 from ..fit.estimation import Estimation
+from .cause_ranking import rank_causes
+from .cause_texts import cause_findings
+from .consistency import repeat_findings
 from .excitation import excitation_findings, mode_snr_db
 from .finding import Finding, Quality
 from .lift_off import lift_off_findings
 from .misfit import chi2_by_run, misfit_findings
-from .parameters import parameter_findings, undetermined
-from .ranking import rank_causes
-from .repeats import repeat_findings
+from .plausibility import parameter_findings, undetermined
 from .sampling import sampling_findings
 from .saturation import saturation_findings
-from .texts import cause_findings
 from .whiteness import whiteness_findings
 
 _NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_in_compression"}

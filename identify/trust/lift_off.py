@@ -18,7 +18,7 @@ from daq.vehicle import Corner
 from ..decays.decay import FreeDecay, Record
 from ..decays.onset import onset_s
 from ..fit.estimation import Estimation
-from ..fit.varpro import Evaluated, linear_part, point
+from ..fit.varpro import Evaluated, evaluate, linear_part
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from .finding import Finding, Verdict
 from .format import listed
@@ -96,7 +96,7 @@ def _light(estimation: Estimation) -> Iterator[_Light]:
         if state.name not in present:
             continue
         static = static_loads_n(loaded_model(full, state.added), tyres)
-        at = point(box, eta, state.name, estimation.noise)
+        at = evaluate(box, eta, state.name, estimation.noise)
         for decay in (d for d in estimation.decays if d.mass_state == state.name):
             least, sigma = least_loads_n(at, decay, static, tyres)
             late_s = _late_s(records[decay.label], decay)

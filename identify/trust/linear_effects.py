@@ -15,7 +15,7 @@ from daq.vehicle import Structure, parameter_unit
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
-from ..fit.varpro import motion, point, slopes
+from ..fit.varpro import evaluate, motion, slopes
 from .score_test import FittedDecay, Trace
 
 RICHEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
@@ -47,14 +47,14 @@ class Effects:
 def structural(estimation: Estimation) -> Effects:
     """Return the springs, dampers, places and differences that the structure does not have."""
     box = estimation.box
-    rich = GreyBox(box.clocks, box.mass_states, None, RICHEST)
+    rich = GreyBox(box.groups, box.mass_states, None, RICHEST)
     n = len(box.parameters)
     corrections = estimation.fit.eta[n : n + len(rich.prior_sigma) - len(rich.parameters)]
     full = box.full(estimation.fit.eta.astype(complex)).real
     eta = np.concatenate([rich.unknowns_of(full)[: len(rich.parameters)], corrections])
     effects, directions = _lacking(box, rich)
     points = {
-        state: point(rich, eta, state, estimation.noise)
+        state: evaluate(rich, eta, state, estimation.noise)
         for state in {decay.mass_state for decay in estimation.decays}
     }
 
@@ -65,7 +65,7 @@ def structural(estimation: Estimation) -> Effects:
             np.einsum(
                 "nm,cmq->ncq",
                 at.modes.basis(at.time_s(recording)),
-                slopes(at, recording.clock, z) @ directions,
+                slopes(at, recording.group, z) @ directions,
                 optimize=True,
             )
             for recording in one.decay.recordings
@@ -102,10 +102,10 @@ def _lacking(box: GreyBox, rich: GreyBox) -> tuple[tuple[Effect, ...], NDArray[n
 def lateness(estimation: Estimation) -> Effects:
     """Return each sensor group's lateness beyond what is stated; also that of all hubs at once."""
     kinds: dict[str, tuple[str, ...]] = {}
-    for clock in estimation.box.clocks:
-        kind = "hub sensors" if clock.channels[0].corner else "body sensors"
-        kinds[kind] = (*kinds.get(kind, ()), clock.name)
-    names = dict.fromkeys(clock.name for clock in estimation.box.clocks)
+    for group in estimation.box.groups:
+        kind = "hub sensors" if group.channels[0].corner else "body sensors"
+        kinds[kind] = (*kinds.get(kind, ()), group.name)
+    names = dict.fromkeys(group.name for group in estimation.box.groups)
     groups: dict[str, tuple[str, ...]] = {name: (name,) for name in names}
     groups |= {kind: members for kind, members in kinds.items() if len(set(members)) > 1}
     effects = tuple(Effect(f"{g} late", g, "ms", _LATE_S * 1e3) for g in groups)
@@ -114,8 +114,8 @@ def lateness(estimation: Estimation) -> Effects:
         z = modal_start(one)
         traces = []
         for r in one.decay.recordings:
-            rate = one.at.modes.basis(one.at.time_s(r)) @ motion(one.at, r.clock, z, 1).T
-            mine = np.array([r.clock.name in members for members in groups.values()], dtype=float)
+            rate = one.at.modes.basis(one.at.time_s(r)) @ motion(one.at, r.group, z, 1).T
+            mine = np.array([r.group.name in members for members in groups.values()], dtype=float)
             traces.append(-_LATE_S * rate[..., None] * mine)
         return tuple(traces)
 
@@ -124,16 +124,16 @@ def lateness(estimation: Estimation) -> Effects:
 
 def gains(estimation: Estimation) -> Effects:
     """Return each channel's error of gain."""
-    clocks = estimation.box.clocks
-    names = tuple(dict.fromkeys(c.name for clock in clocks for c in clock.channels))
+    groups = estimation.box.groups
+    names = tuple(dict.fromkeys(c.name for group in groups for c in group.channels))
     effects = tuple(Effect(f"gain of {name}", name, "%", 100.0) for name in names)
 
     def trace_of(one: FittedDecay) -> Trace:
         z = modal_start(one)
         traces = []
         for r in one.decay.recordings:
-            moved = one.at.modes.basis(one.at.time_s(r)) @ motion(one.at, r.clock, z, 0).T
-            own = np.array([[c.name == name for name in names] for c in r.clock.channels], float)
+            moved = one.at.modes.basis(one.at.time_s(r)) @ motion(one.at, r.group, z, 0).T
+            own = np.array([[c.name == name for name in names] for c in r.group.channels], float)
             traces.append(moved[..., None] * own)
         return tuple(traces)
 

@@ -100,7 +100,7 @@ def _seen(
 ) -> NDArray[np.float64]:
     """Return what the driven motions give in each channel, (n_samples, n_channels, q)."""
     time = at.time_s(recording)
-    channels = recording.clock.channels
+    channels = recording.group.channels
     rows = np.array([at.system.rows[c.name] for c in channels])
     # An acceleration feels the force itself, not only the motion that it makes.
     accelerations = np.array([TIME_DERIVATIVE[c.quantity] == 2 for c in channels])

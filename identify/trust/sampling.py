@@ -59,14 +59,14 @@ def sampling_findings(session: Session) -> tuple[Finding, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """The sampling of one clock during one free decay."""
+    """The sampling of one channel group during one free decay."""
 
     place: str
     """Message and run."""
     time_s: NDArray[np.float64]
     """Usable samples from just before the decay on, s since the decay's start, shape (n,)."""
     period_s: float
-    """The clock's median interval over all runs."""
+    """The group's median interval over all runs."""
 
     @property
     def intervals_s(self) -> NDArray[np.float64]:
@@ -110,7 +110,7 @@ def _stretches(runs: Sequence[Run], session: Session) -> list[_Stretch]:
             # The sample before the decay too: a gap may begin on the bump.
             time = time[max(int(np.searchsorted(time, 0.0)) - 1, 0) :]
             if len(time) > 2:
-                place = f"{recording.clock.name} in {run.label}"
+                place = f"{recording.group.name} in {run.label}"
                 found.append((place, _names(recording), time))
     periods: dict[tuple[str, ...], list[float]] = {}
     for _, names, time in found:
@@ -119,7 +119,7 @@ def _stretches(runs: Sequence[Run], session: Session) -> list[_Stretch]:
 
 
 def _names(recording: Recording) -> tuple[str, ...]:
-    return tuple(channel.name for channel in recording.clock.channels)
+    return tuple(channel.name for channel in recording.group.channels)
 
 
 def _gaps(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
@@ -162,12 +162,12 @@ def _jitter(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
     scattered = sorted((s for s in stretches if s.jitter_s > JITTER_S), key=lambda s: -s.jitter_s)
     if scattered:
         worst = scattered[0]
-        clocks = listed(s.place.split(" in ")[0] for s in scattered)
+        groups = listed(s.place.split(" in ")[0] for s in scattered)
         yield Finding(
             "jitter",
             Verdict.OK,
             f"time stamps scatter by {worst.jitter_s * 1e3:.2f} ms about an even clock of "
-            f"{worst.period_s * 1e3:.3g} ms: {clocks}; right if the sensor samples so, for each "
+            f"{worst.period_s * 1e3:.3g} ms: {groups}; right if the sensor samples so, for each "
             "sample is fitted at its own time; if only its frames are late, give the message a "
             "rolling counter",
         )

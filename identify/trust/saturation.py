@@ -74,7 +74,7 @@ def _places(tops: list[_Top]) -> str:
 def _tops(record: Record) -> Iterator[_Top]:
     start = decay_start_s(record) - GUARD_S
     for recording in record.recordings:
-        for channel, column in zip(recording.clock.channels, recording.values.T, strict=True):
+        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
             for first, stop in flat_tops(column):
                 yield _Top(
                     channel.name,

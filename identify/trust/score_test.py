@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
-from ..fit.varpro import Evaluated, LinearPart, linear_part, point, slopes
+from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_part, slopes
 
 Trace = tuple[NDArray[np.float64], ...]
 """What each effect does to the channels of each recording, (n_samples, n_channels, q)."""
@@ -86,7 +86,7 @@ def fitted_decays(estimation: Estimation, rate_hz: float) -> tuple[FittedDecay, 
     """Return the decays of an estimation beside their fits, thinned to about `rate_hz`."""
     fit, sigma = estimation.fit, estimation.noise
     states = {decay.mass_state for decay in estimation.decays}
-    points = {state: point(estimation.box, fit.eta, state, sigma) for state in states}
+    points = {state: evaluate(estimation.box, fit.eta, state, sigma) for state in states}
     result = []
     for decay in estimation.decays:
         at, thin = points[decay.mass_state], decay.thinned(rate_hz)
@@ -125,10 +125,10 @@ def scores(
         with_linear, between = np.zeros((q, size)), np.zeros((size, P))
         z = one.at.modes.W @ linear.solution[: len(one.at.modes.poles)]
         for r, R, product, stack in zip(
-            one.decay.recordings, trace_of(one), linear.seen, linear.coefficients, strict=True
+            one.decay.recordings, trace_of(one), linear.products, linear.coefficients, strict=True
         ):
-            basis, weight = one.at.basis(r), one.at.weights(r.clock)[:, None]
-            J = slopes(one.at, r.clock, z)
+            basis, weight = one.at.basis(r), one.at.weights(r.group)[:, None]
+            J = slopes(one.at, r.group, z)
             m = J.shape[1]
             left = r.values - basis @ (stack @ linear.solution).T
             RB = np.einsum("ncq,nm->cqm", R * weight, basis, optimize=True)

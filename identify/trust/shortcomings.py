@@ -13,7 +13,7 @@ from daq.vehicle import MassState, Vehicle, parameter_names, parameter_unit
 from ..decays.decay import Record
 from ..model.facts import SCALED
 from ..model.matrices import delta_mass
-from ..paper.physical import MASS_ADVICE, massless_motions
+from ..paper.physical_matrices import MASS_ADVICE, massless_motions
 from .finding import Finding, Verdict
 
 _ANY_CG_M = 1.3
@@ -41,8 +41,8 @@ def _refused(gate: str, text: str) -> Finding:
 
 
 def _channels(records: Sequence[Record]) -> Iterator[Finding]:
-    names = {c.name for r in records for q in r.recordings for c in q.clock.channels}
-    motions = {c.quantity for r in records for q in r.recordings for c in q.clock.channels}
+    names = {c.name for r in records for q in r.recordings for c in q.group.channels}
+    motions = {c.quantity for r in records for q in r.recordings for c in q.group.channels}
     if not motions - {Quantity.UNUSED}:
         yield _refused("channels", "no channel that the model knows: map the sensors to quantities")
     elif len(names) == 1:

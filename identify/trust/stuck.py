@@ -116,7 +116,7 @@ def _holds(record: Record, start: float) -> Iterator[_Hold]:
     kind = record.label.rpartition("_")[0]
     for recording in record.recordings:
         time = recording.time_s
-        for channel, column in zip(recording.clock.channels, recording.values.T, strict=True):
+        for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
             change = np.flatnonzero(np.diff(column) != 0.0)
             first = np.concatenate([[0], change + 1])
             last = np.concatenate([change, [len(column) - 1]])

@@ -150,7 +150,7 @@ def _left(estimation: Estimation, end_s: float) -> dict[str, _Pairs]:
     for decay, left in zip(estimation.decays, estimation.residuals, strict=True):
         for recording in decay.recordings:
             keep = recording.time_s < end_s
-            for name in (channel.name for channel in recording.clock.channels):
+            for name in (channel.name for channel in recording.group.channels):
                 values = left.values[name]
                 share = float(keep.mean()) if len(keep) else 0.0
                 fitted = (len(values) - left.freedom[name]) * share
@@ -170,7 +170,7 @@ def _at_rest(estimation: Estimation) -> dict[str, _Pairs]:
             if len(values) < 3:
                 continue
             values = values - values.mean(axis=0)
-            for channel, column in zip(recording.clock.channels, values.T, strict=True):
+            for channel, column in zip(recording.group.channels, values.T, strict=True):
                 pooled[channel.name].add(recording.time_s[quiet], column, 1.0)
     return _usable(pooled, estimation)
 

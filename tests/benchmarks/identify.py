@@ -11,13 +11,13 @@ from identify.fit.estimation import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import HOLD, fit
 
-from ..identify.bumps import CLOCK, MASS_STATES, TRUTH, noise_of, paper_records
+from ..identify.bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 
 CAMPAIGNS = 20
 STARTS = 200
 FACTOR = 3.0
 LIMIT_S = {200.0: 1.0, 1000.0: 5.0}
-BOX = GreyBox((CLOCK,), MASS_STATES, None)
+BOX = GreyBox((GROUP,), MASS_STATES, None)
 
 
 def main() -> None:

@@ -11,11 +11,11 @@ from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA, MassState
 from identify.decays.decay import Record
 from identify.study.campaign import PAPER_CASES, PAPER_MASS_STATES, Campaign, records_of
-from identify.study.sensors import SENSOR_SETS
+from identify.study.sensor_sets import SENSOR_SETS
 
 MASS_STATES = PAPER_MASS_STATES
 PAPER_DELTA_MASS = MASS_STATES[1].added.matrix
-(CLOCK,) = SENSOR_SETS["paper"]
+(GROUP,) = SENSOR_SETS["paper"]
 CASES = PAPER_CASES
 TRUTH = FORD_GRANADA.to_array()
 
@@ -41,4 +41,4 @@ def noise_of(records: list[Record], rate_hz: float) -> dict[str, float]:
         for a, b in zip(records, other, strict=True)
     ]
     mean = np.sqrt(np.mean(np.square(spread), axis=0))
-    return dict(zip([c.name for c in CLOCK.channels], mean.tolist(), strict=True))
+    return dict(zip([c.name for c in GROUP.channels], mean.tolist(), strict=True))

@@ -9,7 +9,7 @@ from daq.runs import Excitation
 from daq.vehicle import FORD_GRANADA
 from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response
-from identify.modes.modal import modes_of
+from identify.modes.modal_model import modes_of
 
 from .bumps import CASES
 

@@ -32,8 +32,8 @@ def test_decays_show_every_run_as_measured_and_what_is_left(result: Identificati
     estimation = result.estimation
     assert estimation is not None
     label, decay = result.residuals[0].label, estimation.decays[0]
-    channel = next(c.name for c in decay.recordings[0].clock.channels if f"{c.name}," in texts)
-    column = [c.name for c in decay.recordings[0].clock.channels].index(channel)
+    channel = next(c.name for c in decay.recordings[0].group.channels if f"{c.name}," in texts)
+    column = [c.name for c in decay.recordings[0].group.channels].index(channel)
     fitted = decay.recordings[0].values[:, column] - result.residuals[0].values[channel]
     panels = (axes for part in figure.subfigs for axes in part.axes)
     axes = next(axes for axes in panels if any(channel in t.get_text() for t in axes.texts))

@@ -92,7 +92,7 @@ def expected_gain(bench: Bench) -> Gain:
 def _shifts(bench: Bench, car: VehicleParameters) -> tuple[Shift, ...]:
     from daq.vehicle import AddedMass
     from identify.model.matrices import SYMMETRIC, loaded_model
-    from identify.modes.modal import modes_of
+    from identify.modes.modal_model import modes_of
     from identify.modes.mode_names import MODE_NAMES, mode_names
 
     full = SYMMETRIC @ car.to_array()

@@ -9,9 +9,9 @@ from identify.decays.onset import decay_start_s, onset_s, quiet_noise
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 
-from ..bumps import CLOCK, MASS_STATES, TRUTH, noise_of, paper_records
+from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 
-BOX = GreyBox((CLOCK,), MASS_STATES, None)
+BOX = GreyBox((GROUP,), MASS_STATES, None)
 
 
 def _errors_percent(result: Estimation) -> NDArray[np.float64]:

@@ -19,9 +19,9 @@ from identify.fit.likelihood import FACTS
 from identify.fit.uncertainty import Estimate, drivers, estimates
 from identify.pipeline import grey_box, usable_records
 from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of
-from identify.study.sensors import SENSOR_SETS
+from identify.study.sensor_sets import SENSOR_SETS
 from identify.trust.finding import Verdict
-from identify.trust.parameters import parameter_findings
+from identify.trust.plausibility import parameter_findings
 from identify.trust.shortcomings import shortcomings
 
 from ..bumps import TRUTH

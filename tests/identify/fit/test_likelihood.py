@@ -10,9 +10,9 @@ from identify.fit.estimation import generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import fit, residuals
 
-from ..bumps import CLOCK, MASS_STATES, TRUTH, noise_of, paper_records
+from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 
-BOX = GreyBox((CLOCK,), MASS_STATES, None)
+BOX = GreyBox((GROUP,), MASS_STATES, None)
 CAR = generic_vehicles()[0]
 START_S = 0.3 + 1e-9
 
@@ -23,7 +23,7 @@ def _errors_percent(eta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def test_noise_free_runs_give_the_vehicle_back() -> None:
     decays = tuple(r.decay(START_S) for r in paper_records(200.0, np.inf, 1))
-    level = {c.name: 1e-6 for c in CLOCK.channels}
+    level = {c.name: 1e-6 for c in GROUP.channels}
     best = fit(BOX, decays, level, BOX.unknowns(CAR))
     assert best.converged
     assert np.max(np.abs(_errors_percent(best.eta))) < 1e-5
@@ -37,14 +37,14 @@ def test_covariance_is_the_cramer_rao_bound_by_brute_force() -> None:
 
     def response(eta: NDArray[np.float64], i: int, x0: NDArray[np.float64]) -> NDArray[np.float64]:
         system = BOX.system(eta, decays[i].mass_state)
-        C = np.array([system.rows[c.name] for c in CLOCK.channels])
+        C = np.array([system.rows[c.name] for c in GROUP.channels])
         step = expm(system.A / 200.0)
         x = expm(system.A * decays[i].recordings[0].time_s[0]) @ x0
         out = []
         for _ in decays[i].recordings[0].time_s:
             out.append(C @ x)
             x = step @ x
-        return np.asarray(np.array(out) / [sigma[c.name] for c in CLOCK.channels])
+        return np.asarray(np.array(out) / [sigma[c.name] for c in GROUP.channels])
 
     # Jacobian by central differences, every initial state and constant an unknown of its own.
     information = np.zeros((15, 15))
@@ -54,7 +54,7 @@ def test_covariance_is_the_cramer_rao_bound_by_brute_force() -> None:
         linear = [response(best.eta, i, unit[k]).ravel() for k in range(14)]
         constants = np.kron(np.ones((n, 1)), np.eye(7))
         B = np.column_stack([*linear, constants])
-        y = (decays[i].recordings[0].values / [sigma[c.name] for c in CLOCK.channels]).ravel()
+        y = (decays[i].recordings[0].values / [sigma[c.name] for c in GROUP.channels]).ravel()
         x0 = np.asarray(np.linalg.lstsq(B, y, rcond=None)[0][:14], dtype=float)
         h = 1e-5
         J = np.array(
@@ -111,7 +111,7 @@ def test_known_geometry_leaves_eleven_unknowns_and_smaller_intervals() -> None:
     records = paper_records(200.0, 30.0, 6)
     decays = tuple(r.decay(START_S) for r in records)
     sigma = noise_of(records, 200.0)
-    known = GreyBox((CLOCK,), MASS_STATES, VehicleGeometry(1.25, 1.51, 0.74, 0.74))
+    known = GreyBox((GROUP,), MASS_STATES, VehicleGeometry(1.25, 1.51, 0.74, 0.74))
     free = fit(BOX, decays, sigma, BOX.unknowns(CAR))
     tight = fit(known, decays, sigma, known.unknowns(CAR))
     assert tight.eta.shape == (11,)
@@ -141,8 +141,8 @@ def test_uncertain_weights_widen_the_intervals() -> None:
         states = (MASS_STATES[0], MassState("added", AddedMass(chosen)))
         records = paper_records(200.0, 30.0, 8, mass_states=states)
         decays = tuple(r.decay(START_S) for r in records)
-        box = GreyBox((CLOCK,), states, None)
-        best = fit(box, decays, {c.name: 0.05 for c in CLOCK.channels}, box.unknowns(TRUTH))
+        box = GreyBox((GROUP,), states, None)
+        best = fit(box, decays, {c.name: 0.05 for c in GROUP.channels}, box.unknowns(TRUTH))
         stds.append(np.sqrt(best.covariance[0, 0]))
     # Seven weights, each known to 5 %, cannot fix the scale to much less than 5 % / sqrt(7).
     assert stds[0] < 0.004

@@ -7,12 +7,12 @@ import numpy as np
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import HOLD, fit
 
-from ..bumps import CLOCK, MASS_STATES, TRUTH, noise_of, paper_records
+from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 
 STARTS = 30
 """Of the 200 that `tests.benchmarks.identify` tries."""
 FACTOR = 3.0
-BOX = GreyBox((CLOCK,), MASS_STATES, None)
+BOX = GreyBox((GROUP,), MASS_STATES, None)
 
 
 def test_any_start_within_a_factor_three_on_all_parameters_leads_to_the_optimum() -> None:

@@ -22,9 +22,9 @@ from identify.fit.uncertainty import (
 from identify.model.derived import derived_quantities
 from identify.model.matrices import FULL_NAMES, SYMMETRIC, physical_model
 
-from ..bumps import CLOCK, MASS_STATES, PAPER_DELTA_MASS, TRUTH, noise_of, paper_records
+from ..bumps import GROUP, MASS_STATES, PAPER_DELTA_MASS, TRUTH, noise_of, paper_records
 
-BOX = GreyBox((CLOCK,), MASS_STATES, None)
+BOX = GreyBox((GROUP,), MASS_STATES, None)
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +182,7 @@ def test_derived_quantities_of_the_granada_by_hand() -> None:
 
 
 def test_spread_of_derived_quantities_against_differences() -> None:
-    box = GreyBox((CLOCK,), MASS_STATES, None, Structure(symmetric=False, cg_offset=True))
+    box = GreyBox((GROUP,), MASS_STATES, None, Structure(symmetric=False, cg_offset=True))
     full = SYMMETRIC @ FORD_GRANADA.to_array()
     full[FULL_NAMES.index("y_s")] = 0.03
     eta = box.unknowns_of(full)
@@ -205,7 +205,7 @@ def test_spread_of_derived_quantities_against_differences() -> None:
 def test_a_fact_narrows_what_it_tells_of() -> None:
     records = paper_records(200.0, 30.0, 3)
     decays = tuple(r.decay(0.3 + 1e-9) for r in records)
-    weighed = GreyBox((CLOCK,), MASS_STATES, None, facts=(Fact("total_mass_kg", 1551.8, 1.0),))
+    weighed = GreyBox((GROUP,), MASS_STATES, None, facts=(Fact("total_mass_kg", 1551.8, 1.0),))
     found = fit(weighed, decays, noise_of(records, 200.0), weighed.unknowns(TRUTH))
     total = derived_estimates(weighed, found)["total_mass"]
     assert total.std == pytest.approx(1.0, rel=0.02)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from identify.modes.era import realised_modes
-from identify.modes.modal import mac
+from identify.modes.modal_model import mac
 from identify.modes.stabilisation import stabilisation_diagram
 
 from ..structures import chain_poles, chain_shapes, free_decay, random_amplitudes, with_noise

@@ -12,12 +12,12 @@ from scipy.optimize import linear_sum_assignment
 from daq.runs import BASELINE, Excitation
 from daq.vehicle import FORD_GRANADA
 from identify.model.matrices import physical_model
-from identify.modes.modal import ModalModel, mac, modes_of
 from identify.modes.modal_likelihood import most_likely_modes
+from identify.modes.modal_model import ModalModel, mac, modes_of
 from identify.modes.mode_selection import identify_modes
 from identify.modes.normal_equations import Ties
-from identify.modes.products import Block
 from identify.modes.vehicle_modes import sensed_modes
+from identify.modes.waves import Block
 
 from ..bumps import CASES, MASS_STATES, paper_records
 from ..modal_bound import unstructured_bound

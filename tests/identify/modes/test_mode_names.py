@@ -6,7 +6,7 @@ import numpy as np
 
 from daq.vehicle import FORD_GRANADA
 from identify.model.matrices import physical_model
-from identify.modes.modal import ModalModel, modes_of
+from identify.modes.modal_model import ModalModel, modes_of
 from identify.modes.mode_names import MODE_NAMES, mode_names
 
 GEOMETRY = FORD_GRANADA.geometry

@@ -13,7 +13,7 @@ from identify.decays.decay import Record
 from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response
 from identify.study.campaign import Campaign, noise_levels, records_of
-from identify.study.sensors import SENSOR_SETS
+from identify.study.sensor_sets import SENSOR_SETS
 
 QUIET = np.inf
 
@@ -22,7 +22,7 @@ def _values(record: Record) -> dict[str, NDArray[np.float64]]:
     return {
         channel.name: column
         for recording in record.recordings
-        for channel, column in zip(recording.clock.channels, recording.values.T, strict=True)
+        for channel, column in zip(recording.group.channels, recording.values.T, strict=True)
     }
 
 
@@ -43,8 +43,8 @@ def test_noise_lies_30_db_below_the_rms_over_the_three_records() -> None:
 
 
 def test_noise_levels_are_those_of_the_records() -> None:
-    campaign = Campaign(rate_hz=1000.0, clocks=SENSOR_SETS["all"])
-    clean = Campaign(rate_hz=1000.0, noise_db=QUIET, clocks=SENSOR_SETS["all"])
+    campaign = Campaign(rate_hz=1000.0, groups=SENSOR_SETS["all"])
+    clean = Campaign(rate_hz=1000.0, noise_db=QUIET, groups=SENSOR_SETS["all"])
     noisy = [_values(r) for r in records_of(campaign, 2)]
     quiet = [_values(r) for r in records_of(clean, 2)]
     for name, level in noise_levels(campaign).items():
@@ -57,7 +57,7 @@ def test_one_more_run_leaves_the_noise_as_it_is() -> None:
 
 
 def test_sensors_see_the_motion_of_their_places() -> None:
-    campaign = Campaign(noise_db=QUIET, cases=(Excitation.WARP,), clocks=SENSOR_SETS["all"])
+    campaign = Campaign(noise_db=QUIET, cases=(Excitation.WARP,), groups=SENSOR_SETS["all"])
     seen = _values(records_of(campaign, 0)[0])
     run = exact_response(
         physical_model(FORD_GRANADA), Excitation.WARP, Bump(), campaign.rate_hz, 3.0

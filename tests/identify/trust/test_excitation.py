@@ -10,7 +10,7 @@ from daq.vehicle import FORD_GRANADA, AddedMass
 from identify.decays.decay import FreeDecay
 from identify.fit.estimation import Estimation
 from identify.model.matrices import PhysicalModel, loaded_model, physical_model
-from identify.modes.modal import modes_of
+from identify.modes.modal_model import modes_of
 from identify.trust.excitation import best_run, excitation_findings, mode_snr_db
 from identify.trust.finding import Finding, Verdict
 
@@ -50,10 +50,10 @@ def brute_force_db(estimation: Estimation, decay: FreeDecay) -> Array:
     upper = np.flatnonzero(poles.imag > 0)
     upper = upper[np.argsort(np.abs(poles[upper]))]
     shapes = np.column_stack([part for k in upper for part in (V[:, k].real, V[:, k].imag)])
-    n_channels = sum(len(q.clock.channels) for q in decay.recordings)
+    n_channels = sum(len(q.group.channels) for q in decay.recordings)
     rows, data, column = [], [], 0
     for q in decay.recordings:
-        for c, channel in enumerate(q.clock.channels):
+        for c, channel in enumerate(q.group.channels):
             step = expm(system.A * (q.time_s[1] - q.time_s[0]))
             motion = expm(system.A * q.time_s[0]) @ shapes
             constant = np.eye(n_channels)[column]

@@ -10,7 +10,7 @@ from daq.sim.motion import drive
 from daq.sim.plant import GRAVITY_M_S2, Plant, contact, load_car, static_pose
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight
 from identify.fit.estimation import Estimation
-from identify.fit.varpro import point
+from identify.fit.varpro import evaluate
 from identify.model.matrices import SYMMETRIC, loaded_model
 from identify.trust.finding import Verdict
 from identify.trust.lift_off import least_loads_n, lift_off_findings, static_loads_n
@@ -51,7 +51,7 @@ def test_least_loads_are_those_of_the_simulated_car(label: str) -> None:
     state, excitation, _ = label.split("_")
     (decay,) = (d for d in estimation.decays if d.label == label)
     added = session.mass_states[state == ADDED].added
-    at = point(estimation.box, estimation.fit.eta, state, estimation.noise)
+    at = evaluate(estimation.box, estimation.fit.eta, state, estimation.noise)
     static = static_loads_n(loaded_model(FULL, added), TYRES)
     found, sigma = least_loads_n(at, decay, static, TYRES)
 

@@ -37,13 +37,13 @@ def with_rest(estimation: Estimation, change: Callable[[Array], Array]) -> Estim
     """Change what a channel says at rest."""
 
     def changed(recording: Recording) -> Recording:
-        names = [channel.name for channel in recording.clock.channels]
+        names = [channel.name for channel in recording.group.channels]
         if CHANNEL not in names:
             return recording
         values = recording.values.copy()
         quiet, column = recording.time_s < REST_S, names.index(CHANNEL)
         values[quiet, column] = change(values[quiet, column])
-        return Recording(recording.clock, recording.time_s, values)
+        return Recording(recording.group, recording.time_s, values)
 
     def record(old: Record) -> Record:
         return replace(old, recordings=tuple(map(changed, old.recordings)))
@@ -143,8 +143,8 @@ def test_a_gap_makes_no_pair() -> None:
         recordings, values = [], dict(residuals.values)
         for q in decay.recordings:
             keep = np.arange(len(q.time_s)) % 4 != 0
-            recordings.append(Recording(q.clock, q.time_s[keep], q.values[keep]))
-            for channel in q.clock.channels:
+            recordings.append(Recording(q.group, q.time_s[keep], q.values[keep]))
+            for channel in q.group.channels:
                 n = int(keep.sum())
                 noise = 0.03 * rng.standard_normal(n)
                 noise[3::3] = noise[2 : n - 1 : 3][: len(noise[3::3])]
@@ -160,7 +160,7 @@ def test_a_gap_makes_no_pair() -> None:
 def evened(decay: FreeDecay) -> FreeDecay:
     """Take the gaps out of the time stamps."""
     even = tuple(
-        Recording(q.clock, np.linspace(0.0, q.time_s[-1], len(q.time_s)), q.values)
+        Recording(q.group, np.linspace(0.0, q.time_s[-1], len(q.time_s)), q.values)
         for q in decay.recordings
     )
     return replace(decay, recordings=even)

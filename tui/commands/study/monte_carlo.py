@@ -23,7 +23,7 @@ Scheduler = Annotated[
 
 
 class Sensors(StrEnum):
-    """Names of `identify.study.sensors.SENSOR_SETS`."""
+    """Names of `identify.study.sensor_sets.SENSOR_SETS`."""
 
     PAPER = "paper"
     IMU_HUBS = "imu+hubs"
@@ -87,7 +87,7 @@ def noise(
     from daq.vehicle import FORD_GRANADA
     from identify.study.campaign import PAPER_MASS_STATES, Campaign
     from identify.study.noise import bound_percent, noise_study, outcome
-    from identify.study.sensors import SENSOR_SETS
+    from identify.study.sensor_sets import SENSOR_SETS
 
     from ...jobs.spread import over_all
     from ...output import progress
@@ -97,7 +97,7 @@ def noise(
         rate_hz=rate_hz,
         noise_db=noise_db,
         cases=_cases(cases),
-        clocks=SENSOR_SETS[sensors.value],
+        groups=SENSOR_SETS[sensors.value],
         geometry=FORD_GRANADA.geometry if known_geometry else None,
         scales_sigma_kg=scales_kg,
         mass_states=PAPER_MASS_STATES if added_mass else PAPER_MASS_STATES[:1],

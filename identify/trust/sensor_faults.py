@@ -120,7 +120,7 @@ def _left_out(estimation: Estimation, before: _Problem, name: str) -> Explanatio
     left = residuals(before.box, before.decays, noise, eta)
     for decay, rest in zip(before.decays, left, strict=True):
         for r in decay.recordings:
-            for c, channel in enumerate(r.clock.channels):
+            for c, channel in enumerate(r.group.channels):
                 if channel.name == name:
                     model = r.values[:, c] - rest.values[name]
                     model = model - model.mean()
@@ -138,7 +138,7 @@ def _left_out(estimation: Estimation, before: _Problem, name: str) -> Explanatio
 
 
 def _late(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
-    kinds = {c.corner is not None for clock in before.box.clocks for c in clock.channels}
+    kinds = {c.corner is not None for group in before.box.groups for c in group.channels}
     if len(kinds) < 2:
         return
 
@@ -148,10 +148,10 @@ def _late(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
     after = _solved(estimation, loose, before.fit.eta)
     late = [
         delay
-        for delay, clock in zip(
-            after.box.delays_s(after.fit.eta).tolist(), after.box.clocks, strict=True
+        for delay, group in zip(
+            after.box.delays_s(after.fit.eta).tolist(), after.box.groups, strict=True
         )
-        if clock.channels[0].corner is not None
+        if group.channels[0].corner is not None
     ]
     mean_ms = float(np.mean(late)) * 1e3
     who = "sensors at the wheels" if mean_ms > 0 else "body sensors"
@@ -165,7 +165,7 @@ def _late(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
 
 
 def _slow(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
-    channels = [c for clock in before.box.clocks for c in clock.channels]
+    channels = [c for group in before.box.groups for c in group.channels]
     kinds = {
         "body sensors": {c.name for c in channels if c.corner is None},
         "sensors at the wheels": {c.name for c in channels if c.corner is not None},
@@ -207,9 +207,9 @@ def _solved(
         with_channels(_short(decay.thinned(_RATE_HZ)), change) for decay in estimation.decays
     )
     decays = tuple(decay for decay in changed if decay.recordings)
-    clocks = dict.fromkeys(r.clock for decay in decays for r in decay.recordings)
+    groups = dict.fromkeys(r.group for decay in decays for r in decay.recordings)
     old = estimation.box
-    box = GreyBox(tuple(clocks), old.mass_states, old.geometry, old.structure, old.facts)
+    box = GreyBox(tuple(groups), old.mass_states, old.geometry, old.structure, old.facts)
     start = _start(box, old, near)
     return _Problem(box, decays, fit(box, decays, estimation.noise, start, 0.3, 15))
 

@@ -1,4 +1,4 @@
-"""Sensor sets to choose from: which sensors a campaign has, and which of them share a clock."""
+"""Sensor sets of the studies: which sensors a campaign has, and which are sampled together."""
 
 from __future__ import annotations
 
@@ -37,6 +37,6 @@ SENSOR_SETS: Mapping[str, tuple[ChannelGroup, ...]] = MappingProxyType(
         "all": (_IMU, _HUBS, _TRAVELS),
     }
 )
-"""Name to sample clocks.  The paper's seven accelerations of the degrees of freedom; an inertial
+"""Name to channel groups.  The paper's seven accelerations of the degrees of freedom; an inertial
 measurement unit (IMU: acceleration of a body point, pitch and roll rate) with the accelerations of
 the four hubs, with the four suspension travels, or with both."""

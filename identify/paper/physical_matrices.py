@@ -16,7 +16,7 @@ from daq.vehicle import DOF, VehicleGeometry, VehicleParameters
 from dbc.errors import InputError
 
 from ..model.matrices import N_DOF, PhysicalModel, matrices, with_geometry
-from ..modes.modal import ModalModel
+from ..modes.modal_model import ModalModel
 
 MASS_ADVICE = "add weights to the body at three places or more and to each of the four hubs"
 _SINGULAR = 1e-9

@@ -13,7 +13,7 @@ from daq.vehicle import FORD_GRANADA
 from dbc.errors import InputError
 from identify.model.matrices import PhysicalModel, physical_model
 from identify.model.response import Bump, exact_response, wilson_response
-from identify.modes.modal import ModalModel, mac, modes_of
+from identify.modes.modal_model import ModalModel, mac, modes_of
 from identify.modes.mode_selection import identify_modes
 
 from ..structures import (

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..fit.estimation import Estimation
+from .cause_ranking import Suspect
 from .finding import Finding, Verdict
-from .ranking import Suspect
-from .sensors import Explanation, gain_of, sensor_explanations
+from .sensor_faults import Explanation, gain_of, sensor_explanations
 
 _MATTERS = 0.02
 """Relative change of a parameter from which on an effect makes the result doubtful."""

@@ -11,9 +11,9 @@ from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.pipeline import grey_box, usable_records
 from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of
-from identify.study.sensors import SENSOR_SETS
+from identify.study.sensor_sets import SENSOR_SETS
+from identify.trust.cause_ranking import Suspect, rank_causes
 from identify.trust.judge import judge
-from identify.trust.ranking import Suspect, rank_causes
 
 from ..stress import HUBS, STRESSES
 from .campaigns import SEEDS, campaign, doubtful, estimated

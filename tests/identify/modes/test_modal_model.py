@@ -9,7 +9,7 @@ from daq.channels import Channel, Quantity, paper_channels
 from daq.vehicle import FORD_GRANADA, Corner
 from dbc.errors import InputError
 from identify.model.matrices import physical_model
-from identify.modes.modal import ModalModel, displacement_shapes, mac, modes_of, mpc
+from identify.modes.modal_model import ModalModel, displacement_shapes, mac, modes_of, mpc
 
 TRUTH = modes_of(physical_model(FORD_GRANADA).A)
 GEOMETRY = FORD_GRANADA.geometry

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleGeometry
 from dbc.errors import InputError
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
-from identify.modes.modal import ModalModel, modes_of
-from identify.paper.physical import (
+from identify.modes.modal_model import ModalModel, modes_of
+from identify.paper.physical_matrices import (
     identify_parameters,
     nearest_vehicle,
     physical_matrices,

@@ -15,7 +15,7 @@ from dbc.errors import InputError
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.model.matrices import PhysicalModel, physical_model
 from identify.model.response import Bump, Response, exact_response
-from identify.modes.modal import ModalModel, displacement_shapes, mac, modes_of, sensor_rows
+from identify.modes.modal_model import ModalModel, displacement_shapes, mac, modes_of, sensor_rows
 from identify.modes.vehicle_modes import SensedModes, sensed_modes
 
 RUNS = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.WARP)
@@ -41,9 +41,9 @@ LEFT, RIGHT = (
     )
     for side, sign in (("left", 1), ("right", -1))
 )
-CLOCKS = (IMU, LEFT, RIGHT)
+GROUPS = (IMU, LEFT, RIGHT)
 RATES_HZ, PHASES_S = (100.0, 200.0, 200.0), (0.0, 0.0015, 0.003)
-CHANNELS = tuple(channel for clock in CLOCKS for channel in clock.channels)
+CHANNELS = tuple(channel for group in GROUPS for channel in group.channels)
 
 
 def with_damper(left: float) -> PhysicalModel:
@@ -73,15 +73,15 @@ def campaign(model: PhysicalModel, noise_db: float, seed: int) -> list[Record]:
     share = 10.0 ** (-noise_db / 20.0)
     for run, response in zip(RUNS, responses, strict=True):
         recordings = []
-        for clock, rate_hz, phase_s in zip(CLOCKS, RATES_HZ, PHASES_S, strict=True):
+        for group, rate_hz, phase_s in zip(GROUPS, RATES_HZ, PHASES_S, strict=True):
             steps = np.arange(int(3.0 * rate_hz) - 1) / rate_hz + phase_s
             steps = steps + rng.uniform(-0.001, 0.001, len(steps))
             at = np.round(steps[rng.random(len(steps)) > 0.01] * FINE_HZ).astype(int)
             at = at[at >= 0]
-            values = np.column_stack([sensor(channel, response) for channel in clock.channels])
-            sigma = share * np.sqrt([power[channel.name] for channel in clock.channels])
+            values = np.column_stack([sensor(channel, response) for channel in group.channels])
+            sigma = share * np.sqrt([power[channel.name] for channel in group.channels])
             values = values[at] + 9.81 + sigma * rng.standard_normal((len(at), values.shape[1]))
-            recordings.append(Recording(clock, response.time_s[at], values))
+            recordings.append(Recording(group, response.time_s[at], values))
         records.append(Record(f"{run}", "baseline", 0.2, tuple(recordings)))
     return records
 

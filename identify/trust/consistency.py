@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
-from ..fit.likelihood import fit, residuals, shares
+from ..fit.likelihood import fit, normal_blocks, residuals
 from ..fit.varpro import NormalBlock
 from .finding import Finding, Verdict
 
@@ -50,7 +50,7 @@ def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]
     rival : float
         Strength of the likeliest cause that all runs share: it may set them at odds too.
     """
-    parts = shares(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
+    parts = normal_blocks(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
     runs = {decay.label: parts[decay.label] for decay in estimation.decays}
     pulls = {label: pull_of(estimation, (part,)) for label, part in runs.items()}
     odd = max(pulls, key=lambda label: pulls[label].strength)
@@ -120,7 +120,7 @@ def _small_motion(estimation: Estimation) -> tuple[Finding, ...]:
     late = tuple(d for d in late if all(len(r.time_s) > 50 for r in d.recordings))
     if not late:
         return ()
-    parts = shares(estimation.box, late, estimation.noise, estimation.fit.eta)
+    parts = normal_blocks(estimation.box, late, estimation.noise, estimation.fit.eta)
     return _amplitude(estimation, [parts[d.label] for d in late], "the small motion after 0.4 s")
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from identify.fit.estimation import Estimation
-from identify.fit.likelihood import fit, shares
+from identify.fit.likelihood import fit, normal_blocks
+from identify.trust.cause_ranking import rank_causes
+from identify.trust.consistency import pull_of, repeat_findings
 from identify.trust.finding import Verdict
-from identify.trust.ranking import rank_causes
-from identify.trust.repeats import pull_of, repeat_findings
 
 from .campaigns import SEEDS, by_gate, estimated
 
@@ -17,14 +17,14 @@ NO_RIVAL = 0.0
 
 
 def _pulls(result: Estimation) -> dict[str, float]:
-    parts = shares(result.box, result.decays, result.noise, result.fit.eta)
+    parts = normal_blocks(result.box, result.decays, result.noise, result.fit.eta)
     return {d.label: pull_of(result, (parts[d.label],)).strength for d in result.decays}
 
 
 @pytest.mark.parametrize("label", ["added_roll_2", "baseline_bounce_1"])
 def test_a_pull_is_what_parameters_of_its_own_would_gain_a_run(label: str) -> None:
     result = estimated("linear", 1)
-    parts = shares(result.box, result.decays, result.noise, result.fit.eta)
+    parts = normal_blocks(result.box, result.decays, result.noise, result.fit.eta)
     pull = pull_of(result, (parts[label],))
     costs = [
         fit(result.box, chosen, result.noise, result.fit.eta, 1e-5, 200).cost

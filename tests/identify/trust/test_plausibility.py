@@ -11,7 +11,7 @@ from daq.vehicle import FORD_GRANADA, Structure, Vehicle
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.pipeline import grey_box, usable_records
 from identify.trust.finding import Verdict
-from identify.trust.parameters import parameter_findings, undetermined
+from identify.trust.plausibility import parameter_findings, undetermined
 
 from ..stress import HUBS, stress_session
 from .campaigns import by_gate, estimated
