@@ -1,4 +1,4 @@
-"""The operator's terminal: news from the recorder in, orders out; screens do the rest."""
+"""The operator's terminal: passes the recorder's news to the screens and their orders back."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from textual.app import App
 from textual.binding import Binding, BindingType
@@ -34,14 +34,21 @@ from .widgets.plain_ascii import PlainAscii
 if TYPE_CHECKING:
     from daq.bench.config import Bench
 
+    from ..jobs.outcome import Outcome
+    from .screens.identify import IdentifyScreen
+    from .screens.report import ReportScreen
+    from .screens.results import ResultsScreen
+
 HISTORY_S = 10.0
+"""Seconds of samples that a new terminal asks for: more than the chart shows."""
 AUTO_S = 0.25
+"""Seconds between two looks of `--auto` at the next action."""
 MOST_NEWS = 1200
-"""A minute of news: all that waits for a terminal whose line is stopped and takes no output."""
+"""Messages kept for a terminal whose output is stopped: one minute of news."""
 
 
 def _screen(module: str, name: str) -> Screen[Any]:
-    """Make a screen when it is first asked for: the first screen must not wait for all."""
+    """Return a new screen; its module is imported now, so that the first screen comes at once."""
     made: Screen[Any] = getattr(import_module(f".screens.{module}", __package__), name)()
     return made
 
@@ -53,7 +60,7 @@ def _palette() -> type[Provider]:
 
 
 class NewsArrived(Message):
-    """The feed has posted something."""
+    """The feed has posted news."""
 
 
 class BenchApp(App[None]):
@@ -61,18 +68,12 @@ class BenchApp(App[None]):
 
     Parameters
     ----------
-    feed : Feed
-        Of the recorder.
     folder : Path
-        The recorder's; sessions and reports are there.
-    glyphs : Glyphs
-        What the terminal can show.
+        The recorder's; sessions and reports are in it.
     operator : str
-        The person; goes into the journal with every decision.
-    theme : str
-        Name of a theme.
+        The person; the journal stores this name with every verdict.
     auto : bool
-        Press the next action whenever there is one.
+        Press SPACE whenever there is a next action.
     clock : callable
         Monotonic seconds, for the lock-out of held keys.
     """
@@ -125,43 +126,43 @@ class BenchApp(App[None]):
         """What was typed last in answer to each question."""
         self._news: deque[News] = deque(maxlen=MOST_NEWS)
         self._role = Role(False)
-        self._landed = False
+        self._started = False
         self._halted = ""
         self._history_of = ""
 
     # News ---------------------------------------------------------------------------------------
 
     async def on_mount(self) -> None:
-        """Begin to listen; the first status decides which screen comes first."""
+        """Start the feed; the first status decides which screen comes first."""
         await self.push_screen("home")
         self.feed.start(self.post)
         if self.auto:
             self.set_interval(AUTO_S, self._press_next)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Let nothing but ASCII pass to a terminal that is not trusted with more."""
+        """Add the filter that replaces all but ASCII, for a terminal that can show no more."""
         filters = super().get_line_filters()
         return [*filters, self._ascii] if self.glyphs.name is GlyphSet.ASCII else filters
 
     def on_unmount(self) -> None:
-        """Leave the recorder alone."""
+        """Stop the feed; the recorder goes on."""
         self.feed.stop()
 
     def post(self, news: News) -> None:
-        """Take news from the feed's thread."""
+        """Queue news; called from the feed's thread."""
         if isinstance(news, Role):
             self._role = news
         self._news.append(news)
-        if len(self._news) == 1:  # whoever handles the first handles all
+        if len(self._news) == 1:  # one message handles all that is queued
             with suppress(RuntimeError):  # the app has just ended
                 self.post_message(NewsArrived())
 
     async def on_news_arrived(self, _: NewsArrived) -> None:
-        """Take what was posted."""
-        await self._hear()
+        """Process the queued news."""
+        await self._process_news()
 
-    async def _hear(self) -> None:
-        """Take all that was posted; of many statuses the newest counts."""
+    async def _process_news(self) -> None:
+        """Process all queued news; of several statuses only the newest."""
         if not self.screen_stack:  # the app is closing
             return
         status: Status | None = None
@@ -181,11 +182,11 @@ class BenchApp(App[None]):
             self._news.popleft()
         self.in_control, self.role_text = self._role.in_control, self._role.text
         if status is not None:
-            await self._take(status)
+            await self._process_status(status)
         if live:
             self.screen.post_message(LiveArrived())
 
-    async def _take(self, status: Status) -> None:
+    async def _process_status(self, status: Status) -> None:
         before, self.status, self.lost = self.status, status, None
         if self._history_of != status.recording:
             self._history_of = status.recording
@@ -194,22 +195,22 @@ class BenchApp(App[None]):
             self.run_worker(self._fetch_history(), group="history", exclusive=True)
         if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
             self.run_worker(self._fetch_bench(), group="bench", exclusive=True)
-        if not self._landed:
-            self._landed = True
-            step = BenchStep.BASELINE if _bumped(status) else progress(status).due
+        if not self._started:
+            self._started = True
+            step = BenchStep.BASELINE if _waits_unarmed(status) else progress(status).due
             await self.go_to(step)
             if not self.operator and not self.auto and step is not BenchStep.VEHICLE:
                 self._ask_name()
-        elif before is not None and not _under_way(before) and _bumped(status) and self._early:
+        elif before is not None and not _in_run(before) and _waits_unarmed(status) and self._early:
             await self.go_to(BenchStep.BASELINE)
-        self._tell_title(before, status)
+        self._announce_phase(before, status)
         self.screen.post_message(StatusArrived(status))
         if status.halted and status.halted != self._halted:
             self.show_help(status.halted)
         self._halted = status.halted
 
     def _ask_name(self) -> None:
-        """Ask who this is where the form of the vehicle, which asks too, is behind us."""
+        """Ask for the operator's name; called where the vehicle form, which asks too, is passed."""
         from .screens.question import Question
 
         async def answered(name: str | None) -> None:
@@ -237,55 +238,81 @@ class BenchApp(App[None]):
 
     @property
     def step(self) -> BenchStep | None:
-        """The step that the screen in front is of; none for a dialog, or for what is past."""
-        return getattr(self.screen, "here", None)
+        """The step of the screen in front; None for a dialog and for a session of the past."""
+        return getattr(self.screen, "step_shown", None)
 
     @property
     def _early(self) -> bool:
-        """Whether the operator is before the bumps, with no question open."""
+        """Whether the screen in front belongs to a step before the bumps."""
         return self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
 
     # Orders -------------------------------------------------------------------------------------
 
     async def ask(self, order: Order) -> Reply | None:
-        """Send an order; the operator is told why if it is refused, and None comes back."""
+        """Send an order; None after a refusal, of which the operator sees the reason."""
         if not self.in_control and not isinstance(order, QUESTIONS):
-            self.warn("this terminal looks on: C asks for control")
+            self.warn("this terminal is a viewer: C asks for control")
             return None
         try:
             reply = await self.feed.ask(order)
         except Refused as refused:
             self.warn(str(refused))
             return None
-        if reply.status is not None:  # what is done next builds on it
+        if reply.status is not None:  # the next action builds on it
             self.post(reply.status)
-            await self._hear()
+            await self._process_news()
         return reply
 
     def warn(self, text: str) -> None:
-        """Tell the operator something in a corner of the screen."""
+        """Show the operator a warning in a corner of the screen."""
         self.notify(printable(text, 600), severity="warning", markup=False)
 
-    def tell(self, text: str) -> None:
-        """Tell the operator that something is done."""
+    def inform(self, text: str) -> None:
+        """Show the operator in a corner of the screen that something is done."""
         self.notify(printable(text, 600), markup=False)
 
-    # Ways ---------------------------------------------------------------------------------------
+    # Screens ------------------------------------------------------------------------------------
 
     async def go_to(self, step: BenchStep) -> None:
-        """Go to a step's screen; to the run screen while a run is under way."""
+        """Show the screen of a step; the run screen while a run is in progress."""
         name = SCREEN_OF[step]
-        if name == "home" and self.status is not None and _under_way(self.status):
+        if name == "home" and self.status is not None and _in_run(self.status):
             name = "run"
         await self.open(name)
 
     async def open(self, name: str) -> None:
-        """Bring a screen to the front; it keeps what was typed into it."""
+        """Show a screen by its name; it keeps what was typed into it."""
         if self.screen is not self.get_screen(name):
             await self.switch_screen(name)
 
+    async def open_build(self) -> None:
+        """Show the identify screen, build the recording's session file and identify it."""
+        await self.open("identify")
+        await self._identify_screen().build()
+
+    async def open_identify(self, session: str, without: tuple[str, ...] = ()) -> None:
+        """Show the identify screen and identify a session file, without the named runs."""
+        await self.open("identify")
+        self._identify_screen().begin(session, without)
+
+    def _identify_screen(self) -> IdentifyScreen:
+        return cast("IdentifyScreen", self.get_screen("identify"))
+
+    async def open_results(self, outcome: Outcome) -> None:
+        """Show the results of an identification."""
+        cast("ResultsScreen", self.get_screen("results")).show_outcome(outcome)
+        await self.open("results")
+
+    async def open_report(self, session: str, write: bool = False) -> None:
+        """Show the report screen of a session file; write the report at once if asked."""
+        report = cast("ReportScreen", self.get_screen("report"))
+        report.show_session(session)
+        await self.open("report")
+        if write:
+            report.begin()
+
     async def action_step(self, number: int) -> None:
-        """Jump to a step, if it is reached."""
+        """Show the screen of a step if it is reached."""
         step = BenchStep(number)
         if progress(self.status).reached(step):
             await self.go_to(step)
@@ -297,11 +324,11 @@ class BenchApp(App[None]):
         await self.open("sessions")
 
     async def action_home(self) -> None:
-        """Show what is next."""
+        """Show the next action."""
         await self.open("home")
 
     def action_note(self, label: str = "") -> None:
-        """Write a note."""
+        """Open a note on a run; on the session without a label."""
         from .screens.note import NoteScreen
 
         self.push_screen(NoteScreen(label))
@@ -313,7 +340,7 @@ class BenchApp(App[None]):
         self.push_screen(HelpScreen(page))
 
     def action_help(self) -> None:
-        """Show the help of the screen in front, or of the one that a dialog belongs to."""
+        """Show the help of the screen in front; of the screen below if a dialog has none."""
         from .screens.help import HelpScreen
 
         if isinstance(self.screen, HelpScreen):
@@ -328,16 +355,16 @@ class BenchApp(App[None]):
             self.feed.take_over()
 
     async def action_restart_recorder(self) -> None:
-        """Start the recorder again."""
+        """Start a recorder if none runs."""
         try:
             await asyncio.to_thread(self.feed.restart)
         except Refused as refused:
             self.warn(str(refused))
 
     def action_toggle_bell(self) -> None:
-        """Ring at bumps and verdicts, or do not."""
+        """Switch the bell at bumps and verdicts on or off."""
         self.bell_on = not self.bell_on
-        self.tell(f"bell {'on' if self.bell_on else 'off'}")
+        self.inform(f"bell {'on' if self.bell_on else 'off'}")
 
     async def _press_next(self) -> None:
         from .screens.base import BenchScreen
@@ -346,8 +373,8 @@ class BenchApp(App[None]):
         if isinstance(screen, BenchScreen) and self.status is not None and screen.ready:
             await screen.action_next()
 
-    def _tell_title(self, before: Status | None, status: Status) -> None:
-        """Ring and set the window's title when the phase changes: both are seen from afar."""
+    def _announce_phase(self, before: Status | None, status: Status) -> None:
+        """Set the window's title and ring the bell when the phase changes."""
         if before is not None and before.phase is status.phase:
             return
         words = f"{status.phase.value.upper()} - {status.vehicle} - Bumpbench"
@@ -360,11 +387,11 @@ class BenchApp(App[None]):
                 self.bell()
 
 
-def _bumped(status: Status) -> bool:
+def _waits_unarmed(status: Status) -> bool:
     """Whether a recorder waits for a first bump that no terminal has armed."""
-    return _under_way(status) and progress(status).due <= BenchStep.BASELINE
+    return _in_run(status) and progress(status).due <= BenchStep.BASELINE
 
 
-def _under_way(status: Status) -> bool:
-    """Whether bumps are waited for, or one is being looked at."""
+def _in_run(status: Status) -> bool:
+    """Whether the recorder waits for a bump or follows one."""
     return status.phase not in (Phase.IDLE, Phase.COMPLETE)

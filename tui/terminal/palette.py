@@ -1,28 +1,28 @@
-"""Everything that can be done, by name: Ctrl+P, then type."""
+"""Every command by its name: Ctrl+P, then type a part of it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
+from textual.app import App
 from textual.command import DiscoveryHit, Hit, Hits, Provider
 
 from daq.control.orders import Acknowledge, Arm, Build, Pause, Redo, Reject, ShutDown, Stop, Undo
 
+from .context import BenchContext
 from .state.steps import BenchStep
 
 if TYPE_CHECKING:
     from daq.control.orders import Order
 
-    from .app import BenchApp
-
 Command = tuple[str, str, Callable[[], object]]
-"""Name with its namespace, what it does, the doing."""
+"""Name with its namespace, what the command does, and the call that does it."""
 
 _ORDERS: tuple[tuple[str, str, Order], ...] = (
     ("run: arm", "wait for the next bump and count it", Arm()),
-    ("run: pause", "count no bump until armed again; frames are recorded all the same", Pause()),
+    ("run: pause", "count no bump until armed again; frames are still recorded", Pause()),
     ("run: reject last", "do not use the last run; it is kept", Reject()),
     ("run: undo", "take the last verdict back", Undo()),
     ("run: redo", "take the last undo back", Redo()),
@@ -33,15 +33,15 @@ _ORDERS: tuple[tuple[str, str, Order], ...] = (
 
 
 class BenchCommands(Provider):
-    """The commands of the app; those of the screen in front come as they are bound."""
+    """Offers the commands of the app and of the screen in front."""
 
     async def discover(self) -> Hits:
-        """Yield all of them, before anything is typed."""
+        """Yield all commands before anything is typed."""
         for name, words, do in self._commands():
             yield DiscoveryHit(name, do, help=words)
 
     async def search(self, query: str) -> Hits:
-        """Yield what fits."""
+        """Yield the commands whose name matches."""
         matcher = self.matcher(query)
         for name, words, do in self._commands():
             score = matcher.match(name)
@@ -49,42 +49,42 @@ class BenchCommands(Provider):
                 yield Hit(score, matcher.highlight(name), do, help=words)
 
     def _commands(self) -> Iterator[Command]:
-        app: Any = self.app
-        yield from commands(app)
+        return commands(self.app)
 
 
-def commands(app: BenchApp) -> Iterator[Command]:
+def commands(app: App[Any]) -> Iterator[Command]:
     """Yield every command that can be given now."""
+    bench = cast("BenchContext", app)
     for name, words, order in _ORDERS:
-        yield name, words, partial(app.ask, order)
+        yield name, words, partial(bench.ask, order)
     for step in BenchStep:
         name = f"step: {step.title}"
-        yield name, "go to this step, if it is reached", partial(app.action_step, step.value)
-    yield "session: list", "sessions of this folder", app.action_sessions
-    yield "session: results", "the results, if there are any", partial(app.open, "results")
+        yield name, "go to this step if it is reached", partial(bench.action_step, step.value)
+    yield "session: list", "sessions of this folder", bench.action_sessions
+    yield "session: results", "the results, if there are any", partial(bench.open, "results")
     yield from _of_screen(app)
-    status = app.status
+    status = bench.status
     last = status.runs[-1].label if status is not None and status.runs else ""
-    yield "note: on the session", "write a note on the session", app.action_note
+    yield "note: on the session", "write a note on the session", bench.action_note
     if last:
-        yield "note: on the last run", f"write a note on {last}", partial(app.action_note, last)
-    yield "recorder: take control", "become the one who gives orders", app.action_take_over
-    yield "recorder: restart", "start the recorder if none runs", app.action_restart_recorder
-    yield "recorder: shut down", "end it and this terminal: recording stops", partial(_end, app)
-    yield "view: bell", "ring at bumps and verdicts, or do not", app.action_toggle_bell
+        yield "note: on the last run", f"write a note on {last}", partial(bench.action_note, last)
+    yield "recorder: take control", "give the orders from this terminal", bench.action_take_over
+    yield "recorder: restart", "start the recorder if none runs", bench.action_restart_recorder
+    yield "recorder: shut down", "end recorder and terminal: recording stops", partial(_end, app)
+    yield "view: bell", "switch the bell at bumps and verdicts", bench.action_toggle_bell
     for theme in ("bench-dark", "bench-light", "ansi-dark", "ansi-light"):
         if theme in app.available_themes:
             yield f"theme: {theme}", "colours of the terminal", partial(_set_theme, app, theme)
-    yield "help: this screen", "what it is for, and its keys", app.action_help
-    yield "app: quit", "close the terminal; the recording goes on", app.action_quit
+    yield "help: this screen", "purpose and keys of this screen", bench.action_help
+    yield "app: quit", "close the terminal; the recording goes on", bench.action_quit
 
 
-def _of_screen(app: BenchApp) -> Iterator[Command]:
+def _of_screen(app: App[Any]) -> Iterator[Command]:
     """Yield what the screen in front can export, report or exclude."""
     names = {
         "export": ("session: export", "write the session in another tool's format"),
         "exclude": ("run: exclude and identify again", "leave the chosen run out of the result"),
-        "compare": ("session: compare", "choose two sessions, and see what they differ in"),
+        "compare": ("session: compare", "choose two sessions and list their differences"),
         "report": ("session: report", "write the report of the chosen session"),
     }
     for action, (name, words) in names.items():
@@ -92,10 +92,10 @@ def _of_screen(app: BenchApp) -> Iterator[Command]:
             yield name, words, partial(app.screen.run_action, action)
 
 
-async def _end(app: BenchApp) -> None:
-    if await app.ask(ShutDown()) is not None:
+async def _end(app: App[Any]) -> None:
+    if await cast("BenchContext", app).ask(ShutDown()) is not None:
         app.exit()
 
 
-def _set_theme(app: BenchApp, theme: str) -> None:
+def _set_theme(app: App[Any], theme: str) -> None:
     app.theme = theme

@@ -106,7 +106,7 @@ async def test_results_that_are_behind_say_so_and_end_no_step(make_app: MakeApp)
         screen = app.screen
         assert isinstance(screen, IdentifyScreen)
         screen.outcome = outcome()
-        await screen.show_results()
+        await app.open_results(screen.outcome)
         await _settle(pilot)
         assert isinstance(app.screen, ResultsScreen)
         assert "SPACE = step 7 Report" in screen_text(app)

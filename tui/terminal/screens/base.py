@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar, cast
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
+from ..context import BenchContext
 from ..state.steps import BenchStep
 from ..widgets.key_bar import KeyBar
 from ..widgets.step_bar import StepBar
@@ -16,8 +17,6 @@ from .news import LiveArrived, RecorderLost, StatusArrived
 
 if TYPE_CHECKING:
     from daq.control.messages import Status
-
-    from ..app import BenchApp
 
 LOCK_OUT_S = 0.3
 
@@ -47,10 +46,9 @@ class BenchScreen(Screen[None]):
         self._acted = True
 
     @property
-    def bench_app(self) -> BenchApp:
-        """The app, by its own type."""
-        app: Any = self.app
-        return app  # type: ignore[no-any-return]
+    def bench_app(self) -> BenchContext:
+        """The app, as a screen sees it."""
+        return cast("BenchContext", self.app)
 
     @property
     def ready(self) -> bool:
@@ -58,7 +56,7 @@ class BenchScreen(Screen[None]):
         return True
 
     @property
-    def here(self) -> BenchStep | None:
+    def step_shown(self) -> BenchStep | None:
         """The step that is shown; none where what is shown is not of this recording."""
         return self.STEP
 
@@ -124,7 +122,7 @@ class BenchScreen(Screen[None]):
         if not self.is_mounted:
             return
         self.query_one(TopLine).show(status, self.bench_app)
-        self.query_one(StepBar).show(status, self.here)
+        self.query_one(StepBar).show(status, self.step_shown)
         self.show_status(status)
         if self.acts is not self._acted:
             self._acted = self.acts

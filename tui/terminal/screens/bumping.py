@@ -38,7 +38,7 @@ class BumpingScreen(BenchScreen):
     ]
 
     @property
-    def here(self) -> BenchStep | None:
+    def step_shown(self) -> BenchStep | None:
         """The step whose bumps come next."""
         status = self.bench_app.status
         return bump_step(status) if status is not None else None
@@ -121,7 +121,7 @@ class BumpingScreen(BenchScreen):
             tally = status.tallies[min(self.query_one(TallyList).chosen, len(status.tallies) - 1)]
             order = Choose(tally.mass_state, tally.excitation)
             if await self.bench_app.ask(order) is not None:
-                self.bench_app.tell(f"next: {tally.mass_state} {tally.excitation.value}")
+                self.bench_app.inform(f"next: {tally.mass_state} {tally.excitation.value}")
 
     def action_choose(self, by: int) -> None:
         """Point to another kind of bump."""

@@ -292,7 +292,7 @@ class CheckScreen(BenchScreen):
                     await self._go_on()
             self._show_rows()
 
-        self.bench_app.push_screen(Question(f"{subject}: {question}", "reason"), answered)
+        self.app.push_screen(Question(f"{subject}: {question}", "reason"), answered)
 
     # The wiggle ---------------------------------------------------------------------------------
 
@@ -360,7 +360,7 @@ class CheckScreen(BenchScreen):
             app.warn("I turns the sign of a channel whose line says FAIL: mark one")
             return
         if await self._configure({channel.name: (-channel.sign, -channel.tare)}):
-            app.tell(f"sign of {channel.name} is now {-channel.sign:+.0f}")
+            app.inform(f"sign of {channel.name} is now {-channel.sign:+.0f}")
             if corner is not None:
                 await self._begin_wiggle(corner)
 

@@ -42,7 +42,7 @@ class IdentifyScreen(WorkScreen):
         self._asked_ns = 0
 
     @property
-    def here(self) -> BenchStep | None:
+    def step_shown(self) -> BenchStep | None:
         """Step 6 of this recording; no step of it where a session of the past is identified."""
         path = self.work.session
         return BenchStep.IDENTIFY if not path or self._is_current(path) else None
@@ -61,8 +61,8 @@ class IdentifyScreen(WorkScreen):
         """Build and identify; show the results if they are there."""
         if self.work.stage in (Stage.IDLE, Stage.FAILED) or self._outdated:
             await self.build()
-        elif self.work.stage is Stage.DONE:
-            await self.show_results()
+        elif self.work.stage is Stage.DONE and self.outcome is not None:
+            await self.bench_app.open_results(self.outcome)
 
     async def build(self) -> None:
         """Have the recorder derive its session file; identify it as soon as it is there."""
@@ -111,18 +111,9 @@ class IdentifyScreen(WorkScreen):
         self.work = replace(self.work, stage=Stage.DONE, share=1.0)
         self.draw()
         if self.app.screen is self:
-            await self.show_results()
+            await self.bench_app.open_results(self.outcome)
         else:
-            self.bench_app.tell("identified: step 6 shows the results")
-
-    async def show_results(self) -> None:
-        """Go to the results."""
-        from .results import ResultsScreen
-
-        results = self.app.get_screen("results")
-        if self.outcome is not None and isinstance(results, ResultsScreen):
-            results.show_outcome(self.outcome)
-            await self.bench_app.open("results")
+            self.bench_app.inform("identified: step 6 shows the results")
 
     def lines(self, width: int) -> list[str]:
         """Return what the box holds."""

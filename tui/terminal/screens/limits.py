@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from daq.errors import InputError
 
 from ..forms.axle_limits import AxleLimits, keep_limits, parse_limits
+from .base import BenchScreen
 from .question import Question
 
-if TYPE_CHECKING:
-    from ..app import BenchApp
-
-_WORDS = "Largest permitted axle loads in kg, front and rear, as the papers of the car say"
+_WORDS = "Largest permitted axle loads in kg, front and rear, from the papers of the car"
 
 
-def ask_limits(app: BenchApp, take: Callable[[AxleLimits], None]) -> None:
-    """Ask for the limits, keep them beside the recording, and hand them on."""
+def ask_limits(screen: BenchScreen, take: Callable[[AxleLimits], None]) -> None:
+    """Ask for the limits, store them in the recorder's folder, and pass them to `take`."""
 
     def answered(text: str | None) -> None:
         if text is None:
             return
+        app = screen.bench_app
         try:
             limits = parse_limits(text)
         except InputError as error:
@@ -31,4 +29,4 @@ def ask_limits(app: BenchApp, take: Callable[[AxleLimits], None]) -> None:
             app.warn(trouble)
         take(limits)
 
-    app.push_screen(Question(_WORDS, "1050 980"), answered)
+    screen.app.push_screen(Question(_WORDS, "1050 980"), answered)

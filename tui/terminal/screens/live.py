@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from textual.screen import Screen
 
+from ..context import BenchContext
 from ..state.glyphs import Glyphs
 from ..state.lane_view import lane_specs, window
 from ..widgets.lane_chart import LaneChart
-
-if TYPE_CHECKING:
-    from ..app import BenchApp
 
 
 def live_chart(glyphs: Glyphs) -> LaneChart:
@@ -21,7 +17,7 @@ def live_chart(glyphs: Glyphs) -> LaneChart:
     return chart
 
 
-def draw_lanes(screen: Screen[None], app: BenchApp, page: int = 0) -> None:
+def draw_lanes(screen: Screen[None], app: BenchContext, page: int = 0) -> None:
     """Draw the newest samples on the chart of a screen, if it is seen."""
     chart = screen.query_one(LaneChart)
     if not chart.display or not chart.size.height:

@@ -346,7 +346,7 @@ class MassesScreen(BenchScreen):
             self._limits = limits
             self._show_all()
 
-        ask_limits(self.bench_app, take)
+        ask_limits(self, take)
 
     async def action_measure(self) -> None:
         """Read where the body stands now: with the weights on it has sunk."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar, cast
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -15,10 +15,8 @@ from textual.widgets import Static, TextArea
 from daq.control.orders import Note
 from daq.errors import printable
 
+from ..context import BenchContext
 from ..state.drafts import read_draft, remove_draft, write_draft
-
-if TYPE_CHECKING:
-    from ..app import BenchApp
 
 DRAFT = "draft_note.json"
 _MOST = 2000
@@ -53,9 +51,8 @@ class NoteScreen(ModalScreen[None]):
         self._writing: Timer | None = None
 
     @property
-    def _bench_app(self) -> BenchApp:
-        app: Any = self.app
-        return app  # type: ignore[no-any-return]
+    def _bench_app(self) -> BenchContext:
+        return cast("BenchContext", self.app)
 
     def compose(self) -> ComposeResult:
         """Lay out the text."""
@@ -104,7 +101,7 @@ class NoteScreen(ModalScreen[None]):
         self._save()
         if await self._bench_app.ask(Note(text, self._label)) is not None:
             remove_draft(self._draft_path)
-            self._bench_app.tell("the note is in the recording")
+            self._bench_app.inform("the note is in the recording")
             self.dismiss()
 
     def action_leave(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar, cast
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -12,10 +12,8 @@ from textual.widgets import Input, Static
 
 from daq.errors import printable
 
+from ..context import BenchContext
 from ..widgets.line import Line
-
-if TYPE_CHECKING:
-    from ..app import BenchApp
 
 
 class Question(ModalScreen[str | None]):
@@ -39,9 +37,8 @@ class Question(ModalScreen[str | None]):
         self._words, self._field = printable(words, 300), field
 
     @property
-    def _bench_app(self) -> BenchApp:
-        app: Any = self.app
-        return app  # type: ignore[no-any-return]
+    def _bench_app(self) -> BenchContext:
+        return cast("BenchContext", self.app)
 
     def compose(self) -> ComposeResult:
         """Question, line, keys."""

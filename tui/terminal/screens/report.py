@@ -36,7 +36,7 @@ class ReportScreen(WorkScreen):
         self._session = ""
 
     @property
-    def here(self) -> BenchStep | None:
+    def step_shown(self) -> BenchStep | None:
         """Step 7 of this recording; no step of it for the report of a session of the past."""
         status = self.bench_app.status
         own = not self._session or (status is not None and status.own_session == self._session)

@@ -29,6 +29,7 @@ from ..state.outcome_text import (
 from ..state.steps import BenchStep, is_marked
 from ..widgets.decay_plot import DecayPlot
 from .base import BenchScreen
+from .export import export_session
 from .work import OUTDATED
 
 _PAGES = ("Parameters", "Modes", "M C K", "Decays", "Findings", "Derived")
@@ -98,7 +99,7 @@ class ResultsScreen(BenchScreen):
         self.call_after_refresh(self._draw)
 
     @property
-    def here(self) -> BenchStep | None:
+    def step_shown(self) -> BenchStep | None:
         """Step 6 of this recording; no step of it for the results of a session of the past."""
         return BenchStep.IDENTIFY if self._is_current(self.bench_app.status) else None
 
@@ -132,18 +133,13 @@ class ResultsScreen(BenchScreen):
 
     async def action_next(self) -> None:
         """Go on to the report of this session."""
-        from .report import ReportScreen
-
         if self.outcome is None or self._outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
             return
-        report = self.app.get_screen("report")
-        if isinstance(report, ReportScreen):
-            report.show_session(self.outcome.session)
         status, step = self.bench_app.status, BenchStep.IDENTIFY
         if status is not None and self._is_current(status) and not is_marked(status, step):
             await self.bench_app.ask(Mark(step.mark))
-        await self.bench_app.open("report")
+        await self.bench_app.open_report(self.outcome.session)
 
     def action_page(self, step: int) -> None:
         """Show the next page."""
@@ -185,8 +181,6 @@ class ResultsScreen(BenchScreen):
 
     def action_export(self) -> None:
         """Write the session in another tool's format."""
-        from .export import export_session
-
         if self.outcome is not None:
             self.run_worker(export_session(self.app, self.outcome.session), group="export")
 
@@ -203,24 +197,13 @@ class ResultsScreen(BenchScreen):
             if status is LoggedStatus.ACCEPTED
             else Accept(label, "taken back at the results")
         )
-        if await self.bench_app.ask(order) is None:
-            return
-        from .identify import IdentifyScreen
-
-        identify = self.app.get_screen("identify")
-        if isinstance(identify, IdentifyScreen):
-            await self.bench_app.open("identify")
-            await identify.build()
+        if await self.bench_app.ask(order) is not None:
+            await self.bench_app.open_build()
 
     async def _try_without(self, outcome: Outcome, label: str) -> None:
         """Identify a file of the past without a run; the file stays as it is."""
-        from .identify import IdentifyScreen
-
-        left = set(outcome.without) ^ {label}
-        identify = self.app.get_screen("identify")
-        if isinstance(identify, IdentifyScreen):
-            await self.bench_app.open("identify")
-            identify.begin(outcome.session, tuple(sorted(left)))
+        without = tuple(sorted(set(outcome.without) ^ {label}))
+        await self.bench_app.open_identify(outcome.session, without)
 
     @property
     def _runs_shown(self) -> bool:
@@ -260,7 +243,7 @@ class ResultsScreen(BenchScreen):
         names = [f"[{n}]" if i == self._page else f" {n} " for i, n in enumerate(_PAGES)]
         name = printable(Path(outcome.session).name, 60)
         tail = f"  {name}" if size.width >= _WIDE else ""
-        step = f"step {BenchStep.REPORT.title}" if self.here else f"report of {name}"
+        step = f"step {BenchStep.REPORT.title}" if self.step_shown else f"report of {name}"
         if self._told_outdated:
             step = f"step {BenchStep.IDENTIFY.title}"
         pages = Content.assemble("".join(names) + tail, "  ", (f"SPACE = {step}", "bold $accent"))

@@ -23,6 +23,8 @@ from ...jobs.worker import lines_of
 from ..state.steps import progress
 from ..widgets.line import Line
 from .base import BenchScreen
+from .export import export_session
+from .text import TextScreen
 
 _ENTRY = TypeAdapter(SessionEntry)
 
@@ -103,8 +105,6 @@ class SessionsScreen(BenchScreen):
 
     async def action_open(self) -> None:
         """Show the results of a session; go on with the recording that is open."""
-        from .identify import IdentifyScreen
-
         entry = self._chosen()
         if entry is None:
             return
@@ -116,26 +116,16 @@ class SessionsScreen(BenchScreen):
                 "or make its session file with bumpbench recover"
             )
         elif self._is_file(entry):
-            identify = self.app.get_screen("identify")
-            if isinstance(identify, IdentifyScreen):
-                await self.bench_app.open("identify")
-                identify.begin(entry.path)
+            await self.bench_app.open_identify(entry.path)
 
     async def action_report(self) -> None:
         """Write the report of a session."""
-        from .report import ReportScreen
-
         entry = self._chosen()
-        report = self.app.get_screen("report")
-        if entry is not None and self._is_file(entry) and isinstance(report, ReportScreen):
-            await self.bench_app.open("report")
-            report.show_session(entry.path)
-            report.begin()
+        if entry is not None and self._is_file(entry):
+            await self.bench_app.open_report(entry.path, write=True)
 
     def action_replay(self) -> None:
         """Say how a session is shown once more through these screens."""
-        from .text import TextScreen
-
         entry = self._chosen()
         if entry is not None and self._is_file(entry):
             path = printable(entry.path, 400)
@@ -156,8 +146,6 @@ class SessionsScreen(BenchScreen):
 
     def action_export(self) -> None:
         """Write a session in another tool's format."""
-        from .export import export_session
-
         entry = self._chosen()
         if entry is not None and self._is_file(entry):
             self.run_worker(export_session(self.app, entry.path), group="export")
@@ -209,9 +197,7 @@ class SessionsScreen(BenchScreen):
         self._draw()
 
     async def _compare(self, paths: tuple[str, str]) -> None:
-        from .text import TextScreen
-
-        self.bench_app.tell("comparing: both sessions are identified")
+        self.bench_app.inform("comparing: both sessions are identified")
         async with aclosing(lines_of(CompareTask(paths), "comparison")) as lines:
             async for line in lines:
                 if isinstance(line, Trouble):

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 from textual.content import Content
 
 from daq.control.messages import BusState, Status
 from daq.errors import printable
 
+from ..context import BenchContext
 from ..state.glyphs import Glyphs
 from .words import Words
-
-if TYPE_CHECKING:
-    from ..app import BenchApp
 
 _WIDE = 120
 
@@ -26,9 +23,9 @@ class TopLine(Words):
         super().__init__()
         self._glyphs = glyphs
 
-    def show(self, status: Status | None, app: BenchApp) -> None:
+    def show(self, status: Status | None, app: BenchContext) -> None:
         """Show a status, or that there is none."""
-        width = self.size.width or app.size.width  # on a screen that has just come
+        width = self.size.width or self.app.size.width  # on a screen that has just come
         wide = width >= _WIDE
         if app.lost is not None:
             self.say(

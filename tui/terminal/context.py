@@ -1,0 +1,98 @@
+"""The app as its screens, widgets and palette see it: they import this, never the app."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from daq.control.messages import Reply, Status
+from daq.control.orders import Order
+
+from ..jobs.outcome import Outcome
+from .state.feed import Lost
+from .state.glyphs import Glyphs
+from .state.lanes import Lanes
+from .state.steps import BenchStep
+
+if TYPE_CHECKING:
+    from daq.bench.config import Bench
+
+
+class BenchContext(Protocol):
+    """What the recorder last sent, orders to it, and the ways from screen to screen."""
+
+    folder: Path
+    """The recorder's folder; sessions, reports and drafts are in it."""
+    glyphs: Glyphs
+    operator: str
+    """Who gives the orders; the journal stores this name with every verdict."""
+    clock: Callable[[], float]
+    """Monotonic seconds."""
+    typed: dict[str, str]
+    """What was typed last in answer to each question."""
+    status: Status | None
+    """The newest status; None before the first, and kept after the recorder is lost."""
+    lost: Lost | None
+    """Why the recorder does not answer; None while it does."""
+    in_control: bool
+    """Whether this terminal may give orders."""
+    lanes: Lanes
+    bench: Bench | None
+    """The bench in force; None until the recorder has sent it."""
+    bench_text: str
+    """Its bench.toml."""
+
+    async def ask(self, order: Order) -> Reply | None:
+        """Send an order; None after a refusal, of which the operator sees the reason."""
+
+    def inform(self, text: str) -> None:
+        """Show the operator in a corner of the screen that something is done."""
+
+    def warn(self, text: str) -> None:
+        """Show the operator a warning in a corner of the screen."""
+
+    async def go_to(self, step: BenchStep) -> None:
+        """Show the screen of a step; the run screen while a run is in progress."""
+
+    async def open(self, name: str) -> None:
+        """Show a screen by its name."""
+
+    async def open_build(self) -> None:
+        """Show the identify screen, build the recording's session file and identify it."""
+
+    async def open_identify(self, session: str, without: tuple[str, ...] = ()) -> None:
+        """Show the identify screen and identify a session file, without the named runs."""
+
+    async def open_results(self, outcome: Outcome) -> None:
+        """Show the results of an identification."""
+
+    async def open_report(self, session: str, write: bool = False) -> None:
+        """Show the report screen of a session file; write the report at once if asked."""
+
+    async def action_step(self, number: int) -> None:
+        """Show the screen of a step that is reached."""
+
+    async def action_sessions(self) -> None:
+        """Show the sessions of the folder."""
+
+    async def action_home(self) -> None:
+        """Show the next action."""
+
+    def action_note(self, label: str = "") -> None:
+        """Open a note on a run; on the session without a label."""
+
+    def action_help(self) -> None:
+        """Show the help of the screen in front."""
+
+    def action_take_over(self) -> None:
+        """Ask for control of the recorder."""
+
+    async def action_restart_recorder(self) -> None:
+        """Start a recorder if none runs."""
+
+    def action_toggle_bell(self) -> None:
+        """Switch the bell at bumps and verdicts on or off."""
+
+    async def action_quit(self) -> None:
+        """Close the terminal; the recorder goes on."""
