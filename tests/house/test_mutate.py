@@ -44,6 +44,7 @@ def _tree(root: Path, source: str = SOURCE) -> Path:
         "dbc/wheel.py": source,
         "tests/dbc/test_wheel.py": TESTS,
         "tests/dbc/test_other.py": "def test_nothing() -> None:\n    assert True\n",
+        "tests/dbc/test_spoilt.py": "def test_spoilt() -> None:\n    raise ValueError\n",
         "pyproject.toml": "[tool.pytest.ini_options]\nfilterwarnings = ['error']\n",
     }.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
@@ -66,6 +67,7 @@ def test_the_tool_names_what_no_test_finds(tmp_path: Path) -> None:
     rate, _, survivors = done.stdout.partition("\nmedian time of a mutant: ")
     assert rate.endswith("dbc     1 of    2 killed   50%\nall     1 of    2 killed   50%")
     assert survivors.endswith("survivors: 1\ndbc/wheel.py:8  > -> >=\n    return mass_kg > 40.0\n")
+    assert "left out, it fails without a mutant: tests/dbc/test_spoilt.py" in rate
     assert (tree / "dbc" / "wheel.py").read_text("utf-8") == SOURCE
 
 
@@ -111,7 +113,7 @@ def test_a_seed_is_one_draw(tmp_path: Path) -> None:
 def test_tests_of_a_module_come_before_those_of_its_room(tmp_path: Path) -> None:
     tests = room_tests(_tree(tmp_path), Mutant("dbc/wheel.py", 1, 0, 0, ""))
     assert tests.direct == ("tests/dbc/test_wheel.py",)
-    assert tests.others == ("tests/dbc/test_other.py",)
+    assert tests.others == ("tests/dbc/test_other.py", "tests/dbc/test_spoilt.py")
 
 
 def test_every_file_of_the_packages_has_tests() -> None:

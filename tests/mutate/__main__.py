@@ -25,16 +25,19 @@ def main() -> None:
     given = parser.parse_args()
     root = given.root.resolve()
     drawn = draw(root, sources(root, given.paths), given.count, given.seed)
-    campaign = Campaign(root, given.jobs)
+    campaign = Campaign(root, given.jobs, _show)
     outcomes: list[Outcome] = []
     try:
-        campaign.measure(drawn, lambda text: print(text, flush=True))
         for outcome in campaign.outcomes(drawn):
             outcomes.append(outcome)
-            print(f"{len(outcomes)}/{len(drawn)} {_line(root, outcome)}", flush=True)
+            _show(f"{len(outcomes)}/{len(drawn)} {_line(root, outcome)}")
     finally:
         campaign.close()
     print(*_rates(outcomes), *_survivors(root, outcomes), sep="\n")
+
+
+def _show(text: str) -> None:
+    print(text, flush=True)
 
 
 def _line(root: Path, outcome: Outcome) -> str:

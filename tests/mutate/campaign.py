@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkdtemp
@@ -11,14 +12,16 @@ from time import sleep
 
 from .mutant import Mutant
 from .private_tree import PrivateTree
-from .room_tests import RoomTests, room_tests
-from .trial import Trial, load
+from .room_tests import room_tests
+from .trial import PASSED, Report, Trial, load
 
-PATIENCE = 3.0
-"""A run is given up, and its mutant counted as killed, after this many times what the tests of
-the room take without a mutant; two runs share the machine, and a loop without end never ends."""
-LEAST_S = 20.0
-"""And never before this, in seconds: starting is not in the room's time."""
+PATIENCE = 4.0
+"""A run is stopped, and its mutant counted as killed, after this many times what its files took in
+runs before; two runs share the machine, and a loop without end never ends."""
+LEAST_S = 30.0
+"""Seconds before which no run is stopped."""
+UNKNOWN_S = 30.0
+"""Seconds that a file may take of which no run is known."""
 POLL_S = 0.02
 
 
@@ -34,89 +37,97 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A run to do: files, after a change of one source file if any."""
+    """A mutant to try, or one test file to run without any."""
 
-    files: tuple[str, ...]
-    limit_s: float
-    path: str = ""
-    source: bytes = b""
+    mutant: Mutant | None = None
+    file: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A run that has ended."""
+    """A job that has ended."""
 
     job: Job
-    code: int | None
-    """Exit code of pytest; None if it was stopped at its limit."""
+    report: Report | None
+    """None if the run was stopped at its limit."""
     seconds: float
     output: str
-    file_seconds: dict[str, float]
-    modules: list[str]
 
 
 class Campaign:
     """Private trees side by side, and what is known of the tests."""
 
-    def __init__(self, root: Path, trees: int) -> None:
+    def __init__(self, root: Path, trees: int, show: Callable[[str], None]) -> None:
         self._root = root
+        self._show = show
         self._folder = Path(mkdtemp(prefix="mutate"))
         self._trees = [PrivateTree(root, self._folder / str(n)) for n in range(trees)]
         self._seconds: dict[str, float] = {}
+        self._sound: set[str] = set()
+        self._broken: set[str] = set()
+        self._jobs: deque[Job] = deque()
 
     def close(self) -> None:
         """Remove the private trees."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def measure(self, mutants: Sequence[Mutant], show: Callable[[str], None]) -> None:
-        """Run the tests of all rooms as they are; leave out files that fail without a mutant."""
-        files = sorted({file for m in mutants for file in room_tests(self._root, m).all})
-        show(f"{len(files)} test files without a mutant ..")
-        for last in (False, True):
-            jobs = [Job((file,), float("inf")) for file in files]
-            files = []
-            for done in self._run(jobs):
-                (file,) = done.job.files
-                if done.code in {0, 5}:
-                    self._seconds[file] = sum(done.file_seconds.values())
-                    load(done.modules)
-                elif last:
-                    show(f"left out, it fails without a mutant: {file}\n{done.output}")
+    def outcomes(self, mutants: Sequence[Mutant]) -> Iterator[Outcome]:
+        """Yield what becomes of each mutant, in the order in which they end.
+
+        A file that fails with a mutant is run once without: only then the mutant is killed.  One
+        that fails without is left out from then on.
+        """
+        unsure: defaultdict[str, list[Outcome]] = defaultdict(list)
+        self._jobs = deque(Job(mutant) for mutant in mutants)
+        for done in self._run():
+            if done.report:
+                self._learn(done.report)
+            mutant = done.job.mutant
+            if mutant is None:
+                file = done.job.file
+                outcomes = unsure.pop(file)
+                if done.report and done.report.code in PASSED:
+                    self._sound.add(file)
+                    yield from outcomes
                 else:
-                    files.append(file)
+                    self._broken.add(file)
+                    self._show(f"left out, it fails without a mutant: {file}\n{done.output}")
+                    again = [outcome.mutant for outcome in outcomes]
+                    self._jobs.extend(Job(mutant) for mutant in again)
+            elif done.report and done.report.code in PASSED:
+                yield Outcome(mutant, False, False, done.seconds)
+            elif done.report and done.report.failed not in self._sound:
+                if done.report.failed not in unsure:
+                    self._jobs.appendleft(Job(file=done.report.failed))
+                unsure[done.report.failed].append(Outcome(mutant, True, False, done.seconds))
+            else:
+                yield Outcome(mutant, True, done.report is None, done.seconds)
 
-    def outcomes(self, mutants: Iterable[Mutant]) -> Iterator[Outcome]:
-        """Yield what becomes of each mutant, in the order in which they end."""
-        jobs: dict[tuple[str, bytes], Mutant] = {}
+    def _learn(self, report: Report) -> None:
+        load(report.modules)
+        for file, seconds in report.seconds.items():
+            if file != report.failed:
+                self._seconds[file] = seconds
 
-        def work() -> Iterator[Job]:
-            for mutant in mutants:
-                source = mutant.applied((self._root / mutant.path).read_bytes())
-                files = self._quickest_first(room_tests(self._root, mutant))
-                limit_s = LEAST_S + PATIENCE * sum(self._seconds[file] for file in files)
-                jobs[mutant.path, source] = mutant
-                yield Job(files, limit_s, mutant.path, source)
-
-        for done in self._run(work()):
-            mutant = jobs.pop((done.job.path, done.job.source))
-            yield Outcome(mutant, done.code not in {0, 5}, done.code is None, done.seconds)
-
-    def _quickest_first(self, tests: RoomTests) -> tuple[str, ...]:
+    def _files(self, mutant: Mutant) -> tuple[str, ...]:
+        """Return the test files of a mutant, the quickest first, those of its module before all."""
+        tests = room_tests(self._root, mutant)
         return tuple(
             file
             for group in (tests.direct, tests.others)
-            for file in sorted(set(group) & set(self._seconds), key=self._seconds.__getitem__)
+            for file in sorted(group, key=lambda file: (self._seconds.get(file, 0.0), file))
+            if file not in self._broken
         )
 
-    def _run(self, jobs: Iterable[Job]) -> Iterator[Done]:
-        waiting = iter(jobs)
+    def _run(self) -> Iterator[Done]:
+        """Yield the jobs as they end; jobs may be added meanwhile."""
         free, running = list(self._trees), list[tuple[Job, Trial]]()
         try:
-            while True:
-                while free and (job := next(waiting, None)) is not None:
-                    running.append((job, self._start(free.pop(), job)))
-                if not running:
-                    return
+            while self._jobs or running:
+                while free and self._jobs:
+                    job = self._jobs.popleft()
+                    files = self._files(job.mutant) if job.mutant else (job.file,)
+                    running.append((job, self._start(free.pop(), job, files)))
                 for job, trial in list(running):
                     done = self._ended(job, trial)
                     if done:
@@ -125,25 +136,24 @@ class Campaign:
                         yield done
                 sleep(POLL_S)
         finally:
-            for job, trial in running:
+            for _, trial in running:
                 trial.stop()
-                self._restore(job, trial.tree)
 
-    def _start(self, tree: PrivateTree, job: Job) -> Trial:
-        if job.path:
-            tree.write(job.path, job.source)
-        return Trial.start(tree, job.files)
+    def _start(self, tree: PrivateTree, job: Job, files: tuple[str, ...]) -> Trial:
+        if job.mutant:
+            source = (self._root / job.mutant.path).read_bytes()
+            tree.write(job.mutant.path, job.mutant.applied(source))
+        return Trial.start(tree, files)
 
     def _ended(self, job: Job, trial: Trial) -> Done | None:
-        code = trial.ended()
-        if code is None:
-            if trial.seconds < job.limit_s:
+        ended = trial.ended()
+        if not ended:
+            known = sum(self._seconds.get(file, UNKNOWN_S) for file in trial.files)
+            if trial.seconds < LEAST_S + PATIENCE * known:
                 return None
             trial.stop()
-        self._restore(job, trial.tree)
-        seconds, modules = trial.measured() if code in {0, 5} else ({}, [])
-        return Done(job, code, trial.seconds, trial.output(), seconds, modules)
-
-    def _restore(self, job: Job, tree: PrivateTree) -> None:
-        if job.path:
-            tree.write(job.path, (self._root / job.path).read_bytes())
+        if job.mutant:
+            source = (self._root / job.mutant.path).read_bytes()
+            trial.tree.write(job.mutant.path, source)
+        report = trial.report() if ended else None
+        return Done(job, report, trial.seconds, trial.output())

@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -24,22 +24,46 @@ from hypothesis import Phase, settings
 from .private_tree import PrivateTree
 
 OF_THE_TREE = frozenset({"dbc", "daq", "identify", "tui", "tests"})
+PASSED = (0, 5)
+"""Exit codes of pytest: all passed, nothing collected."""
 OPTIONS = (
     *("-q", "-x", "--tb=short", "--no-header", "-p", "no:cacheprovider", "-p", "no:xdist"),
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),  # plugins are loaded before the fork
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a run has left behind."""
+
+    code: int
+    """Exit code of pytest, or of the process."""
+    failed: str
+    """The file of the first failure; empty if there is none."""
+    seconds: Mapping[str, float]
+    """How long each file took."""
+    modules: Sequence[str]
+    """Foreign modules that were loaded."""
+
+
 @dataclass(slots=True)
 class Measured:
-    """A pytest plugin: how long each file took, and what was loaded in the end."""
+    """A pytest plugin: how long each file took, and which failed."""
 
     seconds: dict[str, float] = field(default_factory=dict)
+    failed: str = ""
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Add a phase of a test to its file."""
         path = report.nodeid.split("::")[0]
         self.seconds[path] = self.seconds.get(path, 0.0) + report.duration
+        if report.failed:
+            self.failed = self.failed or path
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        """Note a file that cannot be loaded."""
+        if report.failed:
+            self.failed = self.failed or report.nodeid.split("::")[0]
 
 
 @dataclass(slots=True)
@@ -47,13 +71,16 @@ class Trial:
     """A process that runs test files on a private tree."""
 
     tree: PrivateTree
+    files: tuple[str, ...]
     pid: int
     started: float
+    code: int | None = None
 
     @classmethod
-    def start(cls, tree: PrivateTree, files: Sequence[str]) -> Trial:
+    def start(cls, tree: PrivateTree, files: tuple[str, ...]) -> Trial:
         """Fork, and run the files in this order until one fails."""
         sys.stdout.flush()
+        _record(tree).unlink(missing_ok=True)
         pid = os.fork()
         if pid == 0:
             status = 3
@@ -65,20 +92,21 @@ class Trial:
                 sys.stdout.flush()
                 sys.stderr.flush()
                 os._exit(status)
-        return cls(tree, pid, monotonic())
+        return cls(tree, files, pid, monotonic())
 
     @property
     def seconds(self) -> float:
         """Return how long it has run."""
         return monotonic() - self.started
 
-    def ended(self) -> int | None:
-        """Return pytest's exit code once it has ended; None before."""
-        pid, status = os.waitpid(self.pid, os.WNOHANG)
-        if not pid:
-            return None
-        self._kill_group()
-        return os.waitstatus_to_exitcode(status)
+    def ended(self) -> bool:
+        """Return whether it has come to its end."""
+        if self.code is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                self._kill_group()
+                self.code = os.waitstatus_to_exitcode(status)
+        return self.code is not None
 
     def stop(self) -> None:
         """End it, with all that it started."""
@@ -90,10 +118,19 @@ class Trial:
         text = _output(self.tree).read_text("utf-8", errors="replace")
         return "\n".join(text.splitlines()[-15:])
 
-    def measured(self) -> tuple[dict[str, float], list[str]]:
-        """Return the seconds of each file, and the foreign modules that were loaded."""
-        seconds, modules = json.loads(_record(self.tree).read_text("utf-8"))
-        return seconds, modules
+    def report(self) -> Report:
+        """Return what it has left behind.
+
+        A process that died leaves its code only, and pytest may fail before any test: either
+        counts as a failure of the first file.
+        """
+        assert self.code is not None
+        if not _record(self.tree).is_file():
+            return Report(self.code or 1, self.files[0], {}, ())
+        failed, seconds, modules = json.loads(_record(self.tree).read_text("utf-8"))
+        if self.code not in PASSED:
+            failed = failed or self.files[0]
+        return Report(self.code, failed, seconds, modules)
 
     def _kill_group(self) -> None:
         try:
@@ -141,7 +178,7 @@ def _run(tree: PrivateTree, files: Sequence[str]) -> int:
         for name, module in sys.modules.items()
         if "site-packages" in str(getattr(module, "__file__", ""))
     ]
-    _record(tree).write_text(json.dumps([measured.seconds, foreign]), "utf-8")
+    _record(tree).write_text(json.dumps([measured.failed, measured.seconds, foreign]), "utf-8")
     sys.stdout.flush()
     return code
 
