@@ -44,6 +44,7 @@ def _tree(root: Path, source: str = SOURCE) -> Path:
         "dbc/wheel.py": source,
         "tests/dbc/test_wheel.py": TESTS,
         "tests/dbc/test_other.py": "def test_nothing() -> None:\n    assert True\n",
+        "tests/dbc/conftest.py": "import pytest\n",
         "tests/dbc/test_spoilt.py": "def test_spoilt() -> None:\n    raise ValueError\n",
         "pyproject.toml": "[tool.pytest.ini_options]\nfilterwarnings = ['error']\n",
     }.items():

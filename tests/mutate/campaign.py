@@ -127,6 +127,10 @@ class Campaign:
                 while free and self._jobs:
                     job = self._jobs.popleft()
                     files = self._files(job.mutant) if job.mutant else (job.file,)
+                    if not files:
+                        report = Report(PASSED[1], "", {}, ())
+                        yield Done(job, report, 0.0, "no test file is left")
+                        continue
                     running.append((job, self._start(free.pop(), job, files)))
                 for job, trial in list(running):
                     done = self._ended(job, trial)

@@ -46,7 +46,7 @@ class Report:
     """Foreign modules that were loaded."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)  # pytest keeps its plugins in sets
 class Measured:
     """A pytest plugin: how long each file took, and which failed."""
 
@@ -110,8 +110,9 @@ class Trial:
 
     def stop(self) -> None:
         """End it, with all that it started."""
-        self._kill_group()
-        os.waitpid(self.pid, 0)
+        if self.code is None:
+            self._kill_group()
+            os.waitpid(self.pid, 0)
 
     def output(self) -> str:
         """Return the last lines that pytest printed."""
