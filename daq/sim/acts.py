@@ -15,10 +15,13 @@ from ..channels import Channel
 from ..runs import Excitation
 from ..samples.trigger import trigger_channels
 from ..vehicle import Corner
+from .balance import static_pose
 from .ecu import Rig, Scene, scene_of
 from .excitation import Bump
-from .motion import Motion, Moving, Push, TwoBumps, drive, pushed
-from .plant import GRAVITY_M_S2, Array, static_pose
+from .masses import GRAVITY_M_S2
+from .motion import Motion, Moving, TwoBumps, drive
+from .plant import Array
+from .push import Push, pushed
 from .sensors import true_reading
 from .spoils import MIXED_UP, SECOND_BUMP_S, WEAK_LEVELS, Fault
 
@@ -88,9 +91,9 @@ class Acts:
     def _made(self, mass_state: str, excitation: Excitation, fault: Fault | None) -> Act:
         if fault is Fault.WRONG_MODE:
             excitation = MIXED_UP[excitation]
-        act = self._bump(mass_state, excitation, 1.0)
         if fault is Fault.DOUBLE_BUMP:
-            return self._twice(act)
+            return self._twice(mass_state, excitation)
+        act = self._bump(mass_state, excitation, 1.0)
         if fault is Fault.WEAK:
             height = WEAK_LEVELS * self._bench.trigger.level / self._peak(act)
             return self._bump(mass_state, excitation, height)
@@ -99,19 +102,19 @@ class Acts:
         return act
 
     def _bump(self, mass_state: str, excitation: Excitation, height: float) -> Act:
+        return self._act(self._driven(mass_state, excitation, height), LEAD_S + SWING_S)
+
+    def _driven(self, mass_state: str, excitation: Excitation, height: float) -> Motion:
         height_m = height * self._rig.car.bump_height_m
         bump = Bump(excitation, height_m, LEAD_S, self._bench.bump_s)
-        length_s = LEAD_S + SWING_S
-        motion = drive(self._rig.plants[mass_state], bump, length_s + _MARGIN_S)
-        return self._act(motion, length_s)
+        return drive(self._rig.plants[mass_state], bump, LEAD_S + SWING_S + _MARGIN_S)
 
-    def _twice(self, act: Act) -> Act:
-        first = act.scene.motion
-        assert isinstance(first, Motion)
+    def _twice(self, mass_state: str, excitation: Excitation) -> Act:
+        first = self._driven(mass_state, excitation, 1.0)
         again = replace(first.bump, start_s=first.bump.start_s + SECOND_BUMP_S)
-        state = first.decay(np.array([again.start_s]))[:, 0]
-        length_s = act.length_s + SECOND_BUMP_S
-        second = drive(first.plant, again, length_s + _MARGIN_S, state)
+        then = first.states(np.array([again.start_s]))
+        length_s = LEAD_S + SWING_S + SECOND_BUMP_S
+        second = drive(first.plant, again, length_s + _MARGIN_S, then)
         return self._act(TwoBumps(first, second), length_s)
 
     def _act(self, motion: Moving, length_s: float) -> Act:

@@ -17,8 +17,9 @@ from ..errors import InputError
 from ..runs import BASELINE, Excitation
 from .car import ClockTruth, SimulatedCar, Truth, message_of, signal_of, truth
 from .excitation import Bump
-from .motion import Motion, Moving, drive
-from .plant import Array, Plant, load_car
+from .load import load_car
+from .motion import Motion, Moving, drive_all, standing
+from .plant import Array, Plant
 from .sensors import Installation, install, low_passed, signal_values, true_reading
 from .wire import frame_time_ns, priority, transmit
 
@@ -117,26 +118,43 @@ def campaign_frames(
         car over.
     """
     rig = rig_of(bench, codec, car, seed)
-    # Repeats are the same motion with other noise: the car is driven once for all of them.
-    motions: dict[tuple[str, Excitation], Motion] = {}
+    motions = _motions(bench, rig)
     free_ns = start_ns
     for number, step in enumerate(bench.campaign.steps):
-        kind = (step.mass_state, step.excitation)
-        bump = Bump(step.excitation, car.bump_height_m, car.lead_s, bench.bump_s)
-        try:
-            if kind not in motions:
-                motions[kind] = drive(rig.plants[step.mass_state], bump, car.run_s)
-        except ValueError as error:
-            raise InputError(
-                "bench.toml", f"mass state {step.mass_state}: {error}", "move the weights inwards"
-            ) from error
         rng = np.random.default_rng([seed, 1, number])
         start_s = number * car.run_s
-        scene = scene_of(rig, motions[kind], start_s, car.run_s)
+        scene = scene_of(rig, motions[step.mass_state, step.excitation], start_s, car.run_s)
         bursts = [sample(rig, s, scene, (start_s, start_s + car.run_s), rng) for s in rig.senders]
         batch = on_the_wire(bursts, bench.bus.bitrate, start_ns, free_ns)
         free_ns = int(batch.t_ns[-1])
         yield batch
+
+
+def _motions(bench: Bench, rig: Rig) -> dict[tuple[str, Excitation], Motion]:
+    """Return the motion of each kind of run; repeats are the same motion with other noise.
+
+    Raises
+    ------
+    InputError
+        If the weights of a mass state would tip the car over.
+    """
+    car = rig.car
+    kinds = list(dict.fromkeys((s.mass_state, s.excitation) for s in bench.campaign.steps))
+    starts = {}
+    for mass_state in dict.fromkeys(mass_state for mass_state, _ in kinds):
+        try:
+            starts[mass_state] = standing(rig.plants[mass_state])
+        except ValueError as error:
+            raise InputError(
+                "bench.toml", f"mass state {mass_state}: {error}", "move the weights inwards"
+            ) from error
+    motions = drive_all(
+        [rig.plants[mass_state] for mass_state, _ in kinds],
+        [Bump(excitation, car.bump_height_m, car.lead_s, bench.bump_s) for _, excitation in kinds],
+        car.run_s,
+        [starts[mass_state] for mass_state, _ in kinds],
+    )
+    return dict(zip(kinds, motions, strict=True))
 
 
 def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...]:

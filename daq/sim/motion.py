@@ -5,16 +5,17 @@ Arrays have the layout of `plant`: axis 0 is the degree of freedom, axis 1 is ti
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ..vehicle import Corner
+from .balance import forces, static_pose
 from .excitation import Bump, road_height, road_speed
-from .plant import Array, Plant, forces, static_pose
+from .plant import Array, Memory, Plant, blank_memory, side_by_side
+from .stepping import State, Steps, step_all
 
 
 class Tolerance(NamedTuple):
@@ -27,8 +28,8 @@ class Tolerance(NamedTuple):
 SMOOTH = Tolerance(1e-10, 1e-12)
 """A ten-millionth of the finest sensor's resolution."""
 KINKED = Tolerance(1e-7, 1e-9)
-"""For dampers and friction that turn round at standstill, where each kink costs many short steps:
-accelerations stay true to 1e-4 m/s2 (measured), a hundredth of the quietest sensor's noise."""
+"""For dampers that turn round at standstill, where each kink costs many short steps: accelerations
+stay true to 1e-4 m/s2 (measured), a hundredth of the quietest sensor's noise."""
 
 Solution = Callable[[Array], Array]
 """State, (14, n): pose and velocity at times (n,)."""
@@ -36,13 +37,14 @@ Solution = Callable[[Array], Array]
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """The motion at chosen instants."""
+    """The motion at chosen instants, each (7, n) in the order `daq.vehicle.DOF`."""
 
     pose: Array
+    """Counted from free springs (`plant`), m and rad."""
     velocity: Array
+    """Its rate of change."""
     acceleration: Array
-    """In the order `daq.vehicle.DOF`, shape (7, n); the pose is counted from free springs
-    (`plant`)."""
+    """And that of the velocity, from the balance of forces."""
 
 
 class Moving(Protocol):
@@ -52,24 +54,38 @@ class Moving(Protocol):
         """Return the motion at the times `t_s`, (n,) ascending, s; at rest before 0."""
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(Moving, Protocol):
     """One run, solved: at rest, over the bump, free decay."""
 
+    @property
+    def plant(self) -> Plant:
+        """What moves."""
+
+    @property
+    def bump(self) -> Bump:
+        """Why it moves."""
+
+    def states(self, t_s: Array) -> State:
+        """Return the state at the times `t_s`, (n,) ascending, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothMotion:
+    """A run of a car without memory, solved to rounding as an ordinary differential equation."""
+
     plant: Plant
+    """What moves."""
     bump: Bump
-    """`plant`, `bump`: what moves and why."""
+    """Why it moves."""
     rest: Array
-    """The pose before the bump, shape (7, 1)."""
+    """(7, 1) The pose before the bump."""
     on_bump: Solution
+    """The state on the bump."""
     decay: Solution
-    """`on_bump`, `decay`: the state on the bump and after it."""
+    """The state after it."""
 
-    def at(self, t_s: Array) -> Kinematics:
-        """Return the motion at the times `t_s`, (n,) ascending, s.
-
-        Accelerations are those of the force balance, not differences of velocities.
-        """
+    def states(self, t_s: Array) -> State:
+        """Return the state at the times `t_s`, (n,) ascending, s."""
         first, last = np.searchsorted(t_s, [self.bump.start_s, self.bump.end_s], side="right")
         state = np.zeros((14, len(t_s)))
         state[:7, :first] = self.rest
@@ -79,10 +95,70 @@ class Motion:
         ):
             if len(t_s[part]):  # a dense output of scipy takes no empty array
                 state[:, part] = solution(t_s[part])
-        pose, velocity = state[:7], state[7:]
+        return State(state[:7], state[7:], blank_memory(len(t_s)))
+
+    def at(self, t_s: Array) -> Kinematics:
+        """Return the motion at the times `t_s`, (n,) ascending, s.
+
+        Accelerations are those of the force balance, not differences of velocities.
+        """
+        state = self.states(t_s)
         road = road_height(self.bump, t_s), road_speed(self.bump, t_s)
-        total = forces(self.plant, pose, velocity, *road)
-        return Kinematics(pose, velocity, self.plant.mobility @ total)
+        total = forces(self.plant, state.pose, state.velocity, *road)
+        return Kinematics(state.pose, state.velocity, self.plant.accelerated(total))
+
+
+@dataclass(frozen=True, slots=True)
+class SteppedMotion:
+    """A run of a car whose forces remember their past, read between fine steps."""
+
+    plant: Plant
+    """What moves."""
+    bump: Bump
+    """Why it moves."""
+    rest: State
+    """Before the first step."""
+    steps: Steps
+    """The steps of this run and of those that were driven beside it."""
+    column: int
+    """Which of them it is."""
+
+    def states(self, t_s: Array) -> State:
+        """Return the state at the times `t_s`, (n,) ascending, s."""
+        kept, memory = self.steps, self.rest.memory
+        return State(
+            self._middle(kept.pose, self.rest.pose, t_s),
+            self._ends(t_s),
+            Memory(
+                self._middle(kept.friction, memory.friction, t_s),
+                self._middle(kept.mount_m, memory.mount_m, t_s),
+            ),
+        )
+
+    def at(self, t_s: Array) -> Kinematics:
+        """Return the motion at the times `t_s`, (n,) ascending, s."""
+        still = np.zeros((7, 1))
+        return Kinematics(
+            self._middle(self.steps.pose, self.rest.pose, t_s),
+            self._ends(t_s),
+            self._middle(self.steps.acceleration, still, t_s),
+        )
+
+    def _middle(self, values: Array, rest: Array, t_s: Array) -> Array:
+        """Return what is known in the middle of the steps, straight in between."""
+        return self._between(values, rest, t_s, 0.5)
+
+    def _ends(self, t_s: Array) -> Array:
+        return self._between(self.steps.velocity, self.rest.velocity, t_s, 0.0)
+
+    def _between(self, values: Array, rest: Array, t_s: Array, first: float) -> Array:
+        elapsed = (t_s - self.steps.begin_s) / self.steps.step_s
+        place = np.clip(elapsed - first, 0.0, len(values) - 1)
+        before = np.minimum(place.astype(np.int64), len(values) - 2)
+        share = (place - before)[:, None]
+        mine = values[..., self.column]
+        read = mine[before] + share * (mine[before + 1] - mine[before])
+        return np.asarray(np.where(elapsed < 0.0, rest, read.T), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +166,9 @@ class TwoBumps:
     """A car that meets a second bump before it has come to rest."""
 
     first: Motion
+    """Up to the second bump."""
     second: Motion
-    """On the same axis of time; the second takes over when its bump begins."""
+    """From then on, on the same axis of time."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
@@ -104,42 +181,29 @@ class TwoBumps:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Push:
-    """A hand that presses the body down, so slowly that every spring follows, and lets go again."""
+def standing(plant: Plant, stuck: Array | None = None) -> State:
+    """Return the state of a car at rest.
 
-    rest: Array
-    """The pose before and after, shape (7, 1)."""
-    sink: Array
-    """What is added to it at the lowest point, shape (7, 1)."""
-    length_s: float
-    """How long it takes, s."""
+    Parameters
+    ----------
+    plant : Plant
+        One car.
+    stuck : (4, 1) float64, optional
+        Share of its friction that each corner carries; without it the car has settled free of
+        friction.
 
-    def at(self, t_s: Array) -> Kinematics:
-        """Return the motion at the times `t_s`, (n,) ascending, s; at rest outside the push."""
-        turn = 2 * np.pi / self.length_s
-        phase = np.clip(t_s / self.length_s, 0.0, 1.0) * 2 * np.pi
-        pushing = (phase > 0.0) & (phase < 2 * np.pi)
-        return Kinematics(
-            self.rest + self.sink * (1.0 - np.cos(phase)) / 2,
-            self.sink * turn * np.sin(phase) / 2,
-            self.sink * turn**2 * np.cos(phase) / 2 * pushing,
-        )
-
-
-def pushed(plant: Plant, corner: Corner, force_n: float, length_s: float) -> Push:
-    """Press the body down at a corner with a force that rises and falls as a cosine."""
-    rest, still, flat = static_pose(plant), np.zeros((7, 1)), np.zeros((4, 1))
-    step = 1e-3 * np.eye(7)
-    stiffness = -(forces(plant, rest + step, still, flat) - forces(plant, rest, still, flat)) / 1e-3
-    i = corner.position
-    load = np.zeros((7, 1))
-    load[:3, 0] = [1.0, -plant.corner_x_m[i, 0], plant.corner_y_m[i, 0]]
-    sink = np.asarray(np.linalg.solve(stiffness, -force_n * load), dtype=np.float64)
-    return Push(rest, sink, length_s)
+    Raises
+    ------
+    ValueError
+        If the car does not stand on four wheels (`static_pose`).
+    """
+    memory = blank_memory(1)
+    if stuck is not None:
+        memory = Memory(stuck, memory.mount_m)
+    return State(static_pose(plant, memory), np.zeros((7, 1)), memory)
 
 
-def drive(plant: Plant, bump: Bump, end_s: float, state: Array | None = None) -> Motion:
+def drive(plant: Plant, bump: Bump, end_s: float, start: State | None = None) -> Motion:
     """Drive a car over a bump.
 
     Parameters
@@ -150,14 +214,54 @@ def drive(plant: Plant, bump: Bump, end_s: float, state: Array | None = None) ->
         The road; it must begin at or after time 0.
     end_s : float
         Until when the free decay is followed, s.
-    state : (14,) float64, optional
-        Pose and velocity at the beginning of the bump; without it the car stands still.
+    start : State, optional
+        At the beginning of the bump; without it the car stands still.
 
     Raises
     ------
     ValueError
         If the car does not stand on four wheels (`static_pose`).
     """
+    return drive_all([plant], [bump], end_s, [start])[0]
+
+
+def drive_all(
+    plants: Sequence[Plant],
+    bumps: Sequence[Bump],
+    end_s: float,
+    starts: Sequence[State | None] | None = None,
+) -> list[Motion]:
+    """Drive several cars over a bump each; arguments as for `drive`.
+
+    Cars whose forces remember their past move together, which takes hardly longer than one of them
+    alone.
+
+    Raises
+    ------
+    ValueError
+        As `drive`; and if cars with a memory are not built alike (`plant.side_by_side`).
+    """
+    given = [None] * len(plants) if starts is None else starts
+    if not any(plant.remembers for plant in plants):
+        return [
+            _solved(plant, bump, end_s, start)
+            for plant, bump, start in zip(plants, bumps, given, strict=True)
+        ]
+    states = [start or standing(plant) for plant, start in zip(plants, given, strict=True)]
+    together = State(
+        np.hstack([state.pose for state in states]),
+        np.hstack([state.velocity for state in states]),
+        Memory(
+            np.hstack([state.memory.friction for state in states]),
+            np.hstack([state.memory.mount_m for state in states]),
+        ),
+    )
+    steps = step_all(side_by_side(plants), bumps, end_s, together)
+    each = enumerate(zip(plants, bumps, states, strict=True))
+    return [SteppedMotion(plant, bump, state, steps, i) for i, (plant, bump, state) in each]
+
+
+def _solved(plant: Plant, bump: Bump, end_s: float, start: State | None) -> SmoothMotion:
     rest, still = static_pose(plant), np.zeros((4, 1))
     tolerance = SMOOTH if plant.smooth else KINKED
 
@@ -174,7 +278,7 @@ def drive(plant: Plant, bump: Bump, end_s: float, state: Array | None = None) ->
         def rate(t_s: float, state: Array) -> Array:
             motion = state.reshape(2, 7, 1)
             total = forces(plant, motion[0], motion[1], *road(t_s))
-            return np.concatenate([state[7:], (plant.mobility @ total)[:, 0]])
+            return np.concatenate([state[7:], plant.accelerated(total)[:, 0]])
 
         solution = solve_ivp(
             rate,
@@ -189,8 +293,8 @@ def drive(plant: Plant, bump: Bump, end_s: float, state: Array | None = None) ->
 
     # The road has corners where the bump begins and ends; a step across one loses its order, and so
     # does one that ends at it and already feels the other side.
-    if state is None:
-        state = np.concatenate([rest[:, 0], np.zeros(7)])
-    on_bump, off_bump = solve(bumpy, bump.start_s, bump.end_s, state)
+    state = standing(plant) if start is None else start
+    from_then = np.concatenate([state.pose[:, 0], state.velocity[:, 0]])
+    on_bump, off_bump = solve(bumpy, bump.start_s, bump.end_s, from_then)
     decay, _ = solve(level, bump.end_s, end_s, off_bump)
-    return Motion(plant, bump, rest, on_bump, decay)
+    return SmoothMotion(plant, bump, rest, on_bump, decay)

@@ -12,10 +12,12 @@ from dbc.units import to_si
 
 from ..channels import Channel, Quantity
 from ..errors import InputError
+from .balance import static_pose
 from .car import SensorTruth, SimulatedCar, Spread
 from .faults import low_pass
+from .masses import GRAVITY_M_S2
 from .motion import Kinematics, Moving
-from .plant import GRAVITY_M_S2, Array, Plant, corner_motion, static_pose
+from .plant import Array, Plant, corner_motion
 
 _FINE_S = 1e-4
 """Step at which a low-pass sees the motion: wheel accelerations then come out to 1e-4 m/s2."""

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from daq.loading import axle_loads, expected_car, loading, sag_stiffness
+from daq.sim.balance import contact, static_pose
 from daq.sim.imperfections import NONE
-from daq.sim.plant import contact, corner_motion, inertia_forces, load_car, static_pose
+from daq.sim.load import load_car
+from daq.sim.masses import inertia_forces
+from daq.sim.plant import corner_motion
 from daq.vehicle import (
     FORD_GRANADA,
     AddedMass,

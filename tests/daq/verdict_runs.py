@@ -20,9 +20,9 @@ from daq.runs import Excitation, Losses
 from daq.samples.trigger import TriggerState, advance, trigger_channels
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar
 from daq.sim.excitation import Bump
-from daq.sim.imperfections import NONE, Imperfections
+from daq.sim.imperfections import NONE, Friction, Imperfections
+from daq.sim.load import load_car
 from daq.sim.motion import Kinematics, Moving, TwoBumps, drive
-from daq.sim.plant import load_car
 from daq.sim.sensors import install, measured, true_reading
 from daq.vehicle import FORD_GRANADA
 from daq.verdict import RunMeasure, RunWindow, judge
@@ -32,7 +32,7 @@ LEAD_S = 1.3
 HEIGHT_M = 0.05
 CARS: Mapping[str, tuple[Imperfections, float]] = {
     "linear": (NONE, 1.0),
-    "friction": (Imperfections(friction_n=80.0), 1.0),
+    "friction": (Imperfections(friction=Friction(80.0, 80.0)), 1.0),
     "one-sided dampers": (Imperfections(compression=0.6, rebound=1.4), 1.0),
     "anti-roll bars": (Imperfections(bar_front_n_m=20e3, bar_rear_n_m=12e3), 1.0),
     "unequal, cg off": (
@@ -112,7 +112,7 @@ def motion(
     delay_s, size = again
     begin_s = LEAD_S + delay_s
     second = Bump(excitation, size * HEIGHT_M, begin_s, 0.2)
-    before = first.decay(np.array([begin_s]))[:, 0]
+    before = first.states(np.array([begin_s]))
     return TwoBumps(first, drive(plant, second, begin_s + 4.0, before))
 
 

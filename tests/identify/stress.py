@@ -22,9 +22,11 @@ from daq.sessions import Session
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar, Spread, message_of, spoilt
 from daq.sim.excitation import Bump
 from daq.sim.faults import SensorFault
-from daq.sim.imperfections import NONE, Imperfections
+from daq.sim.imperfections import NONE, Friction, Imperfections
+from daq.sim.load import load_car
+from daq.sim.masses import GRAVITY_M_S2
 from daq.sim.motion import Motion, drive
-from daq.sim.plant import GRAVITY_M_S2, Plant, load_car
+from daq.sim.plant import Plant
 from daq.sim.sensors import Installation, install, low_passed, measured, true_reading
 from daq.vehicle import FORD_GRANADA, Corner, Vehicle
 
@@ -91,7 +93,9 @@ def _slow(channels: tuple[str, ...], low_pass_hz: float) -> tuple[SensorFault, .
 
 STRESSES: Mapping[str, Stress] = {
     "linear": Stress("nothing: the control"),
-    "friction": Stress("50 N of friction in each corner", Imperfections(friction_n=50.0)),
+    "friction": Stress(
+        "50 N of friction in each corner", Imperfections(friction=Friction(50.0, 50.0))
+    ),
     "damper": Stress(
         "dampers of 1000 N s/m in compression and 2000 in rebound",
         Imperfections(compression=1000.0 / 1500.0, rebound=2000.0 / 1500.0),

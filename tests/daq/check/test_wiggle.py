@@ -13,7 +13,9 @@ from scipy.integrate import solve_ivp
 from daq.bench.config import default_bench_text, parse_bench
 from daq.channels import Channel, Quantity
 from daq.check.push_test import Wiggle, can_tell, judge_wiggle
-from daq.sim.plant import corner_motion, forces, load_car, static_pose
+from daq.sim.balance import forces, static_pose
+from daq.sim.load import load_car
+from daq.sim.plant import corner_motion
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
 
 BIN_S = 0.02

@@ -23,8 +23,8 @@ from daq.runs import BASELINE, Excitation
 from daq.samples.health import HealthState, advance
 from daq.sim.bench_source import PIECE_S, WIGGLE_S, Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
-from daq.sim.motion import pushed
-from daq.sim.plant import load_car
+from daq.sim.load import load_car
+from daq.sim.push import pushed
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
 from dbc import FrameBatch
 

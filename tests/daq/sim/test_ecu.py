@@ -233,8 +233,6 @@ def test_weights_that_tip_the_car_over_are_refused(codec: Codec) -> None:
     heavy = AddedMass((BodyWeight(3000.0, 2.0, 0.0),))
     states = (bench.mass_states[0], replace(bench.mass_states[1], added=heavy))
     frames = campaign_frames(replace(short_bench(), mass_states=states), codec, CAR, SEED, START_NS)
-    next(frames)
-    next(frames)  # the unloaded car stands
     with pytest.raises(InputError, match="mass state added: a wheel is off the ground"):
         next(frames)
 

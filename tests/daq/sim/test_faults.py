@@ -16,7 +16,7 @@ from daq.sim.car import SimulatedCar, Spread, truth
 from daq.sim.ecu import campaign_frames
 from daq.sim.faults import SensorFault, low_pass
 from daq.sim.imperfections import Imperfections
-from daq.sim.plant import GRAVITY_M_S2
+from daq.sim.masses import GRAVITY_M_S2
 from dbc import Codec, parse_codec, shipped_dbc
 
 STEP_S = 1e-4

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import simpson, solve_ivp
+from scipy.integrate import simpson
 
 from daq.runs import Excitation
+from daq.sim.balance import contact, forces, static_pose
 from daq.sim.excitation import Bump, road_height, road_speed
-from daq.sim.imperfections import NONE, Imperfections
-from daq.sim.motion import drive
-from daq.sim.plant import GRAVITY_M_S2, Plant, contact, forces, load_car, static_pose
+from daq.sim.imperfections import NONE, Friction, Imperfections
+from daq.sim.load import load_car
+from daq.sim.masses import GRAVITY_M_S2
+from daq.sim.motion import drive, standing
+from daq.sim.plant import Plant, corner_motion
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner
 
 G = GRAVITY_M_S2
@@ -42,49 +43,20 @@ def test_neutral_imperfections_change_no_bit() -> None:
     bump = Bump(Excitation.WARP, 0.05, 0.5, 0.2)
     t = np.linspace(0.0, 1.5, 301)
     plain = drive(load_car(P, AddedMass()), bump, 1.5).at(t)
-    neutral = drive(car(Imperfections(friction_speed_m_s=0.1)), bump, 1.5).at(t)
+    neutral = drive(car(Imperfections(friction=Friction(presliding_m=1e-3))), bump, 1.5).at(t)
     np.testing.assert_array_equal(plain.acceleration, neutral.acceleration)
     assert Imperfections() == NONE
 
 
-def test_friction_has_its_level_and_opposes_travel() -> None:
-    plant = car(Imperfections(friction_n=50.0))
-    # Dampers give 1500 N s/m; the rest is friction, full beyond a few times 5 mm/s.
-    up = suspension(plant, {}, {3: 0.1, 6: -0.1})
-    np.testing.assert_allclose(up, [200.0, 0.0, 0.0, -200.0], atol=1e-9)
-    slow = suspension(plant, {}, {4: 0.0005})
-    assert slow[1] - 0.75 == pytest.approx(50.0 * 0.1, rel=0.005)
-
-
-def test_friction_does_not_hold_the_car_up() -> None:
-    weight = AddedMass((BodyWeight(80.0, -0.5, 0.3),))
-    rough = static_pose(car(Imperfections(friction_n=150.0), weight))
-    np.testing.assert_array_equal(rough, static_pose(load_car(P, weight)))
-
-
-def test_a_body_rubbing_on_its_springs_decays_linearly() -> None:
-    """Coulomb: one degree of freedom loses 4 F / k of amplitude in each cycle."""
-    plant = load_car(
-        replace(P, c_sf=0.0, c_sr=0.0),
-        AddedMass(),
-        Imperfections(friction_n=25.0, friction_speed_m_s=1e-4),
-    )
-    rest = static_pose(plant)[:, 0]
-    stiffness, friction = 2 * (P.k_sf + P.k_sr), 4 * 25.0
-
-    def rate(_: float, state: NDArray[np.float64]) -> list[float]:
-        pose, velocity = rest.copy()[:, None], STILL.copy()
-        pose[0], velocity[0] = state  # the wheels and the attitude of the body are held
-        return [float(state[1]), float(forces(plant, pose, velocity, FLAT)[0, 0] / P.m_s)]
-
-    period = 2 * np.pi * np.sqrt(P.m_s / stiffness)
-    start = rest[0] + 0.04
-    cycles = np.arange(4)
-    found = solve_ivp(
-        rate, (0, 3.1 * period), [start, 0.0], t_eval=cycles * period, rtol=1e-9, atol=1e-12
-    )
-    expected = 0.04 - cycles * 4 * friction / stiffness
-    np.testing.assert_allclose(found.y[0] - rest[0], expected, atol=2e-5)
+def test_a_stuck_car_stands_where_friction_holds_it() -> None:
+    plant = car(Imperfections(friction=Friction(60.0, 40.0)))
+    free = static_pose(plant)
+    np.testing.assert_array_equal(free, static_pose(car(NONE)))
+    held = standing(plant, np.full((4, 1), 0.5)).pose
+    # Half of the friction carries: the springs give up 30 and 20 N, the tyres nothing.
+    lift = np.array([[30.0 / P.k_sf], [30.0 / P.k_sf], [20.0 / P.k_sr], [20.0 / P.k_sr]])
+    np.testing.assert_allclose(corner_motion(plant, held - free), lift, rtol=1e-9)
+    np.testing.assert_allclose(held[3:], free[3:], rtol=1e-12)
 
 
 def test_a_damper_is_weaker_in_compression_than_in_rebound() -> None:
@@ -175,7 +147,6 @@ def test_a_cg_to_the_left_loads_the_left_wheels() -> None:
 @pytest.mark.parametrize(
     "imperfections",
     [
-        Imperfections(friction_n=50.0),
         Imperfections(compression=2 / 3, rebound=4 / 3),
         Imperfections(tyre_damping_front_ns_m=150.0, tyre_damping_rear_ns_m=150.0),
         Imperfections(bar_front_n_m=10e3, bar_rear_n_m=5e3, cg_offset_m=0.03),
@@ -185,7 +156,7 @@ def test_the_energy_lost_is_the_work_done(imperfections: Imperfections) -> None:
     """Springs, bars and tyres give back what they take; dampers, friction and tyre damping not."""
     plant = car(imperfections)
     motion = drive(plant, Bump(Excitation.ROLL, 0.05, 0.5, 0.2), 2.7)
-    # Clear of the bump's end, and fine enough for the turning points of friction.
+    # Clear of the bump's end.
     t = np.linspace(0.7001, 2.7, 40001)
     k = motion.at(t)
     i, x, y = imperfections, plant.corner_x_m, plant.corner_y_m
@@ -200,7 +171,6 @@ def test_the_energy_lost_is_the_work_done(imperfections: Imperfections) -> None:
     stored += G * (P.m_s * k.pose[0] + np.sum(wheels * k.pose[3:], axis=0))
     damper = 1500.0 * np.where(closing > 0, i.compression, i.rebound)
     power = np.sum(damper * closing**2, axis=0)
-    power += np.sum(i.friction_n * np.abs(closing) * np.tanh(np.abs(closing) / 0.005), axis=0)
     power += np.sum(i.tyre_damping_front_ns_m * k.velocity[3:] ** 2, axis=0)
     work = simpson(power, x=t)
     assert work > 10.0

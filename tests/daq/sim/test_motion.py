@@ -11,9 +11,12 @@ from scipy.integrate import simpson
 from scipy.linalg import expm
 
 from daq.runs import Excitation
+from daq.sim.balance import contact
 from daq.sim.excitation import Bump, road_height
+from daq.sim.load import load_car
+from daq.sim.masses import GRAVITY_M_S2
 from daq.sim.motion import Kinematics, Motion, drive
-from daq.sim.plant import GRAVITY_M_S2, Plant, contact, load_car
+from daq.sim.plant import Plant
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight
 from identify.model.matrices import delta_mass, physical_model
 

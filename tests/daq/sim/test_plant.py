@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.sim.plant import GRAVITY_M_S2, Plant, contact, forces, load_car, static_pose
+from daq.sim.balance import contact, forces, static_pose
+from daq.sim.load import load_car
+from daq.sim.masses import GRAVITY_M_S2
+from daq.sim.plant import Plant
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight, VehicleParameters
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
 

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from daq.bench.config import load_bench
 from daq.channels import Channel, Quantity
 from daq.errors import InputError
+from daq.sim.balance import static_pose
 from daq.sim.car import BIAS, NOISE, SensorTruth, SimulatedCar, Spread, truth
+from daq.sim.load import load_car
+from daq.sim.masses import GRAVITY_M_S2
 from daq.sim.motion import Kinematics
-from daq.sim.plant import GRAVITY_M_S2, load_car, static_pose
 from daq.sim.sensors import Installation, signal_values, true_reading
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner
 from dbc import Codec, parse_codec, shipped_dbc

@@ -5,9 +5,12 @@ import pytest
 from numpy.typing import NDArray
 
 from daq.runs import ADDED, BASELINE, Excitation
+from daq.sim.balance import contact, static_pose
 from daq.sim.excitation import Bump
+from daq.sim.load import load_car
+from daq.sim.masses import GRAVITY_M_S2
 from daq.sim.motion import drive
-from daq.sim.plant import GRAVITY_M_S2, Plant, contact, load_car, static_pose
+from daq.sim.plant import Plant
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight
 from identify.fit.estimation import Estimation
 from identify.fit.varpro import evaluate

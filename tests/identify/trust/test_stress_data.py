@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from daq.runs import ADDED, BASELINE, Excitation, Run
 from daq.sim.car import NOISE, Spread
-from daq.sim.plant import GRAVITY_M_S2
+from daq.sim.masses import GRAVITY_M_S2
 from daq.vehicle import FORD_GRANADA, Structure, Vehicle, parameter_names
 from identify.model.matrices import delta_mass, physical_model
 from identify.model.response import Bump, exact_response
