@@ -3,9 +3,10 @@
 Nothing here is a matrix of Eqs. 3-10; those are assembled in `identify.model.matrices`, and a test
 holds that both agree.  Axes and degrees of freedom are those of `daq.vehicle`.  Displacements are
 counted from the pose in which every spring and tyre has its free length, so the loads under gravity
-come out of the balance instead of being put in.  Rotations are small: lever arms are those of the level
-car.  A tyre can only push: where it would have to pull, the wheel is off the ground.  Friction,
-damper curves, bars, stops and other departures from the linear car are those of `imperfections`.
+come out of the balance instead of being put in.  Rotations are small: lever arms are those of the
+level car.  A tyre can only push: where it would have to pull, the wheel is off the ground.
+Friction, damper curves, bars, stops and other departures from the linear car are those of
+`imperfections`.
 
 Within the arrays of the balance axis 0 is the degree of freedom or the corner and axis 1 is time or
 the car, so that one function serves a single instant, a whole record, and several cars at once.
@@ -151,14 +152,14 @@ def side_by_side(plants: Sequence[Plant]) -> Plant:
     ValueError
         If some have knees or progressive springs and others have not.
     """
-    square = ("inertia", "mobility")
-    joined = {
+    joined: dict[str, Any] = {
         f.name: _joined([getattr(plant, f.name) for plant in plants])
         for f in fields(Plant)
-        if f.name not in square
+        if f.name not in ("inertia", "mobility")
     }
-    stacked = {name: np.stack([getattr(plant, name) for plant in plants]) for name in square}
-    return Plant(**joined, **stacked)
+    inertia = np.stack([plant.inertia for plant in plants])
+    mobility = np.stack([plant.mobility for plant in plants])
+    return Plant(**joined, inertia=inertia, mobility=mobility)
 
 
 def _joined(parts: Sequence[Any]) -> Any:

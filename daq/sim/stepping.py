@@ -119,7 +119,7 @@ def step_all(
     """
     begin_s = min(bump.start_s for bump in bumps)
     m = int(np.ceil((end_s - begin_s) / step_s)) + 1
-    middle_s = begin_s + step_s * (np.arange(m) + 0.5)
+    middle_s = begin_s + step_s * (np.arange(m, dtype=np.float64) + 0.5)
     bumpy = int(np.searchsorted(middle_s, max(bump.end_s for bump in bumps)))
     road = np.stack([road_height(bump, middle_s[:bumpy]) for bump in bumps], axis=-1)
     rising = np.stack([road_speed(bump, middle_s[:bumpy]) for bump in bumps], axis=-1)

@@ -60,7 +60,8 @@ def test_the_slope_is_the_derivative_of_the_force(curve: DamperCurve) -> None:
 
 def test_different_dampers_stand_beside_each_other() -> None:
     law = damper_law([SOFT, HARD, SIDED], [1.0, 1.0, 2.0])
-    for row, (curve, factor) in enumerate(((SOFT, 1.0), (HARD, 1.0), (SIDED, 2.0))):
+    curves: tuple[DamperCurve, ...] = (SOFT, HARD, SIDED)
+    for row, (curve, factor) in enumerate(zip(curves, (1.0, 1.0, 2.0), strict=True)):
         alone = damper_law([curve], [factor]).force(SPEEDS)[0]
         np.testing.assert_allclose(law.force(SPEEDS)[row], alone)
 

@@ -141,7 +141,7 @@ def test_the_energy_lost_is_what_dampers_tyres_and_friction_take() -> None:
     """With friction and mounts: what they store is small beside what is lost."""
     plant = load_car(P, WEIGHTS, REAL)
     motion = drive(plant, bump(Excitation.ROLL), 1.7)
-    t = 0.701 + 1e-4 * (np.arange(9_900) + 0.5)
+    t = 0.701 + 1e-4 * (np.arange(9_900, dtype=np.float64) + 0.5)
     assert (motion.states(t).pose[3:] < 0.0).all()  # no tyre leaves the ground
     work = np.sum(powers(motion, t)) * 1e-4
     assert work > 5.0
