@@ -9,7 +9,7 @@ them can be tested.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from ..bench.config import Bench
 from ..channels import ON_BODY, Channel, Quantity
 from ..errors import InputError
-from ..vehicle import FORD_GRANADA, AddedMass, MassState, VehicleParameters
+from ..vehicle import FORD_GRANADA, AddedMass, BodyWeight, MassState, VehicleParameters
 from .faults import SensorFault
 from .imperfections import NONE, Imperfections
 
@@ -145,25 +145,38 @@ def signal_of(channel: Channel) -> str:
 
 
 def truth(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
-    """Draw what differs between the bench as described and the bench as it is.
+    """Draw what differs between a bench as described and as it is; errors are those of `draw`."""
+    return draw(bench.channels, bench.mass_states, car, seed)
+
+
+def draw(
+    channels: Sequence[Channel],
+    mass_states: Sequence[MassState],
+    car: SimulatedCar,
+    seed: int,
+    place_sigma_m: float = 0.0,
+) -> Truth:
+    """Draw what differs between sensors and weights as described and as they are.
 
     Parameters
     ----------
-    bench : Bench
+    channels, mass_states : sequence of Channel, of MassState
         The description; its sigmas are the spreads of the draw.
     car : SimulatedCar
-        The car and the spreads that bench.toml does not state.
+        The car and the spreads that the description does not state.
     seed : int
         The same seed gives the same campaign.
+    place_sigma_m : float
+        Standard deviation of the place of each weight on the body, forward and to the left, m.
 
     Raises
     ------
     InputError
-        If a fault is declared for no channel of the bench, or two for the same one.
+        If a fault is declared for no channel, or two for the same one.
     """
-    faults = _by_channel(car.faults, [channel.name for channel in bench.channels])
+    faults = _by_channel(car.faults, [channel.name for channel in channels])
     rng = np.random.default_rng([seed, 0])
-    messages = dict.fromkeys(message_of(channel) for channel in bench.channels)
+    messages = dict.fromkeys(message_of(channel) for channel in channels)
     # One message is one device: what delays one of its signals delays them all.
     lateness = {message: rng.standard_normal() for message in messages}
     clocks = {
@@ -171,7 +184,7 @@ def truth(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
         for message in messages
     }
     sensors = {}
-    for channel in bench.channels:
+    for channel in channels:
         late = lateness[message_of(channel)]
         slip = channel.position_sigma_m * rng.standard_normal(2)
         bias = car.bias.of(channel.quantity) * rng.standard_normal()
@@ -189,8 +202,9 @@ def truth(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
         )
         fault = faults.get(channel.name)
         sensors[channel.name] = sensor if fault is None else spoilt(sensor, fault)
-    mass_states = {state.name: _as_weighed(state, rng) for state in bench.mass_states}
-    return Truth(car.parameters, mass_states, sensors, clocks)
+    weighed = {state.name: _as_weighed(state, rng) for state in mass_states}
+    placed = {name: _as_placed(added, place_sigma_m, rng) for name, added in weighed.items()}
+    return Truth(car.parameters, placed, sensors, clocks)
 
 
 def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
@@ -227,3 +241,18 @@ def _as_weighed(state: MassState, rng: np.random.Generator) -> AddedMass:
         for weight in state.added.weights
     )
     return replace(state.added, weights=weights)
+
+
+def _as_placed(added: AddedMass, sigma_m: float, rng: np.random.Generator) -> AddedMass:
+    """Return the weights beside the places that the tape showed."""
+    weights = tuple(
+        replace(
+            weight,
+            x_m=weight.x_m + sigma_m * rng.standard_normal(),
+            y_m=weight.y_m + sigma_m * rng.standard_normal(),
+        )
+        if isinstance(weight, BodyWeight)
+        else weight
+        for weight in added.weights
+    )
+    return replace(added, weights=weights)

@@ -96,6 +96,9 @@ STRESSES: Mapping[str, Stress] = {
     "friction": Stress(
         "50 N of friction in each corner", Imperfections(friction=Friction(50.0, 50.0))
     ),
+    "friction_mild": Stress(
+        "10 N of friction in each corner", Imperfections(friction=Friction(10.0, 10.0))
+    ),
     "damper": Stress(
         "dampers of 1000 N s/m in compression and 2000 in rebound",
         Imperfections(compression=1000.0 / 1500.0, rebound=2000.0 / 1500.0),

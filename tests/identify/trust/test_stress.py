@@ -11,7 +11,9 @@ from ..stress import STRESSES, true_value
 from .campaigns import campaign, doubtful, estimated
 
 CAUSES = {
-    "friction": "friction_in_the_suspension",
+    # Half of the motion is spent sticking: a linear fit is too far off to name what it meets.
+    "friction": "amplitude",
+    "friction_mild": "friction_in_the_suspension",
     "damper": "dampers_stronger_in_rebound_than_in_compression",
     "damper_mild": "dampers_stronger_in_rebound_than_in_compression",
     "bars": "anti-roll_bars",
@@ -42,7 +44,7 @@ TEXTS = {
     "no_roll": "I_xx",
 }
 """What the finding must say of it."""
-RIVALS = set(CAUSES.values()) - {"late_start", "undetermined"}
+RIVALS = set(CAUSES.values()) - {"amplitude", "late_start", "undetermined"}
 """Gates that name a cause; a stress may set off only its own."""
 
 

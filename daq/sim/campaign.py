@@ -1,0 +1,210 @@
+"""A whole campaign of a simulated car as a session, without frames and bus: for Monte Carlo.
+
+Everything is as on the simulated bench, but for the wire: the car is driven over its bumps, the
+sensors see it late, through their low-pass, with bias and noise, each message at its own instants.
+What the session states of weights, places and lateness differs from the truth by what it states of
+their uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf
+from types import MappingProxyType
+
+import numpy as np
+
+from dbc.frames import FrameBatch
+
+from ..channels import Channel
+from ..runs import BASELINE, Excitation, Losses, Run, RunStatus, SampleGroup
+from ..sessions import Session
+from ..vehicle import MassState, Vehicle
+from .car import SensorTruth, SimulatedCar, Truth, draw, message_of
+from .excitation import Bump
+from .faults import low_pass
+from .load import load_car
+from .motion import Kinematics, Motion, drive_all, standing
+from .plant import Array, Plant
+from .sensors import Installation, install, measured, true_reading
+
+FINE_S = 1e-4
+"""Step at which a run is read before the sensors sample it: that of the simulation."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedBump:
+    """One run of a campaign."""
+
+    mass_state: str
+    """Name of the mass state."""
+    excitation: Excitation
+    """Which wheels meet the bump."""
+    height_m: float = 0.05
+    """Height of the bump."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is driven and measured, as the session states it."""
+
+    bumps: tuple[PlannedBump, ...]
+    """The runs, in their order; each is driven anew."""
+    channels: tuple[Channel, ...]
+    """The sensors; those whose signals name the same message share a clock."""
+    mass_states: tuple[MassState, ...] = (MassState(BASELINE),)
+    """The weights as the scales and the tape show them."""
+    vehicle: Vehicle = field(default_factory=lambda: Vehicle("simulated car"))
+    """Structure and facts that the identification is given."""
+    rates_hz: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Samples a second of each message; 200 where it is not named."""
+    bump_s: float = 0.2
+    """How long the wheels are on the bump, s."""
+    rest_s: float = 0.6
+    """Rest that is recorded before the bump, s."""
+    decay_s: float = 2.2
+    """What is recorded after it, s."""
+    from_decay: bool = False
+    """Records begin with the free decay: the first sample of each sensor sees the car after the
+    bump.  Else they begin at rest."""
+    place_sigma_m: float = 0.0
+    """Standard deviation of the places of weights, each way, m."""
+    stuck: float = 0.0
+    """Share of its friction up to which each corner may carry load before a bump."""
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """A session, and what it does not say."""
+
+    session: Session
+    """What was recorded."""
+    truth: Truth
+    """What was drawn for it."""
+    motions: tuple[Motion, ...]
+    """How the car moved in each run."""
+
+
+def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
+    """Simulate a campaign.
+
+    Parameters
+    ----------
+    car : SimulatedCar
+        What is driven; its bump height, lead and tail are not used.
+    plan : Plan
+        Runs, sensors and weights.
+    seed : int
+        Decides every draw and all noise.
+
+    Raises
+    ------
+    ValueError
+        If the weights would tip the car over, or a bump names no mass state of the plan.
+    InputError
+        If a fault is declared for no channel of the plan, or two for the same one.
+    """
+    drawn = draw(plan.channels, plan.mass_states, car, seed, plan.place_sigma_m)
+    plants = {
+        name: load_car(car.parameters, added, car.imperfections)
+        for name, added in drawn.mass_states.items()
+    }
+    motions = _driven(plants, plan, np.random.default_rng([seed, 3]))
+    unloaded = load_car(car.parameters, MassState(BASELINE).added, car.imperfections)
+    installation = install(unloaded, car)
+    repeats: dict[tuple[str, Excitation], int] = {}
+    runs = []
+    for number, (bump, motion) in enumerate(zip(plan.bumps, motions, strict=True)):
+        kind = (bump.mass_state, bump.excitation)
+        repeats[kind] = repeats.get(kind, 0) + 1
+        rng = np.random.default_rng([seed, 1, number])
+        groups = _sampled(plan, car, drawn, installation, motion, rng)
+        runs.append(_run(bump, repeats[kind], plan.bump_s, groups))
+    session = Session(plan.vehicle, plan.channels, plan.mass_states, tuple(runs), _SOURCE)
+    return Simulated(session, drawn, tuple(motions))
+
+
+_SOURCE = MappingProxyType({"source": "simulation"})
+
+
+def _driven(plants: Mapping[str, Plant], plan: Plan, rng: np.random.Generator) -> list[Motion]:
+    """Return the motion of each run; time counts from the first sample at rest."""
+    unknown = [bump.mass_state for bump in plan.bumps if bump.mass_state not in plants]
+    if unknown:
+        raise ValueError(f"there is no mass state {unknown[0]}")
+    run_by_run = [plants[bump.mass_state] for bump in plan.bumps]
+    stuck = plan.stuck * rng.uniform(-1.0, 1.0, (len(run_by_run), 4, 1))
+    starts = [standing(plant, share) for plant, share in zip(run_by_run, stuck, strict=True)]
+    roads = [Bump(b.excitation, b.height_m, plan.rest_s, plan.bump_s) for b in plan.bumps]
+    end_s = plan.rest_s + plan.bump_s + plan.decay_s
+    return drive_all(run_by_run, roads, end_s, starts)
+
+
+def _sampled(
+    plan: Plan,
+    car: SimulatedCar,
+    drawn: Truth,
+    installation: Installation,
+    motion: Motion,
+    rng: np.random.Generator,
+) -> tuple[SampleGroup, ...]:
+    """Return what the sensors say of a run."""
+    length_s = plan.rest_s + plan.bump_s + plan.decay_s
+    off_s = motion.bump.end_s if plan.from_decay else -inf
+    latest_s = max(sensor.delay_s for sensor in drawn.sensors.values())
+    fine_s = np.arange(-latest_s - FINE_S, length_s, FINE_S)
+    seen = motion.at(fine_s)
+    groups: dict[str, list[Channel]] = {}
+    for channel in plan.channels:
+        groups.setdefault(message_of(channel), []).append(channel)
+    result = []
+    for name, channels in groups.items():
+        clock = drawn.clocks[name]
+        period_s = (1.0 + clock.error) / plan.rates_hz.get(name, 200.0)
+        tick_s = (np.arange(np.ceil(length_s / period_s)) + clock.phase) * period_s
+        late_s = max(drawn.sensors[channel.name].delay_s for channel in channels)
+        tick_s = tick_s[(tick_s > off_s + late_s) & (tick_s < length_s)]
+        values = {}
+        for channel in channels:
+            sensor = drawn.sensors[channel.name]
+            reading = _reading(channel, sensor, installation, fine_s, seen, tick_s)
+            values[channel.name] = measured(channel, sensor, car.noise, reading, rng)
+        result.append(_group(name, tick_s, values))
+    return tuple(result)
+
+
+def _reading(
+    channel: Channel,
+    sensor: SensorTruth,
+    installation: Installation,
+    fine_s: Array,
+    seen: Kinematics,
+    tick_s: Array,
+) -> Array:
+    """Return what a sensor without noise says at its instants."""
+    reading = true_reading(channel, sensor, installation, seen)
+    if sensor.low_pass_hz:
+        reading = low_pass(reading, FINE_S, sensor.low_pass_hz, sensor.low_pass_order)
+    return np.interp(tick_s - sensor.delay_s, fine_s, reading)
+
+
+def _group(name: str, time_s: Array, values: Mapping[str, Array]) -> SampleGroup:
+    t_ns = np.rint(time_s * 1e9).astype(np.int64)
+    return SampleGroup(name, time_s, t_ns, values, np.zeros(len(time_s), np.uint8))
+
+
+def _run(bump: PlannedBump, repeat: int, bump_s: float, groups: Sequence[SampleGroup]) -> Run:
+    return Run(
+        mass_state=bump.mass_state,
+        excitation=bump.excitation,
+        repeat=repeat,
+        t0_ns=0,
+        bump_s=bump_s,
+        groups=tuple(groups),
+        status=RunStatus.ACCEPTED,
+        reasons=(),
+        losses=Losses(),
+        events=(),
+        frames=FrameBatch.empty(),
+    )
