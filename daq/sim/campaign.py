@@ -162,7 +162,8 @@ def _sampled(
     for name, channels in groups.items():
         clock = drawn.clocks[name]
         period_s = (1.0 + clock.error) / plan.rates_hz.get(name, 200.0)
-        tick_s = (np.arange(np.ceil(length_s / period_s)) + clock.phase) * period_s
+        ticks = np.arange(round(length_s / period_s), dtype=np.float64)
+        tick_s = (ticks + clock.phase) * period_s
         late_s = max(drawn.sensors[channel.name].delay_s for channel in channels)
         tick_s = tick_s[(tick_s > off_s + late_s) & (tick_s < length_s)]
         values = {}
