@@ -1,4 +1,4 @@
-"""The time of a turn of the recorder, by both clocks of the host; read at the edge only."""
+"""Wall-clock and monotonic time of one recorder cycle, read once at its start."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ class Now:
     """The host's two clocks, read together."""
 
     wall_ns: int
-    """Since 1970, ns.  It may be set at any moment."""
+    """UTC, ns since 1970; somebody may set it at any moment."""
     monotonic_s: float
-    """Since some moment, s.  All waiting and all silence is measured by it."""
+    """Seconds since an arbitrary moment; waiting and silence are measured by it."""

@@ -92,9 +92,15 @@ class CampaignTable(Table):
     repeats: Annotated[int, Field(ge=1, le=100)] = 2
     bump_s: _Positive = 0.2
     method: Method = Method.ROLL_OVER
-    bump_height_mm: Annotated[float, Field(gt=0, le=200)] = 40.0
+    bump_height_mm: Annotated[float, Field(ge=1, le=200)] = 40.0
     accept_after_s: Annotated[float, Field(ge=0, le=60)] = 3.0
     instructions: dict[Excitation, Annotated[str, Field(max_length=200)]] = {}
+
+
+def campaign_limits(key: str) -> tuple[float, float]:
+    """Return the lowest and the highest number that a key of `[campaign]` may have."""
+    low, high = CampaignTable.model_fields[key].metadata
+    return float(low.ge), float(high.le)
 
 
 class TriggerTable(Table):

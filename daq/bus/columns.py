@@ -1,4 +1,4 @@
-"""python-can's message objects turned into the columns of a block."""
+"""Converts python-can's message objects to the columns of a block."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 
 CLOCK_TOLERANCE_S = 86_400.0
-"""A stamp further than this from the host's clock has another epoch (boot, adapter reset, none)."""
+"""Difference from the host's clock beyond which a stamp counts from another epoch (boot, adapter
+reset, none), s."""
 
-_LENGTHS = np.zeros((2, 65), bool)
-_LENGTHS[0, :9] = True
-_LENGTHS[1, [*range(9), 12, 16, 20, 24, 32, 48, 64]] = True
 _STANDARD_IDS = 1 << 11
 _EXTENDED_IDS = 1 << 29
 
@@ -56,19 +54,19 @@ def frame_columns(
     arrived_ns : sequence of int
         The host's time at which each was received.
     bus : int
-        The number the frames are given.
+        Number that the frames get.
 
     Returns
     -------
     batch : FrameBatch
-        Those that can be frames: identifier within range, length as stated and allowed.
+        The messages that can be frames: identifier within range, length as stated and allowed.
     garbled, restamped : int
-        Number of the others; number of frames in `batch` stamped on arrival.
+        Number of the other messages; number of frames in `batch` stamped on arrival.
 
     Raises
     ------
     TypeError, ValueError, OverflowError
-        If a message is no message at all (a text as identifier, more than 64 bytes).
+        If a field has the wrong type or size (a text as identifier, more than 64 bytes).
     """
     n = len(messages)
     stamps, ids, dlcs, payloads, *marks, received = zip(*map(_FIELDS, messages), strict=True)
@@ -83,7 +81,7 @@ def frame_columns(
 
     extended, remote, error, fd = (flags & bit != 0 for bit in _BITS[:4])
     good = (can_id >= 0) & (can_id < np.where(extended | error, _EXTENDED_IDS, _STANDARD_IDS))
-    good &= (dlc >= 0) & (dlc <= 64) & _LENGTHS[fd.view(np.uint8), dlc.clip(0, 64)]
+    good &= (dlc >= 0) & (dlc <= 64) & LENGTH_ALLOWED[fd.view(np.uint8), dlc.clip(0, 64)]
     good &= (np.where(remote, 0, dlc) == size) & ~(fd & remote)
     t_ns, believed = _stamps(np.array(stamps, np.float64), np.array(arrived_ns, np.int64))
     batch = FrameBatch(
@@ -103,8 +101,8 @@ def _stamps(
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return time stamps in ns, and which of them are the interface's own.
 
-    Whole seconds and the fraction are converted apart: near 1.8e18 a float64 of nanoseconds steps
-    by 256, which would add to the 238 ns that a float64 of seconds already costs.
+    Whole seconds and the fraction are converted separately: near 1.8e18 a float64 of nanoseconds
+    steps by 256, which would add to the 238 ns that a float64 of seconds already costs.
     """
     believed = np.abs(stamp_s - arrived_ns * 1e-9) < CLOCK_TOLERANCE_S  # NaN: no
     stamp_s = np.where(believed, stamp_s, 0.0)

@@ -1,7 +1,7 @@
-"""Error frames of SocketCAN, in words.
+"""Describes and counts the error frames of SocketCAN.
 
-They are no frames of the bus: the driver tells by them what the controller has met.  The class is
-in the identifier (bits of linux/can/error.h), the details in the payload.
+They are not frames of the bus: with them the driver reports what the controller has met.  The class
+is in the identifier (bits of linux/can/error.h), the details are in the payload.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dbc.frames import FrameBatch
 
 
 class ErrorClass(IntFlag):
-    """What happened, as bits of the identifier."""
+    """Kind of error, as bits of the identifier."""
 
     TX_TIMEOUT = 0x001
     LOST_ARBITRATION = 0x002
@@ -45,7 +45,7 @@ _CLASSES = {
     ErrorClass.CONTROLLER: "controller",
     ErrorClass.PROTOCOL: "protocol violated",
     ErrorClass.TRANSCEIVER: "transceiver",
-    ErrorClass.NO_ACK: "nobody acknowledges",
+    ErrorClass.NO_ACK: "no node acknowledges",
     ErrorClass.BUS_OFF: "bus-off",
     ErrorClass.BUS_ERROR: "bus error",
     ErrorClass.RESTARTED: "controller restarted",
@@ -111,37 +111,33 @@ _WIRES = {
 
 @dataclass(frozen=True, slots=True)
 class ErrorFrame:
-    """What an error frame says."""
+    """The content of an error frame."""
 
     classes: ErrorClass
-    """What happened."""
     state: ControllerState | None
-    """The state the controller is in now; None if the frame does not tell."""
+    """State of the controller after it; None if the frame does not have it."""
     tx_errors: int | None
+    """Transmit error counter of the controller; None if the frame does not have it."""
     rx_errors: int | None
-    """`tx_errors`, `rx_errors`: the controller's error counters; None if the frame does not
-    tell."""
+    """Receive error counter of the controller; None if the frame does not have it."""
     overrun: bool
-    """Whether the controller has lost received frames."""
+    """True if the controller has lost received frames."""
     text: str
     """All of it in one line."""
 
 
 def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
-    """Explain an error frame.
+    """Return the content of an error frame.
+
+    It has counters if the frame says so (Linux 6.0), or if they are not zero and the frame reports
+    a change of state, where older drivers have always put them.
 
     Parameters
     ----------
     can_id : int
         Identifier, with or without its flag bits.
     data : bytes
-        Payload; what is missing of 8 bytes counts as zero, as "not specified".
-
-    Returns
-    -------
-    ErrorFrame
-        The counters are told if the frame says that it has them (Linux 6.0), or if they are not
-        zero and the frame is one of a change of state, where older drivers have always put them.
+        Payload; bytes missing of 8 count as zero, which means "not specified".
     """
     classes = ErrorClass(can_id & 0x1FFFFFFF & sum(ErrorClass))
     arbitration, controller, violation, location, wires, _, tx, rx = data[:8].ljust(8, b"\0")
@@ -155,50 +151,47 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
         ErrorClass.PROTOCOL: _joined(_named(_VIOLATIONS, violation), _LOCATIONS.get(location, "")),
         ErrorClass.TRANSCEIVER: _joined(_WIRES.get(wires & 0x0F, ""), _WIRES.get(wires & 0xF0, "")),
     }
-    said = [
+    parts = [
         f"{text} ({detail})" if (detail := details.get(bit, "")) else text
         for bit, text in _CLASSES.items()
         if bit in classes
     ]
     if counted:
-        said.append(f"{tx} transmit and {rx} receive errors counted")
+        parts.append(f"{tx} transmit and {rx} receive errors counted")
     return ErrorFrame(
         classes,
         _state(classes, controller, max(tx, rx) if counted else None),
         tx if counted else None,
         rx if counted else None,
         bool(controller & _RX_OVERFLOW),
-        ", ".join(said) or "unknown error",
+        ", ".join(parts) or "unknown error",
     )
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorTally:
-    """What the error frames of one bus say in a block."""
+    """Summary of the error frames of one bus in a block."""
 
     frames: int
+    """Number of error frames."""
     bus_off: int
+    """Number of those that report bus-off."""
     overruns: int
-    """Error frames; those that report bus-off; those that report received frames lost."""
+    """Number of those that report received frames lost."""
     state: ControllerState | None
-    """The state that was told last; None if none was."""
+    """The last state reported; None if there is none."""
     state_row: int
-    """Row of the frame that told it; -1 if none did."""
+    """Row of the frame that reported it; -1 if there is none."""
     tx_errors: int | None
+    """The last transmit error counter reported; None if there is none."""
     rx_errors: int | None
-    """`tx_errors`, `rx_errors`: the counters that were told last."""
+    """The last receive error counter reported; None if there is none."""
     text: str
-    """The last error frame, in words."""
+    """Text of the last error frame."""
 
 
 def tally_error_frames(frames: FrameBatch) -> ErrorTally:
-    """Sum up error frames; thousands in a second cost no more than a few.
-
-    Parameters
-    ----------
-    frames : FrameBatch
-        Error frames only, at least one.
-    """
+    """Return the summary of one or more error frames; thousands a second cost little."""
     classes = frames.can_id
     controller = np.where(classes & ErrorClass.CONTROLLER, frames.data[:, 1], 0)
     off = (classes & ErrorClass.BUS_OFF) != 0
@@ -206,9 +199,9 @@ def tally_error_frames(frames: FrameBatch) -> ErrorTally:
     counted = (classes & ErrorClass.COUNTERS) != 0
     counted |= changed & (frames.data[:, 6:8].any(axis=1))
     named = (controller & sum(_STATES)) != 0
-    tells = off | named | counted | ((classes & ErrorClass.RESTARTED) != 0)
-    state_row, counted_row = _last(tells), _last(counted)
-    told, numbers = (
+    has_state = off | named | counted | ((classes & ErrorClass.RESTARTED) != 0)
+    state_row, counted_row = _last(has_state), _last(counted)
+    with_state, numbers = (
         describe_error_frame(int(classes[row]), frames.data[row].tobytes())
         for row in (state_row, counted_row)
     )
@@ -217,7 +210,7 @@ def tally_error_frames(frames: FrameBatch) -> ErrorTally:
         len(frames),
         int(np.count_nonzero(off)),
         int(np.count_nonzero(controller & _RX_OVERFLOW)),
-        told.state if state_row >= 0 else None,
+        with_state.state if state_row >= 0 else None,
         state_row,
         numbers.tx_errors if counted_row >= 0 else None,
         numbers.rx_errors if counted_row >= 0 else None,

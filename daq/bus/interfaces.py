@@ -1,7 +1,7 @@
-"""Frames from any interface of python-can, in blocks.
+"""Opens any interface of python-can and reads its frames in blocks.
 
-python-can hands out one object a frame; here is the only place where that object is seen.  Its
-`Notifier` is not used: an exception in a listener or in `recv` ends its thread without a word.
+python-can returns one object for each frame; no other module handles that object.  Its `Notifier`
+is not used: an exception in a listener or in `recv` ends its thread without a message.
 """
 
 from __future__ import annotations
@@ -30,24 +30,26 @@ from .columns import frame_columns
 from .slcan.adapter import open_slcan
 from .socketcan.reader import open_socketcan
 from .source import BLOCK_FRAMES, GATHER_S, FrameSource, SourceLosses
-from .steady_clock import HOST_AXIS
+from .steady_clock import STEADY_CLOCK
 
 __all__ = ["FrameSource", "PythonCanSource", "SourceLosses", "open_bus", "open_source"]
 
 FAULTS_UNTIL_GONE = 5
-"""Failures of the interface in a row, after which it is taken for gone.  Some report a fault once
-and carry on (an interface that was down for a moment)."""
+"""Consecutive faults after which the interface counts as lost.  Some report a fault once and go on
+(an interface that was down for a moment)."""
 GARBLED_UNTIL_GONE = 10_000
-"""Unreadable pieces in a row, without a pause, after which there is nothing to be had."""
+"""Consecutive unreadable pieces, without a pause, after which the interface counts as lost."""
 FAULT_PAUSE_S = 0.02
+"""Pause after a fault, s, so that a broken interface does not occupy a processor."""
 _POLL_S = 0.002
 _WALL_CLOCK_WAITS = frozenset({"pcan", "vector", "iscan", "canalystii", "robotell"})
-"""Interfaces whose backends wait by the wall clock: set back an hour, they would wait an hour."""
+"""Interfaces whose backends wait by the wall clock: set back by an hour, they wait an hour."""
 _WALL_CLOCK_STAMPS = frozenset(
     {"udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"}
 )
-"""Interfaces whose frames are stamped by the host's wall clock, which may be set."""
+"""Interfaces whose frames are stamped by the host's wall clock."""
 RECEIVE_BUFFER_BYTES = 8 << 20
+"""Receive buffer asked of the kernel: the default one holds 31 ms of a full bus."""
 _SO_RCVBUFFORCE = 33
 _IP_MULTICAST_ALL = 49
 _IPV6_MULTICAST_ALL = 29
@@ -55,7 +57,7 @@ _IPV6_MULTICAST_ALL = 29
 _OPTIONS: dict[str, dict[str, Any]] = {
     # The simulated car carries its own clock; real time would make a fast replay meaningless.
     "virtual": {"preserve_timestamps": True},
-    # There are no wires on this bus, and simulated frames have no business on other machines.
+    # This bus has no wires, and simulated frames must not reach other machines.
     "udp_multicast": {"hop_limit": 0},
 }
 _ADVICE = {
@@ -64,24 +66,17 @@ _ADVICE = {
     "udp_multicast": "channel is a multicast group, like 239.74.163.2",
 }
 
-# python-can tells the terminal about every vendor library that is not installed.
+# python-can logs every vendor library that is not installed.
 logging.getLogger("can").addHandler(logging.NullHandler())
 
 
 def open_source(config: BusConfig, bus: int) -> FrameSource:
-    """Open a bus for reading.
-
-    Parameters
-    ----------
-    config : BusConfig
-        Interface, channel and bit rate.
-    bus : int
-        The number its frames carry in `FrameBatch.bus`.
+    """Open a bus for reading; its frames have the number `bus` in `FrameBatch.bus`.
 
     Raises
     ------
     BusError
-        If there is no such interface or it cannot be opened, whatever the reason.
+        If there is no such interface or it cannot be opened, for any reason.
     """
     if config.interface == "slcan":  # python-can's reads byte by byte: too slow for a full bus
         with _one_line(config):
@@ -92,7 +87,7 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
     opened = open_bus(config)
     doze = doze_for(opened, config.interface)
     if config.interface in _WALL_CLOCK_STAMPS:
-        on_axis = HOST_AXIS.from_wall
+        on_axis = STEADY_CLOCK.from_wall
         return PythonCanSource(opened, _name(config), bus, time.time_ns, doze, on_axis)
     return PythonCanSource(opened, _name(config), bus, doze=doze)
 
@@ -110,7 +105,7 @@ def open_bus(config: BusConfig) -> can.BusABC:
         bus = can.Bus(
             channel=channel or None,
             interface=config.interface,
-            ignore_config=True,  # bench.toml says it all; a can.conf elsewhere must not
+            ignore_config=True,  # only bench.toml decides, not a can.conf elsewhere
             bitrate=config.bitrate,
             **_OPTIONS.get(config.interface, {}),
         )
@@ -124,7 +119,7 @@ def _name(config: BusConfig) -> str:
 
 @contextlib.contextmanager
 def _one_line(config: BusConfig) -> Iterator[None]:
-    """Turn whatever a backend raises on opening (NameError is one of them) into a BusError."""
+    """Turn any exception of a backend on opening (also NameError) into a BusError."""
     if config.interface != "slcan" and config.interface not in can.VALID_INTERFACES:
         raise BusError(
             _name(config),
@@ -149,8 +144,8 @@ def _reason(error: BaseException) -> str:
 def _tune_socket(bus: can.BusABC) -> None:
     """Give a bus that is a socket a buffer that outlasts a stall of this process.
 
-    The default one holds 31 ms of a full bus.  A multicast socket is also told to take only its
-    own group: by default it receives every group that anyone on this machine has joined.
+    A multicast socket is in addition limited to its own group: by default it receives every group
+    that any process of this machine has joined.
     """
     try:
         twin = socket.socket(fileno=os.dup(bus.fileno()))
@@ -171,11 +166,11 @@ def _tune_socket(bus: can.BusABC) -> None:
 
 
 Doze = Callable[[float], object]
-"""Sleeps for so many seconds, or until a frame may be there."""
+"""Sleeps for a number of seconds, or until a frame may be there."""
 
 
 def doze_for(bus: can.BusABC, interface: str) -> Doze | None:
-    """Return how to wait for a bus from outside; None if its backend can be trusted to wait."""
+    """Return a function that waits for the bus; None if its backend waits correctly itself."""
     try:
         descriptor = bus.fileno()
     except Exception:  # not implemented, or only on another system
@@ -192,24 +187,24 @@ def doze_for(bus: can.BusABC, interface: str) -> Doze | None:
 class PythonCanSource:
     """A python-can bus read in blocks.
 
-    `BusABC.recv` measures its timeout by the wall clock: set back an hour in mid-wait, it waits
-    for another hour.  So it is the backend's `_recv_internal` that is called here.
+    `BusABC.recv` measures its timeout by the wall clock: if that is set back an hour while it
+    waits, it waits for another hour.  So this class calls the backend's `_recv_internal`.
 
     Parameters
     ----------
     bus : can.BusABC
         Open; closed by `close`.
     name : str
-        For messages.
+        Name of the bus in messages.
     index : int
-        The number its frames carry.
+        Number of the bus in its frames.
     now_ns : callable
         The host's clock, ns since 1970.
     doze : callable or None
-        Waits in the backend's place, which is asked only for what is there; None leaves the
-        waiting to the backend.
+        Waits instead of the backend, which is then only asked for frames that have arrived; None
+        lets the backend wait.
     on_axis : callable or None
-        Puts stamps of the wall clock, (n,) int64, on an axis that nobody can set.
+        Converts stamps of the wall clock, (n,) int64 (`SteadyClock.from_wall`).
     """
 
     def __init__(
@@ -217,7 +212,7 @@ class PythonCanSource:
         bus: can.BusABC,
         name: str,
         index: int,
-        now_ns: Callable[[], int] = HOST_AXIS.now_ns,
+        now_ns: Callable[[], int] = STEADY_CLOCK.now_ns,
         doze: Doze | None = None,
         on_axis: Callable[[NDArray[np.int64]], NDArray[np.int64]] | None = None,
     ) -> None:
@@ -243,7 +238,7 @@ class PythonCanSource:
             except Exception as error:  # backends also raise ValueError, IndexError, NameError...
                 if self._failed(error):
                     if messages:
-                        break  # the next call fails again, with empty hands
+                        break  # the next call raises
                     raise self._gone(error) from error
                 wait_s = 0.0
                 continue
@@ -261,12 +256,12 @@ class PythonCanSource:
         return self._batch(messages, arrived_ns)
 
     def losses(self) -> SourceLosses:
-        """Return the counts so far.  python-can tells nothing of frames dropped by a driver."""
+        """Return the losses; python-can does not report frames dropped by a driver."""
         return SourceLosses(0, self._garbled, self._restamped)
 
     def close(self) -> None:
         """Shut the bus down."""
-        with contextlib.suppress(Exception):  # some backends fail to say goodbye to a lost device
+        with contextlib.suppress(Exception):  # some backends cannot close a lost device
             self._bus.shutdown()
 
     def _receive(self, wait_s: float) -> can.Message | None:
@@ -282,7 +277,7 @@ class PythonCanSource:
             self._doze(left_s)
 
     def _failed(self, error: Exception) -> bool:
-        """Count an exception of `recv`; return whether the bus has to be taken for gone."""
+        """Count an exception of `recv`; return whether the bus counts as lost."""
         if _is_fault(error):
             self._faults_in_a_row += 1
             time.sleep(FAULT_PAUSE_S)
@@ -304,7 +299,7 @@ class PythonCanSource:
             return FrameBatch.empty()
         try:
             batch, garbled, restamped = frame_columns(messages, arrived_ns, self._index)
-        except (TypeError, ValueError, OverflowError):  # one of them is not what a frame can be
+        except (TypeError, ValueError, OverflowError):  # one of them cannot be a frame
             if len(messages) == 1:
                 self._garbled += 1
                 return FrameBatch.empty()
@@ -317,10 +312,10 @@ class PythonCanSource:
 
 
 def _is_fault(error: BaseException) -> bool:
-    """Tell a fault of the interface from input that it could not read.
+    """Return whether an exception is a fault of the interface, not input that it could not read.
 
-    Behind a fault stands the operating system, or nothing but the backend's own complaint; behind
-    bad input stands the exception of a parser.
+    A fault is caused by an error of the operating system, or has no cause but the backend itself;
+    unreadable input is caused by the exception of a parser.
     """
     chain = [error]
     while (before := chain[-1].__cause__ or chain[-1].__context__) is not None:

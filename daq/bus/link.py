@@ -1,6 +1,6 @@
-"""One bus for weeks: opened, read, closed when it fails, and opened again.
+"""Keeps one bus open for weeks: opens it, reads it, closes it when it fails and opens it again.
 
-A link never raises and never ends.  An adapter that is not there is degraded, not a failed start;
+A link never raises and never ends.  A missing adapter is a degraded recorder, not a failed start;
 one that was pulled out is tried again until it is back.
 """
 
@@ -19,30 +19,29 @@ from ..errors import BusError
 from .source import FrameSource, Interface, LinkFacts, SourceLosses
 
 BACK_OFF_S = (0.1, 2.0)
-"""First and longest pause before a bus is opened again; each is twice the one before."""
+"""First and longest pause before a bus is opened again, s; each pause is twice the one before."""
 SILENT_S = 5.0
-"""A bus that had frames and has none for so long is opened anew: some drivers (gs_usb) swallow the
-error of a device that has gone, and are silent for ever."""
-_TELLS = frozenset({"socketcan", "slcan", "virtual", "udp_multicast"})
-"""Sources that fail when their device goes.  Opening one anew only because the car is switched off
-could cost the first frames after that."""
+"""Silence after frames, s, after which a bus is opened again: some drivers (gs_usb) hide the error
+of a device that is unplugged, and are silent for ever."""
+_REPORTS_LOSS = frozenset({"socketcan", "slcan", "virtual", "udp_multicast"})
+"""Interfaces that fail when their device is unplugged.  Opening one of them again only because the
+car is switched off could cost the first frames after that."""
 
 OpenSource = Callable[[BusConfig, int], FrameSource]
 
 
 class Link:
-    """A bus that is opened as often as need be.
+    """A bus that is opened again whenever it fails.
 
     `read` and `close` belong to one thread; `facts` and `halt` may be called from any.
 
     Parameters
     ----------
     config : BusConfig
-        The bus.
     index : int
-        The number its frames carry.
+        Number of the bus in its frames.
     open_source : callable
-        Opens it, or raises whatever its driver raises (`daq.bus.interfaces.open_source`).
+        Opens the bus, or raises any exception (`daq.bus.interfaces.open_source`).
     clock : callable
         Monotonic time, s.
     """
@@ -69,23 +68,23 @@ class Link:
         self._facts = LinkFacts(name, config.bitrate, False, "", "", self._alive_s, 0, none)
 
     def facts(self) -> LinkFacts:
-        """Return how it is doing."""
+        """Return the state of the link."""
         return self._facts
 
     def read(self, timeout_s: float) -> FrameBatch:
-        """Return the frames that are there; wait up to `timeout_s` for the first."""
+        """Return the frames received; wait up to `timeout_s` for the first."""
         frames = FrameBatch.empty()
         if self._source is None:
             self._open(timeout_s)
         else:
             try:
                 frames = self._source.read(timeout_s)
-            except Exception as error:  # whatever a driver raises: the bus has to be opened again
+            except Exception as error:  # any exception of a driver: the bus is opened again
                 self._fail(error)
         now_s = self._clock()
         if len(frames):
             self._had_frames, self._alive_s, self._pause_s = True, now_s, BACK_OFF_S[0]
-        elif self._is_dumb() and now_s - self._alive_s >= SILENT_S:
+        elif self._may_hide_loss() and now_s - self._alive_s >= SILENT_S:
             self._alive_s = now_s
             self._drop()
         down = not len(frames) and self._is_down()
@@ -107,10 +106,10 @@ class Link:
     def _is_down(self) -> bool:
         return isinstance(self._source, Interface) and self._source.interface_down
 
-    def _is_dumb(self) -> bool:
-        """Whether silence may mean that the device has gone."""
+    def _may_hide_loss(self) -> bool:
+        """Return whether silence may mean that the device is unplugged."""
         open_and_was_heard = self._source is not None and self._had_frames
-        return open_and_was_heard and self.config.interface not in _TELLS
+        return open_and_was_heard and self.config.interface not in _REPORTS_LOSS
 
     def _open(self, timeout_s: float) -> None:
         wait_s = self._next_try_s - self._clock()
@@ -120,7 +119,7 @@ class Link:
             return
         try:
             self._source = self._open_source(self.config, self.index)
-        except Exception as error:  # NameError is one of those that backends raise
+        except Exception as error:  # backends raise any exception, also NameError
             self._fail(error)
             return
         self._alive_s = self._clock()
@@ -145,7 +144,7 @@ class Link:
             return
         self._before = self._losses()
         source, self._source = self._source, None
-        with suppress(Exception):  # it may not be able to say goodbye
+        with suppress(Exception):  # an unplugged device cannot be closed properly
             source.close()
 
     def _losses(self) -> SourceLosses:

@@ -1,6 +1,6 @@
-"""What a source of frames is, and the losses counted between the wire and the recorder.
+"""The protocol of a frame source, and the losses counted between the wire and the recorder.
 
-Sources read and stamp, nothing else: they run in threads of their own, and whatever keeps one from
+Sources only read and stamp: they run in threads of their own, and anything that keeps one from
 reading loses frames in the adapter.
 """
 
@@ -12,22 +12,22 @@ from typing import Protocol, runtime_checkable
 from dbc.frames import FrameBatch
 
 BLOCK_FRAMES = 2048
-"""A source hands over at most so many frames at a time."""
+"""Most frames that a source returns at once."""
 GATHER_S = 0.01
-"""A source waits so long for company after the first frame: the cost of a block is spread over all
-frames in it, and each still carries the stamp of its own arrival."""
+"""Seconds for which a source waits for more after the first frame: the cost of a block is shared by
+all frames in it, and each still has the stamp of its own arrival."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourceLosses:
-    """What a source has lost since it was opened."""
+    """Losses of a source since it was opened."""
 
     dropped: int = 0
-    """Frames that the interface says it lost before they could be read."""
+    """Frames that the interface reports as lost before they could be read."""
     garbled: int = 0
-    """Pieces of input that were no frame."""
+    """Pieces of input that are not a frame."""
     restamped: int = 0
-    """Frames whose time stamp could not be true, and which were stamped on arrival instead."""
+    """Frames with an impossible time stamp, which were stamped on arrival instead."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +35,13 @@ class HopLosses:
     """Cumulative counts from the wires to the journal, over all sources; stored with each block."""
 
     bus_dropped: int = 0
+    """Sum of `SourceLosses.dropped`."""
     bus_garbled: int = 0
+    """Sum of `SourceLosses.garbled`."""
     restamped: int = 0
-    """`bus_dropped`, `bus_garbled`, `restamped`: sums of `SourceLosses`."""
+    """Sum of `SourceLosses.restamped`."""
     queue_dropped: int = 0
-    """Frames read and not recorded because the writer was too far behind."""
+    """Frames read but not recorded because the writer was too far behind."""
 
     def since(self, before: HopLosses) -> HopLosses:
         """Return what was lost since an earlier count."""
@@ -52,45 +54,46 @@ class LinkFacts:
     """State of the link to one bus; a source that fails is opened again (`daq.bus.link`)."""
 
     name: str
-    """The bus, for the operator."""
+    """Name of the bus for the operator."""
     bitrate: int
     """As configured, bit/s."""
     connected: bool
-    """Whether a source is open."""
+    """True while a source is open."""
     error: str
+    """Why none is open; empty while connected."""
     advice: str
-    """`error`, `advice`: why none is, and what to do; empty while connected."""
+    """What to do about it; empty while connected."""
     heartbeat_s: float
-    """Monotonic time of the reader's last turn, s; before the first, when it was made."""
+    """Monotonic time of the reader's last cycle, s; before the first, of its creation."""
     reopened: int
-    """How often the bus came back."""
+    """Number of times the bus came back."""
     losses: SourceLosses
-    """Summed over all sources so far."""
+    """Sum over all sources opened until now."""
     interface_down: bool = False
-    """Whether a source is open on an interface that somebody took down."""
+    """True if a source is open on an interface that somebody took down."""
 
 
 class FrameSource(Protocol):
-    """A bus to be read in blocks.
+    """A bus read in blocks.
 
-    `read` and `close` belong to one thread at a time; `losses` may be asked from any.
+    `read` and `close` belong to one thread at a time; `losses` may be called from any.
     """
 
     @property
     def name(self) -> str:
-        """The bus, for messages to the operator."""
+        """Name of the bus for the operator."""
 
     def read(self, timeout_s: float) -> FrameBatch:
-        """Return the frames that are there; wait up to `timeout_s` for the first.
+        """Return the frames received; wait up to `timeout_s` for the first.
 
         Raises
         ------
         BusError
-            If the bus has gone.  Frames read before that have been returned.
+            If the bus is lost.  Frames read before that have been returned.
         """
 
     def losses(self) -> SourceLosses:
-        """Return what was lost since the source was opened."""
+        """Return the losses since the source was opened."""
 
     def close(self) -> None:
         """Release the interface; never raises."""
@@ -102,4 +105,4 @@ class Interface(FrameSource, Protocol):
 
     @property
     def interface_down(self) -> bool:
-        """Whether it was taken down, and no frame has come since."""
+        """True if it was taken down and no frame has come since."""

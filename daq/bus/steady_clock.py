@@ -1,8 +1,8 @@
-"""One axis of time for all that this host stamps: the wall clock's, but nobody can set it.
+"""UTC that advances with the monotonic clock, so that setting the wall clock does not move it.
 
-The wall clock may be set in mid-run, an hour on or back.  Stamps are told on an axis that began
-with the wall clock and goes on with the monotonic one; that the clock was set is told by an event,
-not by the measurements.
+The wall clock may be set in mid-run by an hour, forward or back.  Stamps of this host are on a time
+axis that began with the wall clock and advances with the monotonic one; an event reports that the
+wall clock was set, and the measurements do not show it.
 """
 
 from __future__ import annotations
@@ -15,15 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEP_NS = 1_000_000
-"""Both clocks are slewed alike: when they part by more, the wall clock was set."""
+"""Change of the clocks' difference, ns, from which the wall clock counts as set; both are slewed
+alike."""
 LATE_NS = 5_000_000
-"""A stamp may lie so far ahead: both clocks cannot be read in one instant."""
+"""Largest lead of a stamp over now, ns: the two clocks cannot be read in one instant."""
 QUEUED_NS = 10_000_000_000
-"""No frame waits longer in a buffer to be read; older offsets are forgotten."""
+"""Age, ns, at which an older offset is forgotten: no frame waits longer in a buffer."""
 
 
-class HostAxis:
-    """An axis that begins when it is made; one serves the whole process.
+class SteadyClock:
+    """A clock that starts when it is made; one serves the whole process.
 
     Parameters
     ----------
@@ -41,13 +42,13 @@ class HostAxis:
         self.begin()
 
     def begin(self, not_before_ns: int = 0) -> None:
-        """Begin anew with the wall clock as it is now set.
+        """Start again from the wall clock as it is set now.
 
         Parameters
         ----------
         not_before_ns : int
-            The axis begins there if the wall clock is behind: on a machine without a battery it
-            falls back at each start, and time must not run twice within a recording.
+            Earliest start: without a battery the wall clock falls back at each boot, and time must
+            not run twice within a recording.
         """
         with self._lock:
             monotonic_ns = self._monotonic_ns()
@@ -60,12 +61,9 @@ class HostAxis:
         return self._monotonic_ns() + self._zero_ns
 
     def from_wall(self, wall_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return stamps of the wall clock, made a moment ago, on this axis.
+        """Convert stamps of the wall clock, (n,) int64, made within the last `QUEUED_NS`.
 
-        Parameters
-        ----------
-        wall_ns : (n,) int64
-            Stamps; those from before and after the clock was set may be mixed.
+        Stamps from before and after the wall clock was set may be mixed.
         """
         monotonic_ns = self._monotonic_ns()
         offset_ns = self._wall_ns() - monotonic_ns
@@ -85,11 +83,11 @@ class HostAxis:
 def _youngest(
     wall_ns: NDArray[np.int64], offsets: tuple[int, ...], monotonic_ns: int
 ) -> NDArray[np.int64]:
-    """Return monotonic times: each stamp by the offset that makes it youngest, yet not to come."""
+    """Return each stamp with the offset that makes it latest, but not later than now."""
     times = wall_ns[:, None] - np.array(offsets, np.int64)
     age = monotonic_ns - times
     age = np.where(age >= -LATE_NS, age, np.iinfo(np.int64).max)
     return np.take_along_axis(times, age.argmin(axis=1)[:, None], axis=1)[:, 0]
 
 
-HOST_AXIS = HostAxis()
+STEADY_CLOCK = SteadyClock()

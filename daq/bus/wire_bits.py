@@ -1,4 +1,4 @@
-"""How much of a bus a frame takes."""
+"""Estimates the time on the bus that a frame takes, in bits."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch, FrameFlag
 
 _FAST_DATA = 4
-"""The payload of an FD frame with bit rate switch goes so much faster; the rate is not configured
-here."""
+"""Assumed ratio of data to nominal bit rate of FD frames; bench.toml has no data bit rate."""
 
 
 def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
-    """Return the bits that each frame takes on the wire, estimated, (n,).
+    """Return the estimated nominal bit times that each frame takes on the wire, (n,).
 
-    A classic frame has 47 bits around its data, 20 more with 29 bits, and a stuff bit in thirty.
+    A classic frame has 47 bits in addition to its data, 20 more with a 29-bit identifier, and one
+    stuff bit in thirty.
     """
     data = 8.0 * frames.length
     fast = frames.flags & np.uint16(FrameFlag.BITRATE_SWITCH)

@@ -32,7 +32,6 @@ from .text import (
 LACKS = "the payload of error frames"
 _BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 _START = re.compile(r"(?:date|begin\s+triggerblock)\s", re.IGNORECASE)
-_FD_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64])
 
 
 class AscParser:
@@ -157,7 +156,7 @@ def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found
     bits, has_bits = integers(lines.text, *_token_or_none(lines, rows, at + 6 + size), 16)
     fd = ~error & (~has_bits | (bits & 0x1000 != 0))
     remote = ~error & ~fd & (bits & 0x10 != 0)
-    asked = _FD_LENGTHS[np.minimum(dlc, 8)]
+    asked = np.minimum(dlc, 8)
     good &= error | fd | (length <= 8)
     flags = np.zeros(len(rows), np.uint16)
     for bit, mark in (

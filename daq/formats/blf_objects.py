@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from .assemble import good_frames
 from .losses import Ledger
@@ -24,7 +24,6 @@ _GAP = 8
 """Padding after an object is shorter than this."""
 _TEN_US = 1
 _ONE_DAY_NS = 86_400 * 10**9
-_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], np.uint8)
 
 
 def _layout(size: int, **fields: tuple[str, int]) -> np.dtype[np.void]:
@@ -235,7 +234,7 @@ def _fd_64(record: NDArray[np.void], whole: Index, header: Index) -> _Fields:
 
 
 def _length(dlc: NDArray[np.uint8], fd: Mask) -> Index:
-    return np.where(fd, _LENGTHS[np.minimum(dlc, 15)], np.minimum(dlc, 8)).astype(np.intp)
+    return np.where(fd, FD_LENGTHS[np.minimum(dlc, 15)], np.minimum(dlc, 8)).astype(np.intp)
 
 
 def _payload(text: NDArray[np.uint8], at: Index, size: Index, length: Index) -> NDArray[np.uint8]:

@@ -7,13 +7,12 @@ from decimal import Decimal, InvalidOperation
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from .assemble import good_frames
 from .text import Index, Lines, Parsed, cut_lines, decimals, integers, is_word, spaced_bytes
 
 LACKS = ""
-_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64])
 # N number, O time offset, B bus, T type, I identifier, d direction, R reserved, l length in bytes,
 # L data length code, D data: the words of the header of version 2.
 _COLUMNS = {
@@ -115,7 +114,7 @@ class TrcParser:
         fd = flags & FrameFlag.FD != 0
         if letter == "L" and self._version >= "2":
             has_length &= length < 16
-            length = np.where(fd, _LENGTHS[np.minimum(length, 15)], np.minimum(length, 8))
+            length = np.where(fd, FD_LENGTHS[np.minimum(length, 15)], np.minimum(length, 8))
         good &= has_length & (length <= np.where(fd, 64, 8))
         data_at = columns.index("D")
         follows = np.minimum(lines.first[rows] + data_at, max(len(lines.start) - 1, 0))

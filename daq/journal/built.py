@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..files import write_text
 from .scan import SegmentInfo
 
 
@@ -19,16 +19,9 @@ def remember(folder: Path, recording: str, stop: int, session: Path, revision: i
     not deleted then, that is all.
     """
     size = session.stat().st_size
-    told = {"stop": stop, "session": str(session.resolve()), "bytes": size, "revision": revision}
-    text = json.dumps(told)
-    path = _memory(folder, recording)
-    beside = path.with_suffix(".tmp")
+    entry = {"stop": stop, "session": str(session.resolve()), "bytes": size, "revision": revision}
     with suppress(OSError):
-        with beside.open("w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        beside.replace(path)
+        write_text(_memory(folder, recording), json.dumps(entry))
 
 
 def derived_recordings(folder: Path, segments: Iterable[SegmentInfo]) -> set[str]:

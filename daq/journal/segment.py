@@ -18,6 +18,7 @@ from typing import IO, Protocol, cast
 
 from mcap.writer import IndexType, Writer
 
+from ..files import sync_folder
 from .format import (
     BENCH_NAME,
     DBC_NAME,
@@ -121,7 +122,7 @@ class Segment:
             for name, text in ((BENCH_NAME, head.bench_text), (DBC_NAME, head.dbc_text)):
                 self._writer.add_attachment(0, head.wall_ns, name, "text/plain", text.encode())
             file.sync()
-            _sync_folder(path.parent)
+            sync_folder(path.parent)
         except OSError:
             self.discard()
             raise
@@ -225,12 +226,3 @@ class _Unbuffered:
 
     def tell(self) -> int:
         return self.size
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the name of a new file survive a power cut."""
-    fd = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)

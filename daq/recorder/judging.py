@@ -11,8 +11,9 @@ from ..bench.config import Bench
 from ..bench.message_rules import timed_messages
 from ..runlog.runlog import Finding, LoggedStatus, RunLog
 from ..runs import Losses
+from ..samples.blocks import SampleBlock
 from ..verdict import RunMeasure, RunWindow, judge, peak_left
-from .recent import Block, RecentLosses, RecentSamples
+from .recent import RecentLosses, RecentSamples
 
 UNJUDGED: Sequence[Finding] = (
     Finding("unjudged", True, "", 0.0, 0.0, "", "the recorder could not judge it", ""),
@@ -44,7 +45,7 @@ class Judge:
         self._left: tuple[int, int, float | None] = (0, 0, None)
         self._losses = RecentLosses(bench.trigger.pre_s + bench.trigger.post_s)
 
-    def add(self, first_ns: int, last_ns: int, block: Block, losses: Losses) -> None:
+    def add(self, first_ns: int, last_ns: int, block: SampleBlock, losses: Losses) -> None:
         """Take in a block, its earliest and latest stamp, and the losses counted up to it."""
         self._samples.add(last_ns, block)
         self._losses.add(first_ns, last_ns, losses)

@@ -7,12 +7,13 @@ it still has to whoever begins to listen.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..control.messages import Lane, Live
+from ..samples.blocks import SampleBlock
 
 BIN_S = 0.02
 KEPT_S = 60.0
@@ -22,8 +23,6 @@ MOST_TOLD_S = 10.0
 """After a gap in time no more is told at once."""
 _BIN_NS = round(BIN_S * 1e9)
 _BINS = round(KEPT_S / BIN_S)
-
-Block = Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]]
 
 
 class LiveRing:
@@ -43,7 +42,7 @@ class LiveRing:
         self._told = 0  # bins before this one were told
         self._first = 0  # the ring holds nothing before this bin
 
-    def add(self, block: Block) -> None:
+    def add(self, block: SampleBlock) -> None:
         """Take in a block of samples in order of arrival; values that are not finite are none."""
         pieces = [(self._row[name], *piece) for name, piece in block.items() if len(piece[0])]
         if not pieces:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import astuple, dataclass, fields
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 
 from ..runs import Losses
+from ..samples.blocks import Column, SampleBlock
 
-Block = Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]]
 CHECK_S = 10.0
 MOST_BLOCKS = 20_000
 """Of a bus whose stamps stand still nothing would ever grow old; half an hour, ten a second."""
@@ -63,9 +61,9 @@ class RecentSamples:
 
     def __init__(self, kept_s: float) -> None:
         self._kept_ns = round(kept_s * 1e9) + _SLACK_NS
-        self._blocks: deque[tuple[int, Block]] = deque(maxlen=MOST_BLOCKS)
+        self._blocks: deque[tuple[int, SampleBlock]] = deque(maxlen=MOST_BLOCKS)
 
-    def add(self, t_ns: int, block: Block) -> None:
+    def add(self, t_ns: int, block: SampleBlock) -> None:
         """Take in a block whose latest stamp is `t_ns`."""
         # The first block after a pause of the bus may end a run that lies before the pause: what
         # is too old is told by the block before it.
@@ -76,14 +74,14 @@ class RecentSamples:
             self._blocks.popleft()
         self._blocks.append((t_ns, block))
 
-    def between(self, start_ns: int, stop_ns: int) -> Block:
+    def between(self, start_ns: int, stop_ns: int) -> SampleBlock:
         """Return the samples of a span, by channel, in order of arrival."""
-        pieces: dict[str, list[tuple[NDArray[np.int64], NDArray[np.float64]]]] = {}
+        pieces: dict[str, list[Column]] = {}
         for latest_ns, block in self._blocks:
             if latest_ns >= start_ns:
                 for name, piece in block.items():
                     pieces.setdefault(name, []).append(piece)
-        found: dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]] = {}
+        found: dict[str, Column] = {}
         for name, parts in pieces.items():
             t_ns = np.concatenate([part[0] for part in parts])
             value = np.concatenate([part[1] for part in parts])

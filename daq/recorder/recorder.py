@@ -21,7 +21,7 @@ from dbc.frames import FrameBatch
 from ..bench.config import Bench, bench_codec
 from ..bus.link import Link, OpenSource
 from ..bus.source import HopLosses, LinkFacts
-from ..bus.steady_clock import HOST_AXIS
+from ..bus.steady_clock import STEADY_CLOCK
 from ..clocks import Now
 from ..control.heartbeat import Beats
 from ..control.messages import DiskStatus, Live, Reply, Status
@@ -41,7 +41,7 @@ from ..journal.built import derived_revision
 from ..journal.contents import JournalTail
 from ..journal.segment import SyncedFile
 from ..journal.writer import JournalWriter
-from ..runlog.runlog import fold
+from ..runlog.fold import fold
 from ..samples.bench_mapping import bench_mapping
 from .bench_checks import configured
 from .checking import Checks
@@ -296,7 +296,7 @@ class Recorder:
         found = resumable(self._journal, self._bench) if self._resume else None
         if found is not None:
             tail, bench = found
-            HOST_AXIS.begin(tail.t_ns)
+            STEADY_CLOCK.begin(tail.t_ns)
             recording = self._opened(bench, now, tail)
             self._use(recording)
             revision = derived_revision(self._journal, recording.identity)
@@ -311,7 +311,7 @@ class Recorder:
         self._begin(self._bench, now)
 
     def _begin(self, bench: Bench, now: Now) -> None:
-        HOST_AXIS.begin()  # within a recording no clock that is set may move the axis
+        STEADY_CLOCK.begin()  # within a recording no clock that is set may move the axis
         self._use(self._opened(bench, now))
 
     def _use(self, recording: OpenRecording) -> None:

@@ -21,7 +21,9 @@ from ..bus.source import HopLosses, LinkFacts
 from ..clocks import Now
 from ..control.messages import DiskStatus, Live, Phase, QueueStatus, Status
 from ..control.orders import Acknowledge, Arm, Choose, Configure, Order, Pause
-from ..runlog.runlog import Code, Finding, RunLog, advance, next_step, parse_label, verdict_entry
+from ..runlog.entries import verdict_entry
+from ..runlog.fold import advance
+from ..runlog.runlog import Code, Finding, RunLog, next_step, parse_label
 from ..runs import Event, Losses
 from ..samples import health, trigger
 from ..samples.bench_mapping import bench_mapping

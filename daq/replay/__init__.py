@@ -1,1 +1,1 @@
-"""Recorded frames played again, onto a bus or as a source."""
+"""Plays recorded frames, onto a bus or as a source."""

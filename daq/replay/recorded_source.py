@@ -1,4 +1,4 @@
-"""The frames of a recording as a bus: they come at their own distances, or faster."""
+"""Plays the frames of a recording as a bus, at their own distances or faster."""
 
 from __future__ import annotations
 
@@ -18,57 +18,55 @@ from ..sessions import Session
 from .replay import recorded_frames
 
 AROUND_NS = 2_000_000_000
+"""Time before the first and after the last run that is played, too, ns: the trigger needs the rest
+before a run, and the recorder ends a run at the first frame after it."""
 START_S = 1.0
-"""By then the recorder is armed, also for a first bump that comes early."""
+"""Pause before the first frame, s: by then the recorder is armed, also for an early first bump."""
 LONGEST_GAP_S = 3.0
-"""Between two runs of a session nothing was kept that is worth a longer wait."""
+"""Longest pause between two frames, s: longer ones lie between runs, and are shortened."""
 
 
 def whole_frames(session: Session, path: Path) -> FrameBatch:
     """Return the frames of a session and those between its runs.
 
-    A session file keeps the runs only.  Without what lay between, the counters of the sensors
-    would tell of losses, and the run before each gap would be judged by them.
+    A session file has the runs only.  Without the frames between them the counters of the sensors
+    would report losses, which would count against the run before each gap.
 
     Parameters
     ----------
     session : Session
-        What is to be played.
     path : Path
-        Its file; the journal that it was derived from is in the folder beside it.
+        Its file; the journal that it was built from is in the folder `journal` in its folder.
 
     Raises
     ------
     InputError
-        If the journal is not there, or no longer whole.
+        If the journal is not there, or incomplete.
     """
     runs = FrameBatch.concatenate(list(recorded_frames(session)))
     if len(runs):
-        # Rest before the first run, for the trigger; and the recorder ends a run at the first
-        # frame after it.
         span = (int(runs.t_ns.min()) - AROUND_NS, int(runs.t_ns.max()) + AROUND_NS)
         for recording in recordings(path.parent / "journal"):
             whole = read_journal(recording.segments, [span]).frames
             if len(whole) >= len(runs):
                 return whole
-    what = "cannot be played alone: it has the runs, and not what lay between them"
-    advice = "name a session beside its journal, or play it onto a bus with `bumpbench replay`"
+    what = "cannot be played alone: it has the runs, but not the frames between them"
+    advice = "name a session next to its journal, or play it onto a bus with `bumpbench replay`"
     raise InputError(str(path), what, advice)
 
 
 class RecordedSource:
     """A recording as a `daq.bus.source.FrameSource`.
 
-    Time stamps keep their distances; the first is `start_ns`, and long gaps are shortened.
+    Time stamps keep their distances; gaps longer than `LONGEST_GAP_S` are shortened to it.
 
     Parameters
     ----------
     frames : FrameBatch
-        As they were recorded.
     bus : int
-        Only this bus of it.
+        The bus to play.
     speed : float
-        How many seconds of the recording pass in one.
+        Seconds of the recording that pass in one second.
     start_ns : int
         Time stamp of the first frame, ns since 1970 UTC.
     """
@@ -76,24 +74,24 @@ class RecordedSource:
     def __init__(self, frames: FrameBatch, bus: int, speed: float, start_ns: int) -> None:
         gap_ns = np.diff(frames.t_ns, prepend=frames.t_ns[:1])
         t_ns = start_ns + np.cumsum(np.clip(gap_ns, 0, round(LONGEST_GAP_S * 1e9)))
-        mine = frames.bus == bus
-        self._frames = replace(frames, t_ns=t_ns).select(mine)
-        self._after_s = (t_ns[mine] - start_ns) * 1e-9 / speed
+        on_bus = frames.bus == bus
+        self._frames = replace(frames, t_ns=t_ns).select(on_bus)
+        self._after_s = (t_ns[on_bus] - start_ns) * 1e-9 / speed
         self._next = 0
         self._begun_s = time.monotonic() + START_S
 
     @property
     def name(self) -> str:
-        """The bus, for messages to the operator."""
+        """Name of the bus for the operator."""
         return "recording"
 
     @property
     def done(self) -> bool:
-        """Whether all frames were read."""
+        """True once all frames were read."""
         return self._next >= len(self._frames)
 
     def read(self, timeout_s: float) -> FrameBatch:
-        """Return the frames whose time has come; wait up to `timeout_s` for the first."""
+        """Return the frames that are due; wait up to `timeout_s` for the first."""
         passed_s = time.monotonic() - self._begun_s
         wait_s = timeout_s
         if not self.done:
@@ -105,7 +103,7 @@ class RecordedSource:
         return self._frames.select(slice(first, self._next))
 
     def losses(self) -> SourceLosses:
-        """Return none: what was lost is missing from the frames."""
+        """Return no losses: frames lost when recorded are missing from the recording."""
         return SourceLosses()
 
     def close(self) -> None:

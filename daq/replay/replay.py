@@ -13,28 +13,29 @@ from ..errors import BusError
 from ..sessions import Session
 
 BLOCK_FRAMES = 256
-"""Progress is reported, and a caller can stop, after so many frames."""
+"""Frames between two reports of progress, at which a caller can stop."""
 FIRST_PAUSE_S = 0.0005
+"""First pause after a refused frame, s; each pause is twice the one before."""
 PATIENCE_S = 2.0
-"""A bus that takes no frame for so long is given up."""
+"""Seconds of refusal after which a bus is given up."""
 LONGEST_GAP_S = 10.0
-"""A longer silence, or time stamps that fall back, are not waited for: between two runs of a
-session, or two logs, nothing happened on the bus that is worth the wait."""
+"""Longest silence that is waited for, s: longer ones, and time stamps that fall back, lie between
+two runs of a session or two logs."""
 
 
 def play(batches: Iterable[FrameBatch], bus: can.BusABC, speed: float | None) -> Iterator[int]:
     """Send frames in the order given.
 
-    Nothing is sent unless the result is iterated; a caller stops by ceasing to.  Error frames are
-    left out: they are what a controller saw, and none can be told to send one.
+    Frames are sent while the result is iterated; a caller stops by ending the iteration.  Error
+    frames are left out: no controller can be made to send one.
 
     Parameters
     ----------
     batches : iterable of FrameBatch
-        In blocks that are quickly made: while the next one is, no frame leaves.
+        Blocks that are made quickly: no frame is sent while the next one is made.
     bus : can.BusABC
-        Any bus of python-can.  Each message carries its own time stamp, which a virtual bus opened
-        with ``preserve_timestamps=True`` hands on.
+        Any bus of python-can.  Each message has its own time stamp, which a virtual bus opened
+        with ``preserve_timestamps=True`` passes on.
     speed : float or None
         1 sends each frame at its own time after the first one, 2 in half that time; None as fast
         as the bus takes them.
@@ -42,7 +43,7 @@ def play(batches: Iterable[FrameBatch], bus: can.BusABC, speed: float | None) ->
     Yields
     ------
     int
-        Frames sent so far.
+        Number of frames sent.
 
     Raises
     ------
@@ -78,7 +79,7 @@ def recorded_frames(session: Session) -> Iterator[FrameBatch]:
 
 
 class _Pace:
-    """When each frame is due.  Deadlines count from the first frame, so that no error adds up."""
+    """Waits until a frame is due; deadlines count from the first frame, so errors do not add up."""
 
     def __init__(self, speed: float) -> None:
         self._s_per_ns = 1e-9 / speed
@@ -128,7 +129,7 @@ def _messages(block: FrameBatch) -> Iterator[tuple[int, can.Message]]:
 
 
 def _send(bus: can.BusABC, message: can.Message) -> None:
-    """Send one frame, waiting longer and longer while the bus's buffer is full."""
+    """Send one frame, with growing pauses while the buffer of the bus is full."""
     pause_s = FIRST_PAUSE_S
     waited_s = 0.0
     while True:
@@ -136,7 +137,7 @@ def _send(bus: can.BusABC, message: can.Message) -> None:
             bus.send(message)
             return
         except (can.CanError, OSError, ValueError) as error:
-            # ValueError is what backends raise for a frame that this bus can never take.
+            # Backends raise ValueError for a frame that this bus can never take.
             if waited_s >= PATIENCE_S or isinstance(error, ValueError):
                 raise BusError(
                     bus.channel_info,

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ..bench.config import TriggerConfig
 from ..channels import Channel, Quantity
 from ..runs import Event
+from .blocks import Column, SampleBlock
 
 BUMP = "bump"
 RUN_END = "run_end"
@@ -34,8 +35,6 @@ UNPLANNED = "unplanned_"
 GIVE_UP_S = 10.0
 CLOCK_STEP_S = 1.0
 """Time stamps that fall back by more than this are a clock set anew, not late frames."""
-
-Block = Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]]
 
 
 class TriggerPhase(StrEnum):
@@ -101,7 +100,7 @@ def trigger_channels(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
 
 
 def advance(
-    config: TriggerConfig, state: TriggerState, block: Block
+    config: TriggerConfig, state: TriggerState, block: SampleBlock
 ) -> tuple[TriggerState, tuple[Event, ...]]:
     """Take in one block of samples.
 
@@ -178,15 +177,13 @@ def pre_trigger_full(config: TriggerConfig, state: TriggerState, first_ns: int) 
     return state.now_ns - first_ns >= round(config.pre_s * 1e9)
 
 
-def _finite(
-    t_ns: NDArray[np.int64], value: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _finite(t_ns: NDArray[np.int64], value: NDArray[np.float64]) -> Column:
     good = np.isfinite(value)
     return t_ns[good], value[good]
 
 
 def _advance_slot(
-    config: TriggerConfig, state: TriggerState, slot: int, part: Block, events: list[Event]
+    config: TriggerConfig, state: TriggerState, slot: int, part: SampleBlock, events: list[Event]
 ) -> TriggerState:
     slot_ns = round(config.rest_s * 1e9)
     channels = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from hashlib import sha256
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch
 
 from ..errors import InputError
+from ..files import write_bytes
 from ..runs import Event, Run, SampleGroup
 from ..sessions import Session
 from ..vehicle import BodyWeight, MassState
@@ -56,27 +56,19 @@ def write_session(path: Path | str, session: Session) -> None:
     """
     path = Path(path)
     _check_names(session)
-    beside = path.with_name(f".{path.name}.tmp")
     try:
         # HDF5 never sees the disk: after a write that failed for want of room it crashes the
         # process at its end.
         image = BytesIO()
         with h5py.File(image, "w") as file:
             _fill(file, session)
-        with beside.open("wb") as stream:
-            stream.write(image.getbuffer())
-            stream.flush()
-            os.fsync(stream.fileno())
-        beside.replace(path)
-        _sync_folder(path.parent)
+        write_bytes(path, image.getbuffer())
     except OSError as error:
         raise InputError(
             str(path),
             f"cannot be written: {error.strerror or error}",
             "check folder, rights and free space; the journal or log still holds everything",
         ) from error
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def _check_names(session: Session) -> None:
@@ -92,15 +84,6 @@ def _check_names(session: Session) -> None:
     if taken:
         what = f"name {min(taken)!r} means something else in a session file"
         raise InputError("session", what, "choose another name")
-
-
-def _sync_folder(folder: Path) -> None:
-    if os.name == "posix":  # elsewhere a folder cannot be opened
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 def _fill(file: h5py.File, session: Session) -> None:

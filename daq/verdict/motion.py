@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,10 @@ from ..bench.config import Bench
 from ..bench.procedure import Method
 from ..channels import Channel, Quantity
 from ..runlog.runlog import Finding
+from ..samples.blocks import SampleBlock
 from ..samples.trigger import trigger_channels
 from .finding import finding
-from .window import Column, RunWindow, Trace, kin, traces
+from .window import RunWindow, Trace, kin, traces
 
 REST_NOISE = 3.0
 """RMS before the bump over the sensor's own noise: below that nothing can be told to move."""
@@ -216,7 +217,7 @@ def _amplitude(trace: Trace, now_s: float) -> float:
 
 
 def peak_left(
-    channels: tuple[Channel, ...], bump_ns: int, columns: Mapping[str, Column], now_ns: int
+    channels: tuple[Channel, ...], bump_ns: int, columns: SampleBlock, now_ns: int
 ) -> float | None:
     """Return the share of the motion's peak that is left now.
 

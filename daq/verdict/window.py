@@ -13,9 +13,7 @@ from dbc.frames import read_only
 
 from ..channels import Channel, Quantity
 from ..runs import Losses
-
-Column = tuple[NDArray[np.int64], NDArray[np.float64]]
-"""Time stamps, ns, and values, SI, of one channel."""
+from ..samples.blocks import SampleBlock
 
 BEFORE_S = 0.03
 """The last of the rest before the trigger, left out: a slow bump begins below the level."""
@@ -38,7 +36,7 @@ class RunWindow:
 
     bump_ns: int
     """Time stamp of the bump."""
-    channels: Mapping[str, Column]
+    channels: SampleBlock
     """SI, NaN where a sample cannot be used, each shape (t_ns (n,); channels may be empty or absent
     (value (n,) float64))."""
     losses: Losses = field(default_factory=Losses)

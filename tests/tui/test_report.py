@@ -38,7 +38,7 @@ def test_report_writes_page_pdf_and_figures(
     }
     assert hashlib.sha256(session.read_bytes()).hexdigest() in page.read_text("utf-8")
     assert pdf.read_bytes().startswith(b"%PDF")
-    assert not list(tmp_path.rglob("*.part"))
+    assert not list(tmp_path.rglob(".*"))
 
     assert run(["identify", str(session), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)

@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from daq.files import write_bytes
 from dbc.errors import InputError
 
 from .helpers import helpers
@@ -129,12 +130,9 @@ def write_file(path: Path, data: bytes) -> None:
         If it cannot be written.
     """
     make_room(path)
-    part = path.with_name(f".{path.name}.part")
     try:
-        part.write_bytes(data)
-        part.replace(path)
+        write_bytes(path, data)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise InputError(str(path), error.strerror or str(error), "name another file") from error
 
 

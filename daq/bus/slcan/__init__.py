@@ -1,1 +1,1 @@
-"""Serial-line CAN adapters read in blocks."""
+"""Reads CAN adapters on a serial line in blocks."""

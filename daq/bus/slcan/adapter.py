@@ -1,6 +1,6 @@
-"""CAN adapters on a serial line that speak the LAWICEL (slcan) protocol.
+"""Reads CAN adapters on a serial line that speak the LAWICEL (slcan) protocol.
 
-python-can has them, too, but reads byte by byte: half a bus of 1 Mbit/s is too much for it.
+python-can has them, too, but reads byte by byte: it cannot keep up with half a bus of 1 Mbit/s.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dbc.frames import FrameBatch
 
 from ...errors import BusError
 from ..source import BLOCK_FRAMES, GATHER_S, SourceLosses
-from ..steady_clock import HOST_AXIS
+from ..steady_clock import STEADY_CLOCK
 from .lines import LONGEST_LINE, parse_slcan
 
 BITRATE_CODES = {
@@ -33,7 +33,8 @@ BITRATE_CODES = {
 }
 SERIAL_BAUD = 115_200
 SILENCE_S = 2.0
-"""An adapter that resets when its line is opened hears nothing for so long; it is told again."""
+"""Silence after opening, s, after which the setup is sent again: some adapters reset when their
+line is opened, and miss it."""
 _BLOCK_BYTES = BLOCK_FRAMES * 22  # standard frames of 8 bytes; FD frames make smaller blocks
 
 
@@ -47,11 +48,11 @@ class SlcanSource:
     line : serial.Serial
         Open serial line; closed by `close`.
     name : str
-        For messages.
+        Name of the bus in messages.
     bitrate : int
         Bit rate of the CAN bus, a key of `BITRATE_CODES`.
     index : int
-        The number its frames carry.
+        Number of the bus in its frames.
     now_ns : callable
         The host's clock, ns since 1970.
     """
@@ -62,7 +63,7 @@ class SlcanSource:
         name: str,
         bitrate: int,
         index: int,
-        now_ns: Callable[[], int] = HOST_AXIS.now_ns,
+        now_ns: Callable[[], int] = STEADY_CLOCK.now_ns,
     ) -> None:
         self.name = name
         self._line = line
@@ -84,7 +85,7 @@ class SlcanSource:
                 piece = self._take(wait_s)
             except Exception as error:  # pyserial raises TypeError and termios.error, too
                 if pieces:
-                    break  # the next call fails again, with empty hands
+                    break  # the next call raises
                 raise BusError(
                     self.name, f"has gone: {error}", "check plug and power, then start again"
                 ) from error
@@ -100,18 +101,18 @@ class SlcanSource:
         return self._batch(pieces, read_ns)
 
     def losses(self) -> SourceLosses:
-        """Return the counts so far; the protocol does not tell of frames lost in the adapter."""
+        """Return the losses; the protocol does not report frames lost in the adapter."""
         return SourceLosses(garbled=self._garbled)
 
     def close(self) -> None:
         """Take the adapter off the bus and close the line."""
-        with contextlib.suppress(Exception):  # a line that has gone cannot be told anything
+        with contextlib.suppress(Exception):  # a lost line takes no command
             self._line.write(b"C\r")
         with contextlib.suppress(Exception):
             self._line.close()
 
     def _take(self, wait_s: float) -> bytes:
-        """Return what has come in, waiting for the first byte."""
+        """Return the bytes received; wait for the first."""
         if self._repeat_setup_s is not None and time.monotonic() > self._repeat_setup_s:
             self._line.write(self._setup)
             self._repeat_setup_s = None
@@ -128,8 +129,8 @@ class SlcanSource:
         stream = self._begun + b"".join(pieces)
         frames = parse_slcan(stream)
         self._garbled += frames.garbled
-        # A line that never ends is kept as one character that no line begins with: its end will
-        # come out as one garbled line, and memory stays bounded.
+        # Of a line that never ends only a character is kept with which no line begins: it counts as
+        # one garbled line when it ends, and memory stays bounded.
         rest = stream[frames.used :]
         self._begun = rest if len(rest) <= LONGEST_LINE else b"?"
         piece = np.searchsorted(np.cumsum(sizes), frames.end, side="right")
@@ -153,7 +154,7 @@ def open_slcan(channel: str, bitrate: int, bus: int) -> SlcanSource:
     bitrate : int
         Bit rate of the CAN bus.
     bus : int
-        The number its frames carry.
+        Number of the bus in its frames.
 
     Raises
     ------

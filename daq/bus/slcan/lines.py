@@ -1,4 +1,4 @@
-"""The byte stream of an slcan adapter, decoded in blocks.
+"""Decodes the byte stream of an slcan adapter in blocks.
 
 A frame is a line of ASCII that ends in CR: `t` (standard), `T` (extended), `r`/`R` (remote), and in
 the CAN FD dialect of the CANable `d`/`D`, with bit rate switch `b`/`B`; then the identifier in 3 or
@@ -12,16 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameFlag
+from dbc.frames import FD_LENGTHS, FrameFlag
 
 LONGEST_LINE = 1 + 8 + 1 + 2 * 64 + 4
 
 _CR, _BELL = 13, 7
-# "Sent", as the answer to frames of our own; and the commands with which a computer at the other
-# end of the line (a simulated car) begins and ends, taking us for the adapter.
+# The answers to frames that this host sends; and the commands with which a computer at the other
+# end of the line (a simulated car) begins and ends, as if this host were the adapter.
 _ANSWERS = np.frombuffer(b"zZCOL", np.uint8)
 _SET_BITRATE = ord("S")
-_FD_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], np.int64)
 
 _NO_DIGIT = 255
 _NIBBLE = np.full(256, _NO_DIGIT, np.uint8)
@@ -43,7 +42,7 @@ _KINDS: dict[int, FrameFlag] = {
 
 @dataclass(frozen=True, slots=True)
 class SlcanFrames:
-    """What a piece of the byte stream says."""
+    """The frames in a piece of the byte stream."""
 
     end: NDArray[np.int64]
     """Position of the CR of each frame, shape (n,)."""
@@ -51,11 +50,11 @@ class SlcanFrames:
     flags: NDArray[np.uint16]
     length: NDArray[np.uint8]
     data: NDArray[np.uint8]
-    """`can_id`, `flags`, `length`, `data`: columns of a `FrameBatch`."""
+    """Identifier, flags, length and payload are columns of a `FrameBatch`."""
     garbled: int
-    """Lines that are neither frames nor answers."""
+    """Number of lines that are neither frames nor answers."""
     used: int
-    """Bytes up to the last line's end; the rest is the beginning of a line."""
+    """Number of bytes up to the end of the last line; the rest is the beginning of a line."""
 
 
 def parse_slcan(stream: bytes) -> SlcanFrames:
@@ -85,7 +84,7 @@ def parse_slcan(stream: bytes) -> SlcanFrames:
         )
         codes = _NIBBLE[octets[starts[lines] + digits + 1]]
         for code in np.unique(codes[codes < (16 if properties & _FD else 9)]):
-            size = 0 if properties & FrameFlag.REMOTE else int(_FD_LENGTHS[code])
+            size = 0 if properties & FrameFlag.REMOTE else int(FD_LENGTHS[code])
             width = digits + 2 + 2 * size
             rows = lines[codes == code]
             rows = rows[(sizes[rows] == width) | (sizes[rows] == width + 4)]
@@ -96,7 +95,7 @@ def parse_slcan(stream: bytes) -> SlcanFrames:
             rows, nibbles = rows[fine], nibbles[fine, digits + 1 :]
             can_id[rows] = ids[fine]
             flags[rows] = properties
-            length[rows] = _FD_LENGTHS[code]
+            length[rows] = FD_LENGTHS[code]
             data[rows, :size] = nibbles[:, ::2] << 4 | nibbles[:, 1::2]
             good[rows] = True
     width = 8 if length.max(initial=0) <= 8 else 64

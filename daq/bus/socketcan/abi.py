@@ -1,4 +1,4 @@
-"""What the Linux kernel writes into our memory when it hands out CAN frames.
+"""The memory layout in which the Linux kernel returns CAN frames.
 
 Layouts and numbers of linux/can.h, linux/can/raw.h, linux/net_tstamp.h and asm-generic/socket.h on
 machines of 64 bits, and the buffers of `recvmmsg`, which fills many messages with one call.
@@ -99,11 +99,12 @@ def _libc() -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Ancillary:
-    """What came along with frames."""
+    """Time stamps and drop counter that the kernel adds to frames."""
 
     kernel_ns: NDArray[np.int64]
+    """Stamps of the kernel, shape (n,); 0 where there is none."""
     hardware_ns: NDArray[np.int64]
-    """`kernel_ns`, `hardware_ns`: time stamps, shape (n,); 0 where there is none."""
+    """Stamps of the adapter, shape (n,); 0 where there is none."""
     dropped: int | None = None
     """The socket's counter of dropped frames, modulo 2^32, when the last frame that carries one was
     queued; None if none does."""
@@ -111,26 +112,19 @@ class Ancillary:
 
 @dataclass(frozen=True, slots=True)
 class Datagrams:
-    """What a socket has handed out."""
+    """Datagrams read from a socket."""
 
     frames: NDArray[np.void]
-    """Only as much of each is new as its size says."""
+    """Of each, only the first `size` bytes are new."""
     size: NDArray[np.uint32]
     """Bytes of each, shape (n,)."""
     marks: NDArray[np.int32]
     """`MSG_` flags of each, shape (n,)."""
-    came_with: Ancillary
-    """Time stamps and drop counter."""
+    ancillary: Ancillary
 
 
 class FrameBuffers:
-    """Memory for `capacity` frames and what comes along with them, used again and again.
-
-    Parameters
-    ----------
-    capacity : int
-        Frames of one call at most.
-    """
+    """Memory for up to `capacity` frames of a call and their control messages, used repeatedly."""
 
     def __init__(self, capacity: int) -> None:
         self._frames = np.zeros(capacity, FRAME)
@@ -147,17 +141,12 @@ class FrameBuffers:
         self._address = self._headers.ctypes.data
 
     def receive(self, descriptor: int) -> int:
-        """Fill the buffers with what a socket has queued, without waiting.
-
-        Returns
-        -------
-        int
-            Number of datagrams, the first rows of the buffers.
+        """Fill the first rows with the datagrams that a socket has queued; return their number.
 
         Raises
         ------
         OSError
-            As the kernel says; BlockingIOError if nothing is queued.
+            The kernel's error; BlockingIOError if nothing is queued.
         """
         count: int = _libc().recvmmsg(
             descriptor, self._address, len(self._headers), socket.MSG_DONTWAIT, None
@@ -168,15 +157,17 @@ class FrameBuffers:
         return count
 
     def datagrams(self, count: int) -> Datagrams:
-        """Return the first `count` datagrams; once after each `receive`, whose memory they are."""
+        """Return the first `count` datagrams; once after each `receive`, which overwrites them."""
         headers = self._headers[:count]
-        came_with = parse_control(self._control[:count], headers["control_bytes"])
+        ancillary = parse_control(self._control[:count], headers["control_bytes"])
         headers["control_bytes"] = _CONTROL_WORDS * _WORD
-        return Datagrams(self._frames[:count], headers["size"], headers["flags"], came_with)
+        return Datagrams(self._frames[:count], headers["size"], headers["flags"], ancillary)
 
 
 def parse_control(words: NDArray[np.int64], used: NDArray[np.uintp]) -> Ancillary:
     """Read the control messages of datagrams.
+
+    Other kinds are skipped; a message that does not fit ends the control messages of its datagram.
 
     Parameters
     ----------
@@ -184,11 +175,6 @@ def parse_control(words: NDArray[np.int64], used: NDArray[np.uintp]) -> Ancillar
         Control buffer of each datagram.
     used : (n,) uintp
         Bytes that the kernel wrote into it.
-
-    Returns
-    -------
-    Ancillary
-        Kinds that were not asked for are passed over, messages that do not fit are the end.
     """
     if not (np.count_nonzero(used != _ONE_STAMP) or np.count_nonzero(words[:, 1] != _KERNEL_STAMP)):
         return Ancillary(_nanoseconds(words[:, 2], words[:, 3]), np.zeros(len(words), np.int64))
@@ -227,10 +213,10 @@ def _nanoseconds(seconds: NDArray[np.int64], nanoseconds: NDArray[np.int64]) -> 
 
 
 def drop_counter(sock: socket.socket) -> int | None:
-    """Return a socket's counter of dropped frames, modulo 2^32; None if the kernel has no answer.
+    """Return a socket's counter of dropped frames, modulo 2^32; None if the kernel has none.
 
-    The counter that comes along with a frame is that of the moment it was queued: without this,
-    frames dropped at the end of a burst would stay unknown until the bus speaks again.
+    The counter that comes with a frame is that of the moment it was queued: without this function,
+    frames dropped at the end of a burst would stay unknown until the next frame.
     """
     try:
         answer = sock.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, _MEMINFO.itemsize)

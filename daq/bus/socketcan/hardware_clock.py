@@ -1,10 +1,10 @@
-"""The clock of a CAN adapter, told in the time of the host.
+"""Converts the stamps of a CAN adapter's clock to the time of the host.
 
-An adapter stamps frames when they are on the wire, to the microsecond, but with a clock of its own:
-since it was plugged in, say, and some 50 ppm fast.  The kernel's stamp of the same frame is in the
-time of the host and late by a delay that varies.  The most punctual frame of each second shows how
-far the two have parted, and the adapter's clock is steered by a little: the way NTP steers that of
-the host, without a jump.
+An adapter stamps frames when they are on the wire, to the microsecond, but with its own clock,
+which may count from when it was plugged in and be 50 ppm fast.  The kernel's stamp of the same
+frame is in the time of the host and late by a delay that varies.  The frame of each second with the
+least delay shows the difference of the two clocks, and the conversion is corrected by a part of it
+without a jump, as NTP steers the clock of the host.
 """
 
 from __future__ import annotations
@@ -15,35 +15,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 PERIOD_NS = 1_000_000_000
-"""The clock is steered so often."""
+"""Time between two corrections, ns."""
 LARGEST_ERROR_NS = 50_000_000
-"""Beyond this one of the clocks has been set, or the adapter has been restarted."""
+"""Difference of the clocks, ns, beyond which one was set or the adapter was restarted."""
 LARGEST_RATE = 1e-3
+"""Largest rate difference that is corrected; crystals differ by less than 1e-4."""
 
 _PROPORTIONAL = 0.25e-9
 _INTEGRAL = 0.03e-9
-"""Per ns of error in a period of 1 s; together a time constant of 8 s at a damping of 0.7."""
+"""Gains of the correction, change of rate per ns of error in a period of 1 s; together they give a
+time constant of 8 s at a damping of 0.7."""
 
 
 @dataclass(frozen=True, slots=True)
 class HardwareClock:
-    """Where an adapter's clock stands."""
+    """The relation of an adapter's clock to that of the host."""
 
     hardware_ns: int
+    """An instant in the adapter's clock."""
     host_ns: int
-    """`hardware_ns`, `host_ns`: one instant in both clocks."""
+    """The same instant in the host's clock."""
     rate: float = 0.0
-    """By how much the adapter's clock is slow, as learned so far."""
+    """Estimated rate by which the adapter's clock is slow."""
     steering: float = 0.0
-    """The same with what is being made up for."""
+    """That rate and the proportional correction of the last error."""
     error_ns: int | None = None
-    """The least that the kernel's stamps were later than the steered clock since `hardware_ns`."""
+    """Least delay of the kernel's stamps after the converted ones since `hardware_ns`, ns."""
 
 
 def advance(
     clock: HardwareClock | None, hardware_ns: NDArray[np.int64], kernel_ns: NDArray[np.int64]
 ) -> tuple[HardwareClock, NDArray[np.int64]]:
-    """Take in the stamps of a block.
+    """Return the clock after the stamps of a block, and these stamps in the time of the host.
 
     Parameters
     ----------
@@ -55,17 +58,15 @@ def advance(
     Returns
     -------
     clock : HardwareClock
-        Where it stands now.
     t_ns : (n,) int64
-        The hardware's stamps in the time of the host.
     """
     if clock is None:
         clock = _set(hardware_ns, kernel_ns)
-    t_ns = _told(clock, hardware_ns)
+    t_ns = _host_time(clock, hardware_ns)
     error_ns = int((kernel_ns - t_ns).min())
     if abs(error_ns) > LARGEST_ERROR_NS:
         clock = _set(hardware_ns, kernel_ns)
-        t_ns, error_ns = _told(clock, hardware_ns), 0
+        t_ns, error_ns = _host_time(clock, hardware_ns), 0
     if clock.error_ns is not None:
         error_ns = min(error_ns, clock.error_ns)
     if hardware_ns[-1] - clock.hardware_ns < PERIOD_NS:
@@ -80,10 +81,10 @@ def _set(hardware_ns: NDArray[np.int64], kernel_ns: NDArray[np.int64]) -> Hardwa
     return HardwareClock(first, first + int((kernel_ns - hardware_ns).min()))
 
 
-def _told(clock: HardwareClock, hardware_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+def _host_time(clock: HardwareClock, hardware_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     since_ns = hardware_ns - clock.hardware_ns
-    made_up_ns = np.rint(since_ns * clock.steering).astype(np.int64)
-    return np.asarray(clock.host_ns + since_ns + made_up_ns, np.int64)
+    corrected_ns = np.rint(since_ns * clock.steering).astype(np.int64)
+    return np.asarray(clock.host_ns + since_ns + corrected_ns, np.int64)
 
 
 def _limited(rate: float) -> float:

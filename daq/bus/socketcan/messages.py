@@ -1,4 +1,4 @@
-"""The kernel's CAN frames turned into the columns of a block."""
+"""Converts the kernel's CAN frames to the columns of a block."""
 
 from __future__ import annotations
 
@@ -7,14 +7,10 @@ import socket
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import LENGTH_ALLOWED, FrameBatch, FrameFlag
 
 from .abi import BITRATE_SWITCH, CLASSIC_BYTES, ERROR_STATE, FD_BYTES, ID_BITS, Datagrams
 
-_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
-_LENGTH_ALLOWED = np.zeros((2, 256), bool)
-_LENGTH_ALLOWED[0, :9] = True
-_LENGTH_ALLOWED[1, list(_FD_LENGTHS)] = True
 # The three top bits of can_id: extended, remote, error.
 _TOP = [tuple(bool(top & bit) for bit in (4, 2, 1)) for top in range(8)]
 _KIND = np.array(
@@ -48,18 +44,17 @@ def frame_columns(
     Parameters
     ----------
     datagrams : Datagrams
-        As received.
     t_ns : (n,) int64
         Their time stamps.
     bus : int
-        The number the frames are given.
+        Number that the frames get.
 
     Returns
     -------
     batch : FrameBatch
-        Those that are frames: of a frame's size, identifier within range, length allowed.
+        The datagrams that are frames: right size, identifier within range, length allowed.
     good : (n,) bool
-        Which those are.
+        True for these.
     """
     if _are_plain(datagrams):
         return _plain_columns(datagrams, t_ns, bus), np.ones(len(t_ns), bool)
@@ -68,7 +63,7 @@ def frame_columns(
     any_fd = bool(fd.any())
     top = frames["can_id"] >> 29
     can_id = frames["can_id"] & np.uint32(ID_BITS)
-    length = frames["length"].copy()  # the buffer is filled anew by the next call
+    length = frames["length"].copy()  # the next call overwrites the buffer
     flags = _KIND[top]
     if any_fd:
         flags |= np.where(fd, _FD_KIND[frames["flags"] & 3], _NO_FLAG)
@@ -78,9 +73,9 @@ def frame_columns(
     remote = flags & _REMOTE != 0
 
     good = (fd | (datagrams.size == CLASSIC_BYTES)) & (datagrams.marks & socket.MSG_TRUNC == 0)
-    good &= (can_id < _ID_LIMIT[top]) & _LENGTH_ALLOWED[fd.view(np.uint8), length]
+    good &= (can_id < _ID_LIMIT[top]) & LENGTH_ALLOWED[fd.view(np.uint8), length]
     good &= ~(fd & remote)
-    # Behind the payload is whatever the sender, or an earlier frame, has left there.
+    # Behind the payload are bytes that the sender, or an earlier frame, has left there.
     width = 64 if any_fd else 8
     payload = np.where(remote, np.uint8(0), length)
     data = frames["data"][:, :width] * (_OCTET[:width] < payload[:, None])
@@ -89,10 +84,10 @@ def frame_columns(
 
 
 def _are_plain(datagrams: Datagrams) -> bool:
-    """Whether all are classic frames of other nodes with 11-bit identifier and 8 bytes.
+    """Return whether all are classic frames of other nodes with 11-bit identifier and 8 bytes.
 
-    Between two blocks other work has had the processor's caches, and every operation that is not
-    needed costs five times what it costs in a loop.
+    Between two blocks other work has filled the processor's caches, so every operation costs five
+    times what it costs in a loop: this path leaves out what such frames do not need.
     """
     frames = datagrams.frames
     return not (

@@ -1,7 +1,7 @@
-"""SocketCAN at full speed: many frames with one system call, straight into arrays.
+"""Reads SocketCAN at full speed: many frames with one system call, directly into arrays.
 
-python-can asks the kernel for one frame at a time and makes an object of it, gives the socket a
-buffer of 31 ms of a full bus, and cannot tell how many frames did not fit.
+python-can reads one frame at a time and makes an object of it, leaves the socket's buffer at 31 ms
+of a full bus, and does not know how many frames did not fit.
 """
 
 from __future__ import annotations
@@ -23,47 +23,47 @@ from dbc.frames import FrameBatch
 
 from ...errors import BusError
 from ..source import BLOCK_FRAMES, GATHER_S, SourceLosses
-from ..steady_clock import HOST_AXIS, HostAxis
+from ..steady_clock import STEADY_CLOCK, SteadyClock
 from . import abi as abi
 from . import hardware_clock
 from .messages import frame_columns
 
 RECEIVE_BUFFER_BYTES = 8 << 20
-"""Some 21,900 frames: 2.4 s of a full bus of 1 Mbit/s."""
+"""Receive buffer asked of the kernel: about 21,900 frames, 2.4 s of a full bus of 1 Mbit/s."""
 
 LONG_GATHER_S = 0.06
-"""With that buffer frames may gather so long: what a block costs is then spread over 540 frames of
-a full bus.  A buffer that was not granted holds 31 ms."""
+"""Seconds for which frames gather if that buffer was granted: a block then has 540 frames of a full
+bus, which share its cost.  The default buffer holds 31 ms."""
 _ALL_ERRORS = 0x1FFFFFFF
 
 
 class StampClock(StrEnum):
-    """Who stamps the frames of a source."""
+    """The clock that stamps the frames of a source."""
 
     UNKNOWN = "unknown"
     """No frame has come yet."""
     HARDWARE = "hardware"
-    """The adapter, when the frame is on the wire; see `daq.bus.socketcan.hardware_clock`."""
+    """The adapter's, when the frame is on the wire; see `daq.bus.socketcan.hardware_clock`."""
     KERNEL = "kernel"
-    """The kernel, when the driver hands the frame over."""
+    """The kernel's, when the driver delivers the frame."""
     ARRIVAL = "arrival"
-    """We, when the block is read."""
+    """This process's, when the block is read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reception:
-    """How a source receives."""
+    """The clock and the buffer with which a source receives."""
 
     clock: StampClock
-    """Who stamped the latest frames."""
+    """The clock of the latest stamps."""
     buffer_bytes: int
-    """What the kernel may hold for us until we read."""
+    """Bytes that the kernel holds until they are read."""
 
     @property
     def clipped(self) -> bool:
-        """Whether the kernel grants less buffer than `RECEIVE_BUFFER_BYTES`.
+        """True if the kernel grants less buffer than `RECEIVE_BUFFER_BYTES`.
 
-        More takes the privilege CAP_NET_ADMIN or a larger `net.core.rmem_max`.
+        More needs the privilege CAP_NET_ADMIN or a larger `net.core.rmem_max`.
         """
         return self.buffer_bytes < RECEIVE_BUFFER_BYTES
 
@@ -71,20 +71,20 @@ class Reception:
 class SocketCanSource:
     """An open CAN_RAW socket read in blocks.
 
-    For some milliseconds after the first socket that wants stamps was opened, the kernel stamps
-    frames only when they are read.  Unlike other sources this one may be closed while another
-    thread is reading: that one returns at once.
+    For some milliseconds after the first socket with stamps was opened, the kernel stamps frames
+    only when they are read.  Unlike other sources this one may be closed while another thread is
+    reading: that one returns at once.
 
     Parameters
     ----------
     sock : socket.socket
         Bound to one interface; closed by `close`.
     name : str
-        For messages.
+        Name of the bus in messages.
     index : int
-        The number its frames carry.
-    axis : HostAxis
-        Where the kernel's stamps are put, and those of frames that have none.
+        Number of the bus in its frames.
+    steady_clock : SteadyClock
+        Converts the kernel's stamps, and stamps frames that have none.
     """
 
     def __init__(
@@ -92,12 +92,12 @@ class SocketCanSource:
         sock: socket.socket,
         name: str,
         index: int,
-        axis: HostAxis = HOST_AXIS,
+        steady_clock: SteadyClock = STEADY_CLOCK,
     ) -> None:
         self.name = name
         self._socket = sock
         self._index = index
-        self._axis = axis
+        self._steady_clock = steady_clock
         self._clock = StampClock.UNKNOWN
         self._down = self._older = False
         self._buffer_bytes = _prepare(sock)
@@ -141,17 +141,17 @@ class SocketCanSource:
             return FrameBatch.empty()
 
     def losses(self) -> SourceLosses:
-        """Return the counts so far.  Frames lost within the adapter are told by error frames."""
+        """Return the losses; frames lost within the adapter are reported by error frames."""
         return self._losses
 
     @property
     def reception(self) -> Reception:
-        """How frames are received at present."""
+        """The clock and the buffer in use."""
         return Reception(self._clock, self._buffer_bytes)
 
     @property
     def interface_down(self) -> bool:
-        """Whether the interface was taken down and no frame has come since."""
+        """True if the interface was taken down and no frame has come since."""
         return self._down
 
     def close(self) -> None:
@@ -172,8 +172,8 @@ class SocketCanSource:
     def _receive(self) -> int:
         """Fill the buffers and return the number of datagrams.
 
-        Faults come before frames that have been waiting longer: after one the frames are asked
-        for once more.
+        The kernel returns a fault before the frames that were queued earlier, so a second attempt
+        follows a fault.
         """
         for _ in range(2):
             try:
@@ -189,8 +189,8 @@ class SocketCanSource:
 
     def _batch(self, count: int, older: bool) -> FrameBatch:
         datagrams = self._buffers.datagrams(count)
-        self._count_drops(datagrams.came_with.dropped)
-        t_ns, stamped = self._stamps(datagrams.came_with)
+        self._count_drops(datagrams.ancillary.dropped)
+        t_ns, stamped = self._stamps(datagrams.ancillary)
         batch, good = frame_columns(datagrams, t_ns, self._index)
         garbled = count - len(batch)
         restamped = int(np.count_nonzero(good > stamped))
@@ -200,31 +200,33 @@ class SocketCanSource:
                 garbled=self._losses.garbled + garbled,
                 restamped=self._losses.restamped + restamped,
             )
-        if len(batch) and not older:  # what waited when it was taken down is no sign of life
+        if (
+            len(batch) and not older
+        ):  # frames queued before it was taken down do not mean that it is up
             self._down = False
         return batch
 
-    def _stamps(self, came_with: abi.Ancillary) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the best stamp of each frame, and which of them are not our own."""
-        stamped = came_with.kernel_ns != 0
-        t_ns = self._axis.from_wall(came_with.kernel_ns)
+    def _stamps(self, ancillary: abi.Ancillary) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the best stamp of each frame, and where it is not the time of reading."""
+        stamped = ancillary.kernel_ns != 0
+        t_ns = self._steady_clock.from_wall(ancillary.kernel_ns)
         if np.count_nonzero(stamped) < len(stamped):
-            t_ns = np.where(stamped, t_ns, self._axis.now_ns())
+            t_ns = np.where(stamped, t_ns, self._steady_clock.now_ns())
         self._clock = StampClock.KERNEL if stamped[-1] else StampClock.ARRIVAL
-        by_hardware = came_with.hardware_ns != 0
+        by_hardware = ancillary.hardware_ns != 0
         if np.count_nonzero(by_hardware):
-            self._adapter, told_ns = hardware_clock.advance(
-                self._adapter, came_with.hardware_ns[by_hardware], t_ns[by_hardware]
+            self._adapter, converted_ns = hardware_clock.advance(
+                self._adapter, ancillary.hardware_ns[by_hardware], t_ns[by_hardware]
             )
             t_ns = t_ns.copy()
-            t_ns[by_hardware] = told_ns
+            t_ns[by_hardware] = converted_ns
             self._clock = StampClock.HARDWARE
         return t_ns, stamped | by_hardware
 
     def _count_drops(self, counter: int | None) -> None:
-        """Add what the socket's counter has advanced by; it has 32 bits and begins anew.
+        """Add the advance of the socket's counter, which has 32 bits and wraps.
 
-        Told with a frame it is as old as that frame, so it may be behind what was asked for.
+        A counter that came with a frame is as old as that frame, so it may be behind the last one.
         """
         if counter is None:
             return
@@ -235,14 +237,14 @@ class SocketCanSource:
 
 
 def open_socketcan(channel: str, bus: int) -> SocketCanSource:
-    """Open an interface; classic frames, FD frames and error frames are received.
+    """Open a network interface like `can0` for classic, FD and error frames.
 
     Parameters
     ----------
     channel : str
-        Network interface, like `can0`.
+        Name of the interface.
     bus : int
-        The number its frames carry.
+        Number of the bus in its frames.
 
     Raises
     ------
@@ -252,7 +254,7 @@ def open_socketcan(channel: str, bus: int) -> SocketCanSource:
         If the kernel has no CAN or no such interface.
     """
     name = f"socketcan {channel}"
-    if not channel:  # the kernel would take it for all of them
+    if not channel:  # to the kernel that means all interfaces
         raise BusError(name, "names no interface", "channel is like can0; see `ip link`")
     sock = socket.socket(socket.AF_CAN, socket.SOCK_RAW | socket.SOCK_CLOEXEC, abi.RAW_PROTOCOL)
     with contextlib.ExitStack() as undo:
@@ -271,12 +273,12 @@ def _prepare(sock: socket.socket) -> int:
     """Ask for a large buffer, stamps and the drop counter; return the buffer granted."""
     for option, value in (
         (socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES),
-        (abi.SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES),  # past net.core.rmem_max; takes a privilege
+        (abi.SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES),  # beyond net.core.rmem_max; needs a privilege
         (abi.SO_TIMESTAMPNS, 1),
         (abi.SO_TIMESTAMPING, abi.HARDWARE_STAMPS),
         (abi.SO_RXQ_OVFL, 1),
     ):
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.SOL_SOCKET, option, value)
-    # The kernel doubles what it is asked for, for its own book-keeping, and tells the double.
+    # The kernel doubles the size for its own bookkeeping, and returns the double.
     return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2

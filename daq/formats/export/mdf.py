@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from ...optional import optional
 from ...runs import Run, SampleGroup
@@ -17,8 +17,6 @@ from ...sessions import Session
 from .raw_frames import has, session_frames
 
 _NS_PER_S = 1_000_000_000
-_FD_LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64])
-"""Payload bytes of each data length code (ISO 11898-1)."""
 
 _REMOTE = [
     ("BusChannel", "u1"),
@@ -115,7 +113,7 @@ def _append_bus_log(asammdf: Any, mdf: Any, frames: FrameBatch, start_ns: int) -
 def _records(frames: FrameBatch, kind: str, columns: list[tuple[str, str]]) -> NDArray[np.void]:
     records = np.zeros(len(frames), [(f"{kind}.{name}", dtype) for name, dtype in columns])
     fd = has(frames, FrameFlag.FD)
-    code = np.searchsorted(_FD_LENGTHS, np.minimum(frames.length, 64))
+    code = np.searchsorted(FD_LENGTHS, np.minimum(frames.length, 64))
     cells = {
         "BusChannel": frames.bus + 1,
         "ID": frames.can_id,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from ...errors import InputError
+from ...files import replaced
 
 
 @contextmanager
@@ -39,15 +39,10 @@ def written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
         if target.exists() and not force:
             advice = "name another file with --out, or say --force"
             raise InputError(str(target), "is there already", advice)
-    beside = [path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}") for path in targets]
     try:
-        yield beside
-        for source, target in zip(beside, targets, strict=True):
-            source.replace(target)
+        with replaced(targets) as parts:
+            yield parts
     except OSError as error:
         what = f"cannot be written: {error.strerror or error}"
         advice = "check folder, rights and free space"
         raise InputError(str(targets[0]), what, advice) from error
-    finally:
-        for path in beside:
-            path.unlink(missing_ok=True)

@@ -20,7 +20,7 @@ from daq.bus.slcan.adapter import SlcanSource
 from daq.bus.socketcan import abi as abi
 from daq.bus.socketcan.reader import SocketCanSource
 from daq.bus.source import FrameSource, SourceLosses
-from daq.bus.steady_clock import HostAxis
+from daq.bus.steady_clock import SteadyClock
 from dbc import FrameBatch
 
 from ..sick_bus import Device, opener
@@ -349,7 +349,7 @@ def test_an_interface_taken_down_and_one_that_has_gone_both_come_back(
         kernel, wire = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         wires.append(wire)
         return SocketCanSource(
-            kernel, "socketcan 1", number, HostAxis(lambda: bench.t_ns, lambda: 0)
+            kernel, "socketcan 1", number, SteadyClock(lambda: bench.t_ns, lambda: 0)
         )
 
     buses = TwoBuses("socketcan", open_socketcan)

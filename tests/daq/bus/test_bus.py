@@ -218,7 +218,7 @@ with open_bus(BusConfig("udp_multicast", sys.argv[1], 1_000_000)) as bus:
 
 def test_frames_of_another_process_cross_udp_multicast_and_a_stall_of_the_reader() -> None:
     source = open_source(BusConfig("udp_multicast", GROUP, 1_000_000), 0)
-    # Nobody reads until all has been sent: more than the kernel's default buffer holds.
+    # Nothing is read until all has been sent: more than the kernel's default buffer holds.
     subprocess.run([sys.executable, "-c", SENDER, GROUP], check=True, timeout=30)
     batch = read_until(source, 2000)
     age_s = time.time() - batch.t_ns / 1e9

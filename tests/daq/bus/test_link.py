@@ -147,9 +147,9 @@ def test_an_interface_that_was_taken_down_is_told_until_frames_come_again() -> N
     nothing = FrameBatch.empty()
     source = NetworkSource(clock, [ONE, nothing, nothing, ONE])
     link = link_to(clock, source, interface="socketcan")
-    told = []
+    reported = []
     for _ in range(5):
         link.read(0.1)
-        told.append(link.facts().interface_down)
-    assert told == [False, False, True, True, False]  # the first turn opens it
+        reported.append(link.facts().interface_down)
+    assert reported == [False, False, True, True, False]  # the first turn opens it
     assert not source.closed

@@ -21,7 +21,7 @@ from daq.bus.socketcan import abi as abi
 from daq.bus.socketcan import reader as socketcan
 from daq.bus.socketcan.reader import RECEIVE_BUFFER_BYTES, Reception, SocketCanSource, StampClock
 from daq.bus.source import BLOCK_FRAMES
-from daq.bus.steady_clock import HostAxis
+from daq.bus.steady_clock import SteadyClock
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 
@@ -46,7 +46,7 @@ class Feed:
     def __init__(self, pair: tuple[socket.socket, socket.socket]) -> None:
         self.receiving, self.sending = pair
         self.source = SocketCanSource(
-            self.receiving, "fed 0", 3, HostAxis(lambda: NOW_NS, lambda: 0)
+            self.receiving, "fed 0", 3, SteadyClock(lambda: NOW_NS, lambda: 0)
         )
 
     def send(self, *frames: bytes) -> None:
@@ -171,7 +171,7 @@ def test_a_frame_alone_in_its_block_is_not_touched_by_the_next(feed: Feed, data:
 
 def test_a_length_code_above_8_is_8_bytes(feed: Feed) -> None:
     raw = bytearray(frame(data=b"12345678"))
-    raw[7] = 13  # raw DLC, told beside the length by drivers that can
+    raw[7] = 13  # raw DLC, which some drivers report in addition to the length
     feed.send(bytes(raw))
     batch = feed.read()
     assert list(batch.length) == [8]
@@ -330,7 +330,7 @@ def test_an_interface_that_was_taken_down_is_told_and_read_on(faulty: Feed) -> N
 def test_frames_that_waited_when_it_was_taken_down_are_no_sign_of_life(
     faulty: Feed, monkeypatch: pytest.MonkeyPatch, waiting: int
 ) -> None:
-    """The kernel tells the fault first, and only then hands out what came before it."""
+    """The kernel returns the fault first, and only then the frames that came before it."""
     monkeypatch.setattr(socketcan, "BLOCK_FRAMES", 2)
     faulty.source._buffers = FaultyBuffers(2)
     faulty.send(*map(frame, range(1, waiting + 1)))

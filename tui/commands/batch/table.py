@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 
+from daq.files import replaced
 from dbc.errors import InputError
 from identify.batch import Cell
 
@@ -56,16 +57,13 @@ def write_table(path: Path, journal: Path) -> None:
         If it cannot be written.
     """
     places, columns, texts = _index(journal)
-    beside = path.with_name(f".{path.name}.tmp")
     try:
-        _WRITERS[path.suffix.lower()](beside, columns, texts, _rows_at(journal, places))
-        beside.replace(path)
+        with replaced([path]) as (part,):
+            _WRITERS[path.suffix.lower()](part, columns, texts, _rows_at(journal, places))
     except OSError as error:
         raise InputError(
             str(path), error.strerror or "cannot be written", f"the rows are safe in {journal}"
         ) from None
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def _index(journal: Path) -> tuple[list[int], list[str], set[str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from daq.bench.bench_tables import campaign_limits
 from daq.bench.config import Bench
 from daq.bench.procedure import Method
 from daq.runs import Excitation
@@ -54,14 +55,15 @@ VEHICLE_FIELDS: tuple[Field, ...] = (
         Field(f"bump.{e}", e.capitalize(), choices=(YES, NO), help=f"whether {e} is bumped")
         for e in Excitation
     ),
-    Field("repeats", "Repeats", "runs", 1, 100, _TIMES, _TIMES, True, whole=True),
+    Field("repeats", "Repeats", "runs", *campaign_limits("repeats"), _TIMES, _TIMES, True,
+          whole=True),
     Field("method", "Method", needed=True, choices=tuple(Method),
           help="roll over boards, drop off blocks, or push by hand"),
-    Field("bump_height_mm", "Bump height", "mm", 1.0, 200.0,
+    Field("bump_height_mm", "Bump height", "mm", *campaign_limits("bump_height_mm"),
           "above 50 mm wheels leave the ground",
           "height of board or block, or depth of the push: 50 mm or less", True),
-    Field("accept_after_s", "Accept after", "s", 0.0, 60.0, "the operator's time to reject a run",
-          "the next run arms itself after this", True),
+    Field("accept_after_s", "Accept after", "s", *campaign_limits("accept_after_s"),
+          "the operator's time to reject a run", "the next run arms itself after this", True),
     Field("notes", "Notes", most=500, help="tyre pressures, fuel, what is odd: for the report"),
 )  # fmt: skip
 

@@ -6,10 +6,11 @@ A draft is a small JSON file beside the recording, replaced as a whole.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from daq.files import write_text
 
 VEHICLE_FORM = "vehicle.json"
 """The form of the vehicle as it was applied, beside the recording."""
@@ -29,15 +30,9 @@ def read_draft(path: Path) -> dict[str, Any]:
 
 def write_draft(path: Path, values: Mapping[str, Any]) -> str:
     """Write the draft in one step; return why it could not be written, or nothing."""
-    half = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with half.open("w", encoding="utf-8") as file:
-            json.dump(values, file)
-            file.flush()
-            os.fsync(file.fileno())
-        half.replace(path)
+        write_text(path, json.dumps(values))
     except OSError as error:
-        half.unlink(missing_ok=True)
         return f"draft {path.name} cannot be written: {error.strerror or error}"
     return ""
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daq.bus.socketcan.reader import SocketCanSource
-from daq.bus.steady_clock import HostAxis
+from daq.bus.steady_clock import SteadyClock
 
 S = 1_000_000_000
 START_NS = 1_800_000_000 * S
@@ -21,7 +21,7 @@ class Host:
 
     def __init__(self) -> None:
         self.monotonic_ns, self.set_ns = 5 * S, 0
-        self.axis = HostAxis(self.wall, lambda: self.monotonic_ns)
+        self.axis = SteadyClock(self.wall, lambda: self.monotonic_ns)
 
     def wall(self) -> int:
         return START_NS + self.monotonic_ns - 5 * S + self.set_ns
@@ -33,7 +33,7 @@ class Host:
 @pytest.mark.parametrize("step_s", [3600, -3600, 1, -1, 86_400 * 400])
 def test_stamps_go_on_when_the_clock_is_set(step_s: int) -> None:
     host = Host()
-    told: list[int] = []
+    stamps_ns: list[int] = []
     queued: list[int] = []
     for turn in range(100):
         for _ in range(10):
@@ -41,11 +41,11 @@ def test_stamps_go_on_when_the_clock_is_set(step_s: int) -> None:
             queued.append(host.wall())
             if turn == 50 and len(queued) == 5:  # frames of before and after wait in one block
                 host.set_ns += step_s * S
-        told += host.axis.from_wall(np.array(queued, np.int64)).tolist()
+        stamps_ns += host.axis.from_wall(np.array(queued, np.int64)).tolist()
         queued.clear()
-    assert np.diff(told).tolist() == [10_000_000] * 999
-    assert told[0] == START_NS + 10_000_000
-    assert host.axis.now_ns() == told[-1]
+    assert np.diff(stamps_ns).tolist() == [10_000_000] * 999
+    assert stamps_ns[0] == START_NS + 10_000_000
+    assert host.axis.now_ns() == stamps_ns[-1]
     host.axis.begin()
     assert host.axis.now_ns() == host.wall()
 
@@ -66,15 +66,15 @@ def test_an_axis_that_goes_on_never_begins_before_its_end() -> None:
 
 def test_a_clock_that_is_set_again_and_again() -> None:
     host = Host()
-    told: list[int] = []
+    stamps_ns: list[int] = []
     for _ in range(100):  # 100 times a second on, four times a second
         host.pass_time(0.25)
         stamps = [host.wall()]
         host.set_ns += S
         host.pass_time(0.001)
         stamps.append(host.wall())
-        told += host.axis.from_wall(np.array(stamps, np.int64)).tolist()
-    steps = np.diff(told)
+        stamps_ns += host.axis.from_wall(np.array(stamps, np.int64)).tolist()
+    steps = np.diff(stamps_ns)
     assert set(steps.tolist()) == {250_000_000, 1_000_000}
 
 
@@ -89,7 +89,7 @@ def test_frames_of_a_socket_are_on_the_axis() -> None:
     begun_ns = time.time_ns()
     # The kernel stamps by the true clock; to it, this host was an hour ahead when it began.
     clocks = iter([begun_ns + 3600 * S])
-    axis = HostAxis(lambda: next(clocks, time.time_ns()), time.monotonic_ns)
+    axis = SteadyClock(lambda: next(clocks, time.time_ns()), time.monotonic_ns)
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     source = SocketCanSource(near, "pair", 0, axis=axis)
     with far:

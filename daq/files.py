@@ -1,0 +1,77 @@
+"""Atomic writes: a file is complete or as it was before, also after a kill or a power cut."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def write_bytes(path: Path, data: bytes | memoryview) -> None:
+    """Replace a file by one that holds `data`.
+
+    The data are on the disk before the name changes, and the name is when this returns.  A part
+    that a killed process has left is overwritten by the next write.
+
+    Raises
+    ------
+    OSError
+        If that failed; the file is as it was then.
+    """
+    part = path.with_name(f".{path.name}.tmp")
+    with _moved([part], [path]):
+        part.write_bytes(data)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Replace a file by one that holds `text` in UTF-8; as `write_bytes`."""
+    write_bytes(path, text.encode())
+
+
+@contextmanager
+def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
+    """Move new files to their targets when the body of the `with` has written all of them.
+
+    Yields
+    ------
+    list of Path
+        Where to write: in the folder of each target, with the ending that its writer goes by.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be synced or moved.
+    """
+    parts = [path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}") for path in targets]
+    with _moved(parts, targets):
+        yield parts
+
+
+def sync_folder(folder: Path) -> None:
+    """Return when the names in a folder are on the disk."""
+    if os.name == "posix":  # elsewhere a folder cannot be opened
+        _sync(folder, os.O_RDONLY)
+
+
+@contextmanager
+def _moved(parts: Sequence[Path], targets: Sequence[Path]) -> Iterator[None]:
+    try:
+        yield
+        for part in parts:
+            _sync(part, os.O_RDWR)
+        for part, target in zip(parts, targets, strict=True):
+            part.replace(target)
+        for folder in {target.parent for target in targets}:
+            sync_folder(folder)
+    finally:
+        for part in parts:
+            part.unlink(missing_ok=True)
+
+
+def _sync(path: Path, mode: int) -> None:
+    fd = os.open(path, mode)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)

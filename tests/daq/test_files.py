@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from daq.files import replaced, sync_folder, write_bytes, write_text
+
+
+def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    write_text(path, "µ\n")
+    assert path.read_bytes() == b"\xc2\xb5\n"
+    write_bytes(path, memoryview(b"\0\1"))
+    assert path.read_bytes() == b"\0\1"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_new_file_has_the_rights_that_the_process_gives(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        write_bytes(tmp_path / "a", b"")
+        with replaced([tmp_path / "b.csv"]) as (part,):
+            part.write_bytes(b"")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o640
+    assert (tmp_path / "b.csv").stat().st_mode & 0o777 == 0o640
+
+
+def test_data_are_synced_before_the_name_and_the_folder_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, steps = tmp_path / "a", []
+    path.write_bytes(b"old")
+    really = os.fsync
+
+    def sync(fd: int) -> None:
+        steps.append((Path(f"/proc/self/fd/{fd}").resolve().name, path.read_bytes()))
+        really(fd)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    write_bytes(path, b"new")
+    assert steps == [(".a.tmp", b"old"), (tmp_path.name, b"new")]
+
+
+def test_a_file_that_cannot_be_synced_does_not_replace_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"old")
+
+    def refuse(fd: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    with pytest.raises(OSError, match="Input/output"):
+        write_bytes(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_several_files_are_moved_together_or_not_at_all(tmp_path: Path) -> None:
+    targets = [tmp_path / "frames.csv", tmp_path / "samples.mf4"]
+    with replaced(targets) as parts:
+        assert [part.suffix for part in parts] == [".csv", ".mf4"]
+        for part in parts:
+            part.write_text(part.suffix)
+        assert not any(target.exists() for target in targets)
+    assert [target.read_text() for target in targets] == [".csv", ".mf4"]
+
+
+def test_nothing_is_moved_when_the_writer_fails(tmp_path: Path) -> None:
+    targets = [tmp_path / "frames.csv", tmp_path / "samples.mf4"]
+
+    def fail() -> None:
+        with replaced(targets) as parts:
+            parts[0].write_text("new")
+            raise KeyError
+
+    for target in targets:
+        target.write_text(target.suffix)
+    with pytest.raises(KeyError):
+        fail()
+    assert [target.read_text() for target in targets] == [".csv", ".mf4"]
+    assert sorted(tmp_path.iterdir()) == targets
+
+
+def test_a_part_left_by_a_killed_process_is_overwritten(tmp_path: Path) -> None:
+    (tmp_path / ".a.tmp").write_bytes(b"half of something longer")
+    write_bytes(tmp_path / "a", b"whole")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert (tmp_path / "a").read_bytes() == b"whole"
+
+
+def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        sync_folder(tmp_path / "gone")
+    with pytest.raises(FileNotFoundError):
+        write_bytes(tmp_path / "gone" / "a", b"")
