@@ -21,7 +21,8 @@ from ..bench.config import Bench, bench_codec, parse_bench
 from ..channels import Quantity
 from ..errors import InputError
 from ..journal.contents import HopCounts, JournalContents
-from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog, fold
+from ..runlog.fold import fold
+from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
 from ..runs import Event, Losses, Run, RunStatus, SampleGroup
 from ..samples import health, trigger
 from ..samples.groups import sample_groups, timekeeping

@@ -22,7 +22,8 @@ from ..errors import BumpbenchError
 from ..journal.built import remember
 from ..journal.folder import recording_of
 from ..journal.reader import read_journal
-from ..runlog.runlog import Code, fold
+from ..runlog.fold import fold
+from ..runlog.runlog import Code
 from ..runs import Event
 from ..session import write_session
 from .build_samples import session_from_journal

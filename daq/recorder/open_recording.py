@@ -17,7 +17,8 @@ from ..journal.folder import last_recording, next_segment
 from ..journal.format import JournalHead
 from ..journal.segment import JournalFile, SyncedFile
 from ..journal.writer import JournalWriter
-from ..runlog.runlog import Code, RunLog, fold
+from ..runlog.fold import fold
+from ..runlog.runlog import Code, RunLog
 from .fault_barrier import Guard
 from .orders import OrderError
 from .recording import Recording

@@ -16,7 +16,8 @@ from ..control.orders import (
     Undo,
 )
 from ..errors import printable
-from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog, entry
+from ..runlog.entries import entry
+from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
 from ..runs import Event
 
 

@@ -21,7 +21,8 @@ from ..errors import printable
 from ..journal.contents import JournalTail
 from ..journal.reader import read_journal
 from ..journal.scan import scan
-from ..runlog.runlog import LoggedRun, LoggedStatus, fold
+from ..runlog.fold import fold
+from ..runlog.runlog import LoggedRun, LoggedStatus
 from ..samples.mapping import MappedChannel, map_channels
 from ..verdict import RunMeasure, RunWindow, judge
 

@@ -102,7 +102,8 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
     """Return the newest recording of a folder's journal if no session file is made of it."""
     from daq.bench.config import parse_bench
     from daq.journal.folder import last_recording
-    from daq.runlog.runlog import LoggedStatus, fold
+    from daq.runlog.fold import fold
+    from daq.runlog.runlog import LoggedStatus
 
     try:
         tail = last_recording(folder / "journal")

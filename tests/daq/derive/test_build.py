@@ -18,7 +18,8 @@ from daq.journal.contents import HopCounts
 from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
-from daq.runlog.runlog import Code, Finding, entry, verdict_entry
+from daq.runlog.entries import entry, verdict_entry
+from daq.runlog.runlog import Code, Finding
 from daq.runs import Event, Excitation, Run, RunStatus
 from daq.samples.mapping import map_channels
 from daq.session import read_session, write_session

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daq.bench.config import Bench
 from daq.bus.source import LinkFacts, SourceLosses
-from daq.bus.steady_clock import HOST_AXIS
+from daq.bus.steady_clock import STEADY_CLOCK
 from daq.control.messages import Phase, SessionState
 from daq.control.orders import (
     Arm,
@@ -267,11 +267,11 @@ def test_a_recording_taken_up_never_goes_back_in_time(
     try:
         with Running(quick, tmp_path, sources(Script([]))) as running:
             running.until(lambda s: s.recording != "")
-            assert HOST_AXIS.now_ns() >= ahead_ns
+            assert STEADY_CLOCK.now_ns() >= ahead_ns
             running.order(Start())
-            assert HOST_AXIS.now_ns() < ahead_ns
+            assert STEADY_CLOCK.now_ns() < ahead_ns
     finally:
-        HOST_AXIS.begin()
+        STEADY_CLOCK.begin()
 
 
 def test_a_reload_that_fails_leaves_the_buses_read(

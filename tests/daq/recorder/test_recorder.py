@@ -37,7 +37,8 @@ from daq.recorder import judging
 from daq.recorder.orders import OrderError
 from daq.recorder.recording import Recording
 from daq.recorder.status import NO_DISK, Host
-from daq.runlog.runlog import LoggedStatus, fold
+from daq.runlog.fold import fold
+from daq.runlog.runlog import LoggedStatus
 from daq.runs import Event, Excitation, Losses
 from daq.verdict import RunMeasure
 from dbc import Codec, FrameBatch, FrameFlag

@@ -11,7 +11,9 @@ from daq.control.messages import Phase
 from daq.control.orders import Until
 from daq.recorder import run_loop
 from daq.recorder.run_loop import LoopState, Surroundings
-from daq.runlog.runlog import Code, Finding, RunLog, advance, entry, next_step, verdict_entry
+from daq.runlog.entries import entry, verdict_entry
+from daq.runlog.fold import advance
+from daq.runlog.runlog import Code, Finding, RunLog, next_step
 from daq.runs import Event, Excitation
 
 S = 1_000_000_000

@@ -6,7 +6,9 @@ from dataclasses import replace
 
 from daq.control.messages import STATUS
 from daq.recorder.status import told_runs
-from daq.runlog.runlog import Code, Finding, LoggedRun, LoggedStatus, RunLog, fold, verdict_entry
+from daq.runlog.entries import verdict_entry
+from daq.runlog.fold import fold
+from daq.runlog.runlog import Code, Finding, LoggedRun, LoggedStatus, RunLog
 from daq.runs import Event
 
 from ..a_status import a_status

@@ -10,7 +10,9 @@ from daq.bench.config import Bench
 from daq.control.messages import STATUS
 from daq.control.orders import Accept, Mark, Note, OverrideWarning, Reject
 from daq.recorder.orders import order_event
-from daq.runlog.runlog import Code, Finding, LoggedStatus, RunLog, entry, fold, verdict_entry
+from daq.runlog.entries import entry, verdict_entry
+from daq.runlog.fold import fold
+from daq.runlog.runlog import Code, Finding, LoggedStatus, RunLog
 from daq.runs import Event
 
 from ..a_status import a_status

@@ -47,16 +47,9 @@ from daq.control.orders import (
     Stop,
     Undo,
 )
-from daq.runlog.runlog import (
-    Code,
-    Finding,
-    LoggedStatus,
-    RunLog,
-    advance,
-    entry,
-    next_step,
-    verdict_entry,
-)
+from daq.runlog.entries import entry, verdict_entry
+from daq.runlog.fold import advance
+from daq.runlog.runlog import Code, Finding, LoggedStatus, RunLog, next_step
 from daq.runs import Event, Losses
 from tui.terminal.state.feed import News, Refused, Role
 

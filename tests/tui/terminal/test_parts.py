@@ -9,7 +9,8 @@ import pytest
 
 from daq.control.messages import Lane, Live, Phase
 from daq.control.orders import Arm
-from daq.runlog.runlog import Code, entry
+from daq.runlog.entries import entry
+from daq.runlog.runlog import Code
 from tui.terminal.state.banner import banner
 from tui.terminal.state.feed import Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs

@@ -1,0 +1,164 @@
+"""Makes the run log as a fold over the events of the journal.
+
+The events are the truth.  The recorder keeps its log by this fold, a recorder that restarts makes
+it again by this fold, and so does the session builder: they cannot disagree.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from ..runs import Event, Excitation
+from .runlog import (
+    Change,
+    Code,
+    Finding,
+    LoggedRun,
+    LoggedStatus,
+    Override,
+    Remark,
+    RunLog,
+    parse_label,
+)
+
+
+def fold(events: Iterable[Event], log: RunLog | None = None) -> RunLog:
+    """Return the log after these events."""
+    log = log or RunLog()
+    for event in events:
+        log = advance(log, event)
+    return log
+
+
+def advance(log: RunLog, event: Event) -> RunLog:
+    """Return the log after one event.
+
+    Other events change nothing, nor do those that cannot be read: a journal of another version must
+    not stop a recovery.
+    """
+    after = _advanced(log, event)
+    content = (log.runs, log.bench_text, log.overrides)
+    if content == (after.runs, after.bench_text, after.overrides):
+        return after
+    return replace(after, revision=log.revision + 1)
+
+
+def _advanced(log: RunLog, event: Event) -> RunLog:
+    match event.code:
+        case Code.BUMP:
+            return _bumped(log, event)
+        case Code.BENCH:
+            return replace(log, bench_text=event.text)
+        case Code.MARK:
+            mark = Remark(event.t_ns, event.text, revision=log.revision)
+            return replace(log, notes=(*log.notes, mark))
+        case Code.UNDO:
+            return _stepped_back(log)
+        case Code.REDO:
+            return _stepped_forth(log)
+        case Code.RESUMED:
+            return _cut(log)
+        case Code.VERDICT | Code.ACCEPT | Code.REJECT | Code.CHOOSE | Code.NOTE | Code.OVERRIDE:
+            try:
+                body = json.loads(event.text)
+                return _entered(log, Code(event.code), event.t_ns, body)
+            except (ValueError, KeyError, TypeError):
+                return log
+    return log
+
+
+def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> RunLog:
+    if code is Code.CHOOSE:
+        return replace(log, chosen=(body["mass_state"], Excitation(body["excitation"])))
+    if code is Code.NOTE:
+        about, by = body.get("label", ""), body.get("by", "")
+        note = Remark(t_ns, body["text"], about, by, log.revision)
+        return replace(log, notes=(*log.notes, note))
+    if code is Code.OVERRIDE:
+        override = Override(t_ns, body["subject"], body["reason"], body["by"])
+        return replace(log, overrides=(*log.overrides, override))
+    run = log.run(body["label"])
+    if run is None:
+        return log
+    if code is Code.VERDICT:
+        findings = tuple(Finding(**finding) for finding in body["findings"])
+        status = LoggedStatus.ACCEPTED if body["accepted"] else LoggedStatus.REJECTED
+        return _judged(log, run, status, findings)
+    status = LoggedStatus.ACCEPTED if code is Code.ACCEPT else LoggedStatus.REJECTED
+    return _decided(log, run, replace(run, status=status, by=body["by"], reason=body["reason"]))
+
+
+def _bumped(log: RunLog, event: Event) -> RunLog:
+    step = parse_label(event.text)
+    if step is None or log.run(event.text) is not None:
+        return log
+    run = LoggedRun(event.text, step.mass_state, step.excitation, step.repeat, event.t_ns)
+    chosen = None if log.chosen == (step.mass_state, step.excitation) else log.chosen
+    return replace(log, runs=(*log.runs, run), chosen=chosen)
+
+
+def _decided(log: RunLog, before: LoggedRun, after: LoggedRun) -> RunLog:
+    done = (*log.done, Change(before, after))
+    return replace(log, runs=_replaced(log, after), done=done, undone=())
+
+
+def _judged(
+    log: RunLog, run: LoggedRun, status: LoggedStatus, findings: tuple[Finding, ...]
+) -> RunLog:
+    """Return the log after the recorder's verdict."""
+    if run.status is LoggedStatus.OPEN:
+        return _decided(log, run, replace(run, status=status, findings=findings))
+    # A person was faster: the recorder's verdict is in force if that person's is undone.
+    beneath = replace(run, status=status, findings=findings, by="", reason="")
+
+    def known(one: LoggedRun) -> LoggedRun:
+        if one.label != run.label:
+            return one
+        return beneath if one.status is LoggedStatus.OPEN else replace(one, findings=findings)
+
+    def all_known(changes: Iterable[Change]) -> tuple[Change, ...]:
+        return tuple(Change(known(each.before), known(each.after)) for each in changes)
+
+    runs = tuple(known(one) for one in log.runs)
+    return replace(log, runs=runs, done=all_known(log.done), undone=all_known(log.undone))
+
+
+def _stepped_back(log: RunLog) -> RunLog:
+    if not log.done:
+        return log
+    change = log.done[-1]
+    # A run that has ended cannot be open again: undoing gives the other verdict.  One that a person
+    # has rejected while it is recorded is open again until the recorder judges it.
+    before = change.before
+    if before.status is LoggedStatus.OPEN and not change.after.by:
+        accepted = change.after.status is LoggedStatus.ACCEPTED
+        other = LoggedStatus.REJECTED if accepted else LoggedStatus.ACCEPTED
+        before = replace(change.after, status=other, by="undo", reason="")
+    undone = (*log.undone, Change(before, change.after))
+    return replace(log, runs=_replaced(log, before), done=log.done[:-1], undone=undone)
+
+
+def _stepped_forth(log: RunLog) -> RunLog:
+    if not log.undone:
+        return log
+    change = log.undone[-1]
+    done = (*log.done, change)
+    return replace(log, runs=_replaced(log, change.after), done=done, undone=log.undone[:-1])
+
+
+def _cut(log: RunLog) -> RunLog:
+    text = "cut: the recorder was stopped in mid-run"
+    finding = Finding("cut", False, "", 0.0, 0.0, "", text, "bump again")
+    rejected = (each.after for each in log.done if each.before.status is LoggedStatus.OPEN)
+    unjudged = {run.label for run in rejected if run.by}
+    for run in log.runs:
+        if run.status is LoggedStatus.OPEN or run.label in unjudged:
+            log = _judged(log, run, LoggedStatus.REJECTED, (finding,))
+    return log
+
+
+def _replaced(log: RunLog, after: LoggedRun) -> tuple[LoggedRun, ...]:
+    return tuple(after if run.label == after.label else run for run in log.runs)
