@@ -41,7 +41,7 @@ def lone_recorder(folder: Path) -> Iterator[None]:
         what = error.strerror or str(error)
         raise InputError(str(folder), what, "name another folder") from error
     try:
-        with suppress(OSError):  # a disk that is full already is the keeper's affair
+        with suppress(OSError):  # a disk that is full already is the writer's affair
             holder.write_text(f"{os.getpid()}\n", "ascii")
         yield
     finally:

@@ -19,7 +19,7 @@ from typing import TextIO
 
 from ..bench.config import TriggerConfig, parse_bench
 from ..errors import BumpbenchError
-from ..journal.built import remember
+from ..journal.built import note_built
 from ..journal.folder import recording_of
 from ..journal.reader import read_journal
 from ..runlog.fold import fold
@@ -72,7 +72,7 @@ def derive(segments: Sequence[Path], target: Path) -> Derived:
     session = session_from_journal(contents)
     write_session(target, session)
     journal, stop = segments[0].parent, recording.next_number
-    remember(journal, head.identity, stop, target, book.revision)
+    note_built(journal, head.identity, stop, target, book.revision)
     return Derived(contents.lost.text if contents.lost.any else "", len(session.runs))
 
 

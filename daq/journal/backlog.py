@@ -1,4 +1,4 @@
-"""Blocks that wait in memory while the disk refuses, and a count of those that found no room."""
+"""Holds blocks in memory while the disk refuses them, and counts those that find no room."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from .gaps import Gap
 from .segment import Block
 
 HELD_BYTES = 32_000_000
-"""A minute of four full buses."""
+"""Bytes of frames and events held; a minute of four full buses."""
 EVENT_BYTES = 4_000_000
-"""Kept beyond that for events: they are few, and runs hang on them."""
-
-
+"""Bytes held in addition for events: they are few, and runs depend on them."""
 _OVERHEAD_BYTES = 400
-"""What a small block costs beyond its message."""
+"""Memory of a block in addition to its message, bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,17 +24,12 @@ class _Held:
 
 
 class Backlog:
-    """A queue of blocks; what does not fit is counted.
-
-    Parameters
-    ----------
-    recording : str
-        Identity of the recording.
+    """A queue of blocks; the frames that do not fit are counted.
 
     Attributes
     ----------
     frames, dropped : int
-        Frames that wait, and frames that found no room so far.
+        Number of frames that wait, and of frames that found no room.
     """
 
     def __init__(self, recording: str) -> None:
@@ -52,21 +45,21 @@ class Backlog:
 
     @property
     def bytes(self) -> int:
-        """Size of all that waits."""
+        """Size of all blocks that wait."""
         return self._bytes
 
     def since_s(self) -> float | None:
-        """Return since when the oldest waits, s; None if nothing does."""
+        """Return when the oldest block was put in, s; None if there is none."""
         return self._held[0].since_s if self._held else None
 
     def put(self, block: Block, now_s: float) -> None:
-        """Take a block in, or count its frames as dropped."""
+        """Append a block, or count its frames as dropped."""
         room = HELD_BYTES if block.frames else HELD_BYTES + EVENT_BYTES
-        # Once something was dropped, the next frames are too, until the disk takes blocks again:
-        # one gap is told by one event.
+        # Once frames were dropped, the next ones are too, until the disk takes blocks again: one
+        # event reports one gap.
         if self._bytes + len(block.message) > room or (self._gap is not None and block.frames):
             gap = self._gap or Gap(self._recording, block.number, block.number, 0)
-            # Blocks of events in between are there; the reader does not mind.
+            # Blocks of events in between are stored; the reader ignores that.
             self._gap = replace(gap, stop=block.number + 1, frames=gap.frames + block.frames)
             self.dropped += block.frames
             return
@@ -75,7 +68,7 @@ class Backlog:
         self.frames += block.frames
 
     def first(self, size: int) -> Sequence[Block]:
-        """Return the oldest blocks, at least one and about `size` bytes; they stay."""
+        """Return the oldest blocks, at least one and about `size` bytes, without removing them."""
         blocks: list[Block] = []
         total = 0
         for held in self._held:
@@ -86,13 +79,13 @@ class Backlog:
         return blocks
 
     def remove(self, count: int) -> None:
-        """Let the oldest go: they are on the disk."""
+        """Remove the oldest blocks, which are on the disk."""
         for _ in range(count):
             block = self._held.popleft().block
             self._bytes -= len(block.message) + _OVERHEAD_BYTES
             self.frames -= block.frames
 
     def take_gap(self) -> Gap | None:
-        """Return what was dropped since this was last asked, None if nothing."""
+        """Return the blocks dropped since the last call, None if there are none."""
         gap, self._gap = self._gap, None
         return gap

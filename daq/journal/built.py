@@ -1,4 +1,4 @@
-"""Which recordings have their session file: a small file beside the segments remembers it."""
+"""Records which recordings have their session file, in a small file next to the segments."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ from ..files import write_text
 from .scan import SegmentInfo
 
 
-def remember(folder: Path, recording: str, stop: int, session: Path, revision: int = 0) -> None:
+def note_built(folder: Path, recording: str, stop: int, session: Path, revision: int = 0) -> None:
     """Note that a session file has all blocks of a recording up to `stop`.
 
-    `revision` is that of its book.  A folder that cannot be written is left alone: its segments are
-    not deleted then, that is all.
+    `revision` is that of its run log.  Failing to write is no error: the segments are just not
+    deleted then.
     """
     size = session.stat().st_size
     entry = {"stop": stop, "session": str(session.resolve()), "bytes": size, "revision": revision}
     with suppress(OSError):
-        write_text(_memory(folder, recording), json.dumps(entry))
+        write_text(_note_path(folder, recording), json.dumps(entry))
 
 
-def derived_recordings(folder: Path, segments: Iterable[SegmentInfo]) -> set[str]:
-    """Return the recordings whose session file is there, whole, and has all of their blocks."""
+def built_recordings(folder: Path, segments: Iterable[SegmentInfo]) -> set[str]:
+    """Return the recordings whose session file is complete and has all of their blocks."""
     stops: dict[str, int] = {}
     for info in segments:
         stops[info.recording] = max(info.stop, stops.get(info.recording, 0))
-    return {recording for recording, stop in stops.items() if _is_derived(folder, recording, stop)}
+    return {recording for recording, stop in stops.items() if _is_built(folder, recording, stop)}
 
 
 def is_outdated(folder: Path, recording: str, stop: int) -> bool:
-    """Whether a session file was derived of a recording that has not its blocks up to `stop`."""
-    told = _remembered(folder, recording)
-    return told is not None and told.stop < stop
+    """Return whether a session file was built that lacks blocks of the recording before `stop`."""
+    note = _read_note(folder, recording)
+    return note is not None and note.stop < stop
 
 
-def derived_revision(folder: Path, recording: str) -> int | None:
-    """Return the revision of the book that a session file was built from; None if there is none."""
-    told = _remembered(folder, recording)
-    return told.revision if told is not None and told.whole else None
+def built_revision(folder: Path, recording: str) -> int | None:
+    """Return the revision of the run log in the session file; None if there is no such file."""
+    note = _read_note(folder, recording)
+    return note.revision if note is not None and note.whole else None
 
 
 @dataclass(frozen=True, slots=True)
-class _Memory:
-    """What was noted of a session file."""
+class _Note:
+    """The entry of a session file."""
 
     stop: int
     session: Path
@@ -55,26 +55,26 @@ class _Memory:
 
     @property
     def whole(self) -> bool:
-        """Whether it is there: it was written beside and renamed, with its size it is whole."""
+        """True if the session file has its size: it was written atomically, so it is complete."""
         try:
             return self.session.stat().st_size == self.size
         except OSError:
             return False
 
 
-def _remembered(folder: Path, recording: str) -> _Memory | None:
+def _read_note(folder: Path, recording: str) -> _Note | None:
     try:
-        told = json.loads(_memory(folder, recording).read_text("utf-8"))
-        size, revision = int(told["bytes"]), int(told.get("revision", -1))
-        return _Memory(int(told["stop"]), Path(told["session"]), size, revision)
+        entry = json.loads(_note_path(folder, recording).read_text("utf-8"))
+        size, revision = int(entry["bytes"]), int(entry.get("revision", -1))
+        return _Note(int(entry["stop"]), Path(entry["session"]), size, revision)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 
-def _memory(folder: Path, recording: str) -> Path:
+def _note_path(folder: Path, recording: str) -> Path:
     return folder / f"derived_{recording}.json"
 
 
-def _is_derived(folder: Path, recording: str, stop: int) -> bool:
-    told = _remembered(folder, recording)
-    return told is not None and told.stop >= stop and told.whole
+def _is_built(folder: Path, recording: str, stop: int) -> bool:
+    note = _read_note(folder, recording)
+    return note is not None and note.stop >= stop and note.whole

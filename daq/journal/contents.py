@@ -1,4 +1,4 @@
-"""What a journal holds, read back: blocks, or all of it, and an account of what is missing."""
+"""The content of a journal as read: blocks or all of it, and an account of what is missing."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from ..runs import Event
 from .format import JournalHead
 
 _NOTES = 20
+"""Most notes that are given in full in one line."""
 
 
 def session_name(first_segment: int) -> str:
@@ -24,10 +25,10 @@ def session_name(first_segment: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class JournalLoss:
-    """What a journal should hold and does not."""
+    """The parts of a journal that are missing."""
 
     bytes_cut: int = 0
-    """Bytes at the ends of segments that are no whole record."""
+    """Bytes at the ends of segments that are not a whole record."""
     blocks_corrupt: int = 0
     """Blocks whose checksum does not fit."""
     blocks_missing: int = 0
@@ -36,14 +37,14 @@ class JournalLoss:
     """Frames that the recorder itself reported as lost: disk and memory were full, or a file was
     deleted while it was written."""
     segments_unclosed: int = 0
-    """Segments that end without the mark of a proper end: the writer was killed or its disk full.
-    By itself no loss."""
+    """Segments without a proper end: the writer was killed, or its disk was full.  This alone is no
+    loss."""
     notes: tuple[str, ...] = ()
     """The same in words, with the names of the files."""
 
     @property
     def any(self) -> bool:
-        """Whether something that was written is missing."""
+        """True if something that was written is missing."""
         return bool(
             self.bytes_cut or self.blocks_corrupt or self.blocks_missing or self.frames_dropped
         )
@@ -52,8 +53,7 @@ class JournalLoss:
     def text(self) -> str:
         """The notes on one line, the first of them if there are many; empty if there are none."""
         more = len(self.notes) - _NOTES
-        told = self.notes[:_NOTES] + ((f"{more} more notes",) if more > 0 else ())
-        return "; ".join(told)
+        return "; ".join((*self.notes[:_NOTES], *((f"{more} more notes",) if more > 0 else ())))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +78,9 @@ class HopCounts:
     """The fields of `HopLosses`, shape (m, 4)."""
 
     def between(self, start_ns: int, stop_ns: int) -> HopLosses:
-        """Return the losses of all blocks that reach into a span of time.
+        """Return the losses of all blocks that overlap a span of time, start <= t <= stop.
 
-        A loss is known to a block, not to a frame: the span is widened to whole blocks.
+        A loss belongs to a block, not to a frame, so the span is widened to whole blocks.
         """
         before = int(np.searchsorted(self.t_ns, start_ns, side="left")) - 1
         last = min(int(np.searchsorted(self.t_ns, stop_ns, side="left")), len(self.t_ns) - 1)
@@ -101,15 +101,17 @@ class RecordingInfo:
     first_segment: int
     """Number of its first segment, which may have been deleted since to make room."""
     bytes: int
+    """Size of all segments."""
     frames: int
-    """`bytes`, `frames`: in all segments."""
+    """Number of frames in all segments."""
     first_ns: int
+    """Time stamp of the first frame; 0 if there is none."""
     last_ns: int
-    """`first_ns`, `last_ns`: time stamps of the first frame and the latest; 0 if there is none."""
+    """Latest time stamp; 0 if there is none."""
     bumps: int
-    """Bumps that are runs."""
+    """Number of bumps that are runs."""
     ended: bool
-    """Whether its recorder ended it; else it may be taken up again."""
+    """True if its recorder ended it; else a recorder may resume it."""
 
     @property
     def session_name(self) -> str:
@@ -119,20 +121,20 @@ class RecordingInfo:
 
 @dataclass(frozen=True, slots=True)
 class JournalTail:
-    """Where a recording stands, for a recorder that takes it up again."""
+    """State of a recording, for a recorder that resumes it."""
 
     head: JournalHead
-    """Of its first segment."""
+    """Head of its first segment."""
     next_number: int
-    """Of the next block."""
+    """Number of the next block."""
     t_ns: int
     """Latest time stamp; 0 if there is none."""
     frames: int
-    """Recorded so far."""
+    """Number of frames recorded."""
     events: tuple[Event, ...]
-    """All of them: the book is a fold over them."""
+    """All events: the run log is a fold over them."""
     ended: bool
-    """Whether it was ended, so that nothing is to be added."""
+    """True if it was ended, so that nothing is to be added."""
     segments: tuple[Path, ...]
     """In order."""
     first_segment: int

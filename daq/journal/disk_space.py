@@ -1,20 +1,23 @@
-"""What once a second is asked of the disk: is our file still there, and is there room."""
+"""Checks, about once a second, the room on the disk and whether the open file is still there."""
 
 from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..bench.config import RecorderConfig
+from .segment import Segment
 
 LOW_RESERVES = 10
-"""Less room than so many reserves is worth a warning."""
+"""Free room, in reserves, below which there is a warning."""
 LOW_SHARE = 0.1
-"""And so is less than this share of the disk."""
+"""Free share of the disk below which there is a warning, too."""
 _RESUME_RESERVES = 1.05
-"""Recording is taken up again above so many reserves: not at the first byte."""
+"""Free room, in reserves, from which a stopped recording goes on: more than that at which it stops,
+so that it does not stop again at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +41,13 @@ def room_on(folder: Path) -> Room:
 
 
 def too_little(room: Room, limits: RecorderConfig, stopped: bool) -> bool:
-    """Whether nothing must be written any more; `stopped` if that was so before."""
+    """Return whether recording must stop; `stopped` if it has stopped already."""
     reserves = _RESUME_RESERVES if stopped else 1.0
     return room.free < reserves * limits.reserve_bytes
 
 
 def low_text(room: Room, limits: RecorderConfig) -> str:
-    """Return a warning if the room goes to its end, else nothing."""
+    """Return a warning if there is little room, else an empty text."""
     if room.free < LOW_RESERVES * limits.reserve_bytes or room.free < LOW_SHARE * room.total:
         return (
             f"{room.free / 1e9:.2f} GB ({room.free / max(room.total, 1):.0%}) left on the disk; "
@@ -54,7 +57,7 @@ def low_text(room: Room, limits: RecorderConfig) -> str:
 
 
 def place_of(folder: Path) -> tuple[int, int] | None:
-    """Return what identifies a folder: its disk and its number there; None if it is gone."""
+    """Return the identity of a folder: its disk and its number there; None if it is gone."""
     try:
         found = folder.stat()
     except OSError:
@@ -62,15 +65,15 @@ def place_of(folder: Path) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
-def taken_away(path: Path, own: os.stat_result, size: int) -> str:
-    """Say what happened to the open file behind our back; empty if nothing did.
+def taken_away(path: Path, opened: os.stat_result, size: int) -> str:
+    """Return what another process did to the open file; empty if nothing.
 
     Parameters
     ----------
     path : Path
-        Its name.
-    own : os.stat_result
-        Of the open file.
+        Name of the file.
+    opened : os.stat_result
+        State of the open file.
     size : int
         Bytes written to it.
     """
@@ -78,6 +81,58 @@ def taken_away(path: Path, own: os.stat_result, size: int) -> str:
         named = path.stat()
     except OSError:
         return "was deleted"
-    if own.st_nlink == 0 or (named.st_dev, named.st_ino) != (own.st_dev, own.st_ino):
+    if opened.st_nlink == 0 or (named.st_dev, named.st_ino) != (opened.st_dev, opened.st_ino):
         return "was replaced by another file"
-    return "was cut short" if own.st_size < size else ""
+    return "was cut short" if opened.st_size < size else ""
+
+
+class DiskWatch:
+    """The disk of a journal: its room, and whether folder and open file are still there.
+
+    Parameters
+    ----------
+    folder : Path
+    room_on : callable
+        Returns the room on the disk of a folder.
+
+    Attributes
+    ----------
+    room : Room
+        As measured last.
+    stopped : bool
+        True while there is too little room to record.
+    """
+
+    def __init__(self, folder: Path, room_on: Callable[[Path], Room]) -> None:
+        self.room = Room(0, 0)
+        self.stopped = False
+        self._folder = folder
+        self._room_on = room_on
+        self._place: tuple[int, int] | None = None
+
+    def settle(self) -> None:
+        """Take the folder that has the name now as the journal's."""
+        self._place = place_of(self._folder)
+
+    def measure(self, limits: RecorderConfig) -> None:
+        """Measure the room, and decide whether recording must stop.
+
+        Raises
+        ------
+        OSError
+            If the folder is not there.
+        """
+        self.room = self._room_on(self._folder)
+        self.stopped = too_little(self.room, limits, self.stopped)
+
+    def taken_text(self, segment: Segment | None) -> str:
+        """Return what another process did to folder or open segment; empty if nothing."""
+        if place_of(self._folder) != self._place:
+            return f"folder {self._folder.name} was taken away or its disk unmounted"
+        if segment is None:
+            return ""
+        try:
+            text = taken_away(segment.path, segment.file.stat(), segment.size)
+        except OSError as error:
+            text = f"cannot be asked for: {error.strerror or error}"
+        return f"{segment.path.name} {text}" if text else ""

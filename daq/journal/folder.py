@@ -1,4 +1,4 @@
-"""The recordings in a folder of segments, told apart without reading their frames."""
+"""Finds the recordings in a folder of segments without reading their frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PATTERN = "journal_*.mcap"
 
 
 def segments_in(folder: Path) -> tuple[Path, ...]:
-    """Return the segments in a folder by their numbers, also those that hold nothing."""
+    """Return the segments in a folder in order of their numbers, also empty ones."""
     return tuple(sorted(folder.glob(PATTERN), key=segment_number))
 
 
@@ -28,42 +28,31 @@ def segment_number(path: Path) -> int:
 
 
 def next_segment(folder: Path) -> int:
-    """Return the number of the segment that is to come."""
+    """Return the number of the next segment."""
     return 1 + max((segment_number(path) for path in segments_in(folder)), default=0)
 
 
 def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
     """Return the recordings in a folder, the oldest first.
 
-    Files that are no segment, or that end before their head does, are left out.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the files `journal_*.mcap` are.
+    Files that are not a segment, or that end before their head does, are left out.
     """
     return _grouped(info for path in segments_in(folder) if (info := _scanned(path)))
 
 
 def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
-    """Return the recordings that these segments are of, the oldest first.
+    """Return the recordings of these segments, the oldest first.
 
     Raises
     ------
     InputError
-        If a file cannot be read or is no journal, or none holds even its beginning.
+        If a file cannot be read or is not a journal, or none has a complete head.
     """
     return _grouped(_all_scanned(segments))
 
 
 def last_recording(folder: Path) -> JournalTail | None:
-    """Return where the newest recording in a folder stands; None if there is none.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the files `journal_*.mcap` are.
-    """
+    """Return the state of the newest recording in a folder; None if there is none."""
     newest: list[SegmentInfo] = []
     for path in reversed(segments_in(folder)):
         info = _scanned(path)
@@ -76,12 +65,12 @@ def last_recording(folder: Path) -> JournalTail | None:
 
 
 def recording_of(segments: Sequence[Path]) -> JournalTail:
-    """Return where the recording stands that these segments are of.
+    """Return the state of the recording of these segments.
 
     Raises
     ------
     InputError
-        If a file cannot be read or is no journal, or none holds even its beginning.
+        If a file cannot be read or is not a journal, or none has a complete head.
     """
     return _tail(sorted(_all_scanned(segments), key=lambda info: info.number))
 
@@ -133,13 +122,13 @@ def _recording(infos: list[SegmentInfo]) -> RecordingInfo:
 
 
 def _events(infos: Iterable[SegmentInfo]) -> tuple[Event, ...]:
-    """Return all events once: a segment whose sync failed has its last ones in the next too."""
+    """Return each event once: those of a block whose sync failed are in the next segment, too."""
     events: list[Event] = []
     stop = 0
     for info in infos:
-        for number, told in groupby(info.events, key=lambda numbered: numbered[0]):
+        for number, block in groupby(info.events, key=lambda numbered: numbered[0]):
             if number >= stop:
-                events += (event for _, event in told)
+                events += (event for _, event in block)
                 stop = number + 1
     return tuple(events)
 
@@ -148,4 +137,4 @@ def _scanned(path: Path) -> SegmentInfo | None:
     try:
         return scan(path)
     except (InputError, OSError):
-        return None  # of another program, or just deleted
+        return None  # of another program, or deleted meanwhile

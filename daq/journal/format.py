@@ -1,9 +1,9 @@
-"""The form of the journal: what one message of the MCAP file holds.
+"""Packs and unpacks the messages of the journal's MCAP files.
 
-A journal is a row of segments `journal_0001.mcap`, `journal_0002.mcap`...  Each begins with a
+A journal is a sequence of segments `journal_0001.mcap`, `journal_0002.mcap`...  Each begins with a
 metadata record and the texts of bench.toml and DBC as attachments, so that it can be read alone.
-Every message carries the number of its place in the whole journal and a CRC: without chunks, MCAP
-itself would not notice a flipped bit.
+Every message has its number in the whole journal and a CRC: without chunks, MCAP itself does not
+detect a flipped bit.
 """
 
 from __future__ import annotations
@@ -35,27 +35,28 @@ BLOCK_HEAD = _CRC.size + _BLOCK.size
 
 @dataclass(frozen=True, slots=True)
 class JournalHead:
-    """What every segment of a recording begins with."""
+    """The beginning of every segment of a recording."""
 
     bench_text: str
+    """bench.toml in full."""
     dbc_text: str
-    """`bench_text`, `dbc_text`: bench.toml and DBC in full."""
+    """The DBC in full."""
     software: str
     """Name and version of the writer."""
     wall_ns: int
+    """The host's wall clock when the recording was begun or resumed."""
     monotonic_ns: int
-    """`wall_ns`, `monotonic_ns`: the host's two clocks, read together when the recording began, or
-    was taken up again."""
+    """The host's monotonic clock, read together with it."""
     recording: str = ""
-    """Identity of the recording (a uuid4 as 32 hex digits), kept when it is taken up again; empty
-    in journals of older versions, where the clocks are the identity."""
+    """Identity of the recording (a uuid4 as 32 hex digits), kept when it is resumed; empty in
+    journals of older versions, where the clocks are the identity."""
     first_segment: int = 0
     """Number of the recording's first segment, which names the session file also when that segment
     has been deleted to make room; 0 in journals of older versions."""
 
     @property
     def identity(self) -> str:
-        """What the segments of one recording have in common."""
+        """Identity of the recording, the same in all of its segments."""
         return self.recording or f"{self.wall_ns}+{self.monotonic_ns}"
 
 
@@ -76,12 +77,12 @@ def head_record(head: JournalHead, segment: int) -> dict[str, str]:
 def parse_head(
     record: dict[str, str], bench_text: bytes, dbc_text: bytes
 ) -> tuple[JournalHead, int]:
-    """Return what `head_record` was made of.
+    """Return the head and the segment number of a record of `head_record`.
 
     Raises
     ------
     ValueError, KeyError
-        If a text is not the one that was written, or the record is not ours.
+        If a text was changed, or the record is of another program.
     """
     for name, text in (("bench_crc32", bench_text), ("dbc_crc32", dbc_text)):
         if zlib.crc32(text) != int(record[name]):
@@ -112,12 +113,12 @@ def pack_frames(number: int, frames: FrameBatch, losses: HopLosses) -> bytes:
 
 
 def unpack_frames(message: bytes) -> tuple[int, FrameBatch, HopLosses]:
-    """Return what `pack_frames` was given.
+    """Return number, frames and losses of a message of `pack_frames`.
 
     Raises
     ------
     ValueError
-        If a single bit differs from what was written.
+        If a single bit was changed.
     """
     if len(message) < BLOCK_HEAD:
         raise ValueError("too short for a block")
@@ -153,12 +154,12 @@ def pack_events(number: int, events: Sequence[Event]) -> bytes:
 
 
 def unpack_events(message: bytes) -> tuple[int, tuple[Event, ...]]:
-    """Return what `pack_events` was given.
+    """Return number and events of a message of `pack_events`.
 
     Raises
     ------
     ValueError
-        If it is not what was written.
+        If it was changed.
     """
     try:
         body = json.loads(message)

@@ -1,4 +1,4 @@
-"""Blocks that are missing from a journal with the recorder's knowledge, told by events in it."""
+"""The events that report blocks which the recorder knows to be missing from a journal."""
 
 from __future__ import annotations
 
@@ -12,33 +12,34 @@ DISK_GAP = "disk_gap"
 FILE_GONE = "file_gone"
 """A file was deleted or replaced while it was written."""
 RETENTION = "retention"
-"""The oldest segments made room, on purpose: no loss."""
+"""The oldest segments were deleted to make room, on purpose: no loss."""
 ENDED = "ended"
-"""The recording was ended by its recorder: nothing is to be taken up again."""
+"""The recorder ended the recording: it is not resumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A span of blocks that is not in the journal any more."""
+    """A span of blocks that is missing from the journal."""
 
     recording: str
-    """Identity of the recording that the blocks are missing from."""
+    """Identity of the recording of these blocks."""
     first: int
+    """Number of the first block."""
     stop: int
-    """Numbers of the first block and of the one after the last."""
+    """Number of the block after the last."""
     frames: int
-    """In these blocks."""
+    """Number of frames in these blocks."""
     file: str = ""
-    """Name of the segment that held them; empty if none did."""
+    """Name of the segment that had them; empty if none had."""
 
 
 def gap_event(code: str, t_ns: int, gap: Gap) -> Event:
-    """Return the event that tells of a gap; its value is the number of frames."""
+    """Return the event that reports a gap; its value is the number of frames."""
     return Event(t_ns, code, gap.frames, json.dumps(asdict(gap), sort_keys=True))
 
 
 def parse_gap(event: Event) -> Gap | None:
-    """Return the gap that an event tells of; None if it is another event or cannot be read."""
+    """Return the gap that an event reports; None if it is another event or cannot be read."""
     if event.code not in (DISK_GAP, FILE_GONE, RETENTION):
         return None
     try:

@@ -1,4 +1,4 @@
-"""Journals read back, up to whatever a crash has left, with an exact account of what is missing."""
+"""Reads journals up to where a crash has cut them, with an exact account of what is missing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .format import EVENTS_TOPIC, FRAMES_TOPIC, JournalHead, unpack_events, unpa
 from .gaps import DISK_GAP, FILE_GONE, RETENTION, Gap, parse_gap
 from .scan import LARGEST_RECORD_BYTES, holds_blocks, read_head
 
-_TOLD = {
+_GAP_TEXTS = {
     DISK_GAP: "found no room on the disk nor in memory",
     FILE_GONE: "gone: the file was taken away while it was written",
     RETENTION: "between the runs given up to make room",
@@ -39,8 +39,8 @@ def read_journal(
     paths : sequence of Path
         As for `JournalReader`.
     spans : sequence of (int, int), optional
-        Keep only frames with time stamps in these spans, start <= t < stop, ns: memory grows with
-        the spans then, not with the recording.  Without it all frames are kept.
+        Keep only frames with time stamps in these spans, start <= t < stop, ns, so that memory
+        grows with the spans, not with the recording.  Without it all frames are kept.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def _within(frames: FrameBatch, spans: Sequence[tuple[int, int]]) -> FrameBatch:
 
 
 class _HopTable:
-    """Losses block by block; of a stretch without any only the ends are kept."""
+    """Losses block by block; of blocks without new losses only the first and the last are kept."""
 
     def __init__(self) -> None:
         self._rows: list[tuple[int, ...]] = []
@@ -83,8 +83,8 @@ class _HopTable:
         if len(block.frames):
             self._t_ns = max(self._t_ns, int(block.frames.t_ns.max()))
         row = (self._t_ns, *_counts(block.losses))
-        # `HopCounts.between` asks for the row before a span and the first one behind it: with
-        # both ends of every level kept, it gets the same answer.
+        # `HopCounts.between` uses the row before a span and the first one behind it: with both ends
+        # of every level kept, it returns the same losses.
         if len(self._rows) >= 2 and self._rows[-1][1:] == row[1:] == self._rows[-2][1:]:
             self._rows[-1] = row
         else:
@@ -96,29 +96,29 @@ class _HopTable:
 
 
 class JournalReader:
-    """The blocks of a recording, one at a time: iterate once, then ask what was lost.
+    """Iterates once over the blocks of a recording; `lost` is exact after that.
 
     Parameters
     ----------
     paths : sequence of Path
-        The segments of one recording, in any order, whichever process wrote them.
+        The segments of one recording, in any order, also of several processes.
 
     Raises
     ------
     InputError
-        If a file cannot be read or is no journal, if files belong to different recordings, or if
-        none holds even its beginning.
+        If a file cannot be read or is not a journal, if files belong to different recordings, or
+        if none has a complete head.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._lost = JournalLoss()
-        self._missing: list[tuple[str, int, int]] = []  # file, first number, number behind
+        self._missing: list[tuple[str, int, int]] = []  # file, first number, number after the last
         self._gaps: dict[tuple[str, Gap], None] = {}
-        self._open: list[JournalLoss] = []  # may have been written again in the next segment
+        self._open: list[JournalLoss] = []  # losses that the next segment may repair
         heads = {path: read_head(path) for path in paths}
         found = {path: head for path, head in heads.items() if head is not None}
         for path in heads.keys() - found.keys():
-            # Killed while it was created, mostly: nothing in it was ever reported as written.
+            # Usually killed while it was created: nothing in it was reported as written.
             note = f"{path.name}: has no complete beginning"
             cut = path.stat().st_size if holds_blocks(path) else 0
             self._lost = _plus(self._lost, JournalLoss(bytes_cut=cut, notes=(note,)))
@@ -138,7 +138,7 @@ class JournalReader:
 
     @property
     def lost(self) -> JournalLoss:
-        """What was found missing so far; exact once all blocks have been read."""
+        """The losses found; exact once all blocks have been read."""
         lost = self._lost
         gaps = [gap for _, gap in self._gaps]
         for name, first, stop in self._missing:
@@ -149,7 +149,7 @@ class JournalReader:
         for code, gap in self._gaps:
             text = f"{gap.file}: {gap.frames}" if gap.file else f"{gap.frames}"
             dropped = 0 if code == RETENTION else gap.frames
-            note = f"{text} frames {_TOLD[code]}"
+            note = f"{text} frames {_GAP_TEXTS[code]}"
             lost = _plus(lost, JournalLoss(frames_dropped=dropped, notes=(note,)))
         return lost
 
@@ -158,7 +158,7 @@ class JournalReader:
         losses = before = HopLosses()
         head = self.head
         for path in self._paths:
-            if self._heads[path] != head:  # another process: it wrote nothing again
+            if self._heads[path] != head:  # another process: it repeats no block
                 self._settle()
                 before, head = losses, self._heads[path]
             topics: dict[int, str] = {}
@@ -171,8 +171,8 @@ class JournalReader:
                 events: tuple[Event, ...] = ()
                 try:
                     if topics.get(record.channel_id) == FRAMES_TOPIC:
-                        number, frames, own = unpack_frames(record.data)
-                        counted = _sum(before, own)
+                        number, frames, since_start = unpack_frames(record.data)
+                        counted = _sum(before, since_start)
                     elif topics.get(record.channel_id) == EVENTS_TOPIC:
                         number, events = unpack_events(record.data)
                     else:
@@ -184,7 +184,7 @@ class JournalReader:
                 if number < expected:
                     continue  # written twice: the first time its fdatasync failed
                 if number == expected:
-                    self._open.clear()  # what broke off before was this block
+                    self._open.clear()  # the block that was cut off before is this one
                 corrupt = sum(lost.blocks_corrupt for lost in self._open)
                 if number > expected + corrupt:
                     self._missing.append((path.name, expected + corrupt, number))
@@ -192,7 +192,7 @@ class JournalReader:
                 expected, losses = number + 1, counted
                 for event in events:
                     if (gap := parse_gap(event)) and gap.recording == head.identity:
-                        # Told again when the segment that told it was to go: it counts once.
+                        # Reported again before the segment with it was deleted: counts once.
                         self._gaps[event.code, gap] = None
                 yield JournalBlock(frames, losses, events)
         self._settle()
@@ -206,28 +206,28 @@ class JournalReader:
                 for record in StreamReader(file, record_size_limit=LARGEST_RECORD_BYTES).records:
                     in_body |= isinstance(record, Message | DataEnd)
                     if in_body and file.tell() - good != _whole_bytes(record):
-                        # The library steps over records of a kind it does not know.
+                        # The library skips records of an unknown kind.
                         note = f"{path.name}: a block is not one any more"
                         self._open.append(JournalLoss(blocks_corrupt=1, notes=(note,)))
                     if isinstance(record, DataEnd):
-                        return  # what follows is a summary that we do not need
+                        return  # a summary follows, which is not needed here
                     good = file.tell()
                     yield record
-            except Exception:  # torn bytes raise whatever the parser stumbles over
+            except Exception:  # torn bytes raise any exception of the parser
                 self._lost = _plus(self._lost, _unclosed(path))
                 if size > good and not _is_end(path, good):
                     note = f"{path.name}: last {size - good} bytes torn"
                     self._open.append(JournalLoss(bytes_cut=size - good, notes=(note,)))
 
     def _settle(self) -> None:
-        """Count what broke off and was not written again."""
+        """Count the losses that no later block has repaired."""
         for lost in self._open:
             self._lost = _plus(self._lost, lost)
         self._open.clear()
 
 
 def _is_end(path: Path, at: int) -> bool:
-    """Whether what broke off was the end of the file, not a block."""
+    """Return whether the record cut off belongs to the end of the file, not to a block."""
     with path.open("rb") as file:
         file.seek(at)
         return file.read(1) in (bytes([Opcode.METADATA]), bytes([Opcode.DATA_END]))
@@ -250,7 +250,7 @@ def _counts(losses: HopLosses) -> tuple[int, ...]:
 
 
 def _overlap(first: int, stop: int, gaps: Sequence[Gap]) -> int:
-    """Return how many numbers of a span lie in gaps."""
+    """Return how many block numbers of a span lie in gaps."""
     covered = 0
     for gap in sorted(gaps, key=lambda gap: gap.first):
         begin = max(first, gap.first)
@@ -260,7 +260,7 @@ def _overlap(first: int, stop: int, gaps: Sequence[Gap]) -> int:
 
 
 def _whole_bytes(record: McapRecord) -> int:
-    """Return the size in the file of a record of a body, 0 for one that is out of place."""
+    """Return the size in the file of a record after the head, 0 for one of another kind."""
     if isinstance(record, Message):
         return 9 + 22 + len(record.data)
     if isinstance(record, Metadata):

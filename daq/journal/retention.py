@@ -1,7 +1,7 @@
-"""Which segments may be deleted to make room, and the deleting.
+"""Chooses the segments that may be deleted to make room, and deletes them.
 
-The oldest go first, and only sealed ones that nobody needs: of a recording whose session file is
-there and has everything, of one without a run, and of the open one what lies far from every run.
+The oldest go first, and only sealed ones that are not needed: of a recording whose session file is
+complete, of one without a run, and of the open one those far from every run.
 """
 
 from __future__ import annotations
@@ -15,31 +15,32 @@ from pathlib import Path
 from ..errors import InputError
 from ..runlog.runlog import Code
 from ..runs import Event
-from .built import derived_recordings
+from .built import built_recordings
 from .folder import segments_in
 from .gaps import RETENTION, Gap, gap_event, parse_gap
 from .scan import SegmentInfo, scan
 
 REACH_NS = 1_200_000_000_000
-"""Longer than any run reaches before and after its bump."""
-_BOOKED = frozenset(Code)
+"""Time before and after a bump whose segments are kept, ns: more than the 660 s that `[trigger]` of
+bench.toml allows for a run."""
+_LOG_CODES = frozenset(Code)
 _SCANS = 8
-"""So many old segments are looked through in a turn."""
+"""Most old segments scanned in one call: a folder may have thousands."""
 
 
 def expendable(
-    segments: Sequence[SegmentInfo], open_recording: str, derived: Collection[str], now_ns: int
+    segments: Sequence[SegmentInfo], open_recording: str, built: Collection[str], now_ns: int
 ) -> tuple[SegmentInfo, ...]:
-    """Return the segments that may go, the oldest first.
+    """Return the segments that may be deleted, the oldest first.
 
     Parameters
     ----------
     segments : sequence of SegmentInfo
         All segments of the folder but the one being written.
     open_recording : str
-        Identity of the recording that goes on.
-    derived : collection of str
-        Recordings whose session file is there and has everything.
+        Identity of the open recording.
+    built : collection of str
+        Recordings whose session file is complete.
     now_ns : int
         Latest time stamp of the open recording.
     """
@@ -48,21 +49,21 @@ def expendable(
         times = [event.t_ns for _, event in info.events if event.code == Code.BUMP]
         bumps.setdefault(info.recording, []).extend(times)
     ordered = sorted(segments, key=lambda info: info.number)
-    # A bump may come at any moment, and what is before it belongs to it.
+    # A bump may come at any moment, and the time before it belongs to its run.
     wanted = sorted([*bumps.get(open_recording, ()), now_ns])
     may = []
     for info in ordered:
         if info.recording == open_recording:
-            free = not _tells(info) and not _near(info, wanted)
+            free = not _has_log_events(info) and not _near(info, wanted)
         else:
-            free = info.recording in derived or not bumps[info.recording]
+            free = info.recording in built or not bumps[info.recording]
         if free:
             may.append(info)
     return tuple(may)
 
 
 def oldest(may: Iterable[SegmentInfo], excess_bytes: float) -> tuple[SegmentInfo, ...]:
-    """Return as many of the first segments as together have `excess_bytes`."""
+    """Return the first segments that together have at least `excess_bytes`."""
     going: list[SegmentInfo] = []
     for info in may:
         if excess_bytes <= 0:
@@ -73,44 +74,45 @@ def oldest(may: Iterable[SegmentInfo], excess_bytes: float) -> tuple[SegmentInfo
 
 
 def parting_events(info: SegmentInfo, open_recording: str, t_ns: int) -> tuple[Event, ...]:
-    """Return what must be written before a segment is deleted: that it is, and what it told itself.
+    """Return the events that must be written before a segment is deleted.
 
-    Gaps of the open recording that only this segment knew of would look like losses later.
+    They report its deletion, and again the gaps of the open recording that only this segment
+    reports, which would look like losses later.
     """
-    own = Gap(info.recording, info.first, info.stop, info.frames, info.path.name)
+    deleted = Gap(info.recording, info.first, info.stop, info.frames, info.path.name)
     events: list[Event] = []
     for _, event in info.events:
         gap = parse_gap(event)
         if gap is None or gap.recording != open_recording:
             continue
-        touches = gap.recording == own.recording and gap.stop >= own.first >= gap.first
+        touches = gap.recording == deleted.recording and gap.stop >= deleted.first >= gap.first
         if event.code == RETENTION and touches:
-            first, stop = min(gap.first, own.first), max(gap.stop, own.stop)
-            file = f"{gap.file.partition(' ')[0]} to {own.file}"
-            own = replace(own, first=first, stop=stop, frames=own.frames + gap.frames, file=file)
+            first, stop = min(gap.first, deleted.first), max(gap.stop, deleted.stop)
+            file = f"{gap.file.partition(' ')[0]} to {deleted.file}"
+            frames = deleted.frames + gap.frames
+            deleted = replace(deleted, first=first, stop=stop, frames=frames, file=file)
         else:
             events.append(event)
-    return (*events, gap_event(RETENTION, t_ns, own))
+    return (*events, gap_event(RETENTION, t_ns, deleted))
 
 
-def _tells(info: SegmentInfo) -> bool:
-    """Whether the book of the recording hangs on an event of this segment."""
-    return any(event.code in _BOOKED for _, event in info.events)
+def _has_log_events(info: SegmentInfo) -> bool:
+    """Return whether the run log of the recording depends on an event of this segment."""
+    return any(event.code in _LOG_CODES for _, event in info.events)
 
 
 def _near(info: SegmentInfo, times_ns: Sequence[int]) -> bool:
-    """Whether one of these times, in order, is within reach of a segment."""
+    """Return whether one of these times, in order, is within `REACH_NS` of a segment."""
     after = bisect_left(times_ns, info.first_ns - REACH_NS)
     return after < len(times_ns) and times_ns[after] <= info.last_ns + REACH_NS
 
 
 class Retention:
-    """The segments in a folder but for the one being written: their sizes, and which may go.
+    """The segments in a folder except the one being written: their sizes, and which may go.
 
     Parameters
     ----------
     folder : Path
-        Where they are.
     recording : str
         Identity of the open recording.
 
@@ -132,16 +134,16 @@ class Retention:
         return sum(self._sizes.values())
 
     def add(self, path: Path, size: int) -> None:
-        """Take note of a segment that is not written any more."""
+        """Add a segment that is complete."""
         self._sizes[path] = size
 
     def forget(self, path: Path) -> None:
-        """Take note that a segment is not there any more."""
+        """Remove a segment that is not there any more."""
         self._sizes.pop(path, None)
         self._infos.pop(path, None)
 
     def choose(self, excess_bytes: float, now_ns: int) -> tuple[SegmentInfo, ...] | None:
-        """Return what is to go; None if not all segments have been looked through yet."""
+        """Return the segments to delete; None if not all segments have been scanned yet."""
         unknown = [path for path in self._sizes if path not in self._infos]
         for path in unknown[:_SCANS]:
             try:
@@ -149,13 +151,13 @@ class Retention:
             except (InputError, OSError):
                 info = None
             if info is None:
-                self._sizes.pop(path)  # not ours, or not there
+                self._sizes.pop(path)  # of another program, or not there
             else:
                 self._infos[path] = info
         if len(unknown) > _SCANS:
             return None
-        derived = derived_recordings(self._folder, self._infos.values())
-        may = expendable(tuple(self._infos.values()), self._recording, derived, now_ns)
+        built = built_recordings(self._folder, self._infos.values())
+        may = expendable(tuple(self._infos.values()), self._recording, built, now_ns)
         return oldest(may, excess_bytes)
 
     def delete(self, info: SegmentInfo) -> None:

@@ -1,4 +1,4 @@
-"""What is in a segment of a journal, found without reading its frames."""
+"""Finds the content of a journal segment without reading its frames."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .format import (
 from .summary import Summary, read_summary
 
 LARGEST_RECORD_BYTES = 256 << 20
-"""A length beyond this is a torn or foreign file, not a block."""
+"""Longest record, bytes: a greater length comes from a torn or foreign file."""
 
 _MAGIC = b"\x89MCAP0\r\n"
 _MAGIC_BYTES = len(_MAGIC)
@@ -39,7 +39,7 @@ _RECORD = struct.Struct("<BQ")  # kind, length
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, time, time
 _CHANNEL, _MESSAGE_KIND, _DATA_END = 0x04, 0x05, 0x0F
 _CREDIBLE_STEP = 1 << 24
-"""A number so far ahead is no number: some ten days of blocks."""
+"""Largest credible step of the block number, some ten days of blocks: more is a flipped bit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,34 +51,36 @@ class SegmentInfo:
     recording: str
     """Identity of the recording that it belongs to."""
     number: int
-    """Of the segment in its folder."""
+    """Number of the segment in its folder."""
     first_segment: int
     """Number of the first segment of its recording."""
     bytes: int
     """Size of the file."""
     first: int
+    """Number of the first block."""
     stop: int
-    """Number of the first block and of the one after the last; equal if there is none."""
+    """Number of the block after the last; equal to `first` if there is none."""
     frames: int
-    """In all its blocks."""
+    """Number of frames in all its blocks."""
     first_ns: int
+    """Time stamp of the first frame; 0 if there is none."""
     last_ns: int
-    """`first_ns`, `last_ns`: time stamps of the first frame and the latest; 0 if there is none."""
+    """Latest time stamp; 0 if there is none."""
     events: tuple[tuple[int, Event], ...]
     """In order, each with the number of its block."""
     sealed: bool
-    """Whether it has its proper end."""
+    """True if it has its proper end."""
 
 
 def read_head(path: Path) -> tuple[JournalHead, int] | None:
     """Return head and segment number, None if the file has no complete head.
 
-    A crash may leave a new file with holes where its head was to be.
+    A crash may leave a new file with zeros in place of its head.
 
     Raises
     ------
     InputError
-        If the file cannot be read or is no journal.
+        If the file cannot be read or is not a journal.
     """
     metadata: dict[str, str] | None = None
     texts: dict[str, bytes] = {}
@@ -86,7 +88,7 @@ def read_head(path: Path) -> tuple[JournalHead, int] | None:
         with path.open("rb") as file:
             start = file.read(_MAGIC_BYTES)
             if len(start) == _MAGIC_BYTES and any(start) and start != _MAGIC:
-                raise InputError(str(path), "is no journal", "name the files journal_*.mcap")
+                raise InputError(str(path), "is not a journal", "name the files journal_*.mcap")
             file.seek(0)
             for record in StreamReader(file, record_size_limit=LARGEST_RECORD_BYTES).records:
                 if isinstance(record, Header) and record.profile != PROFILE:
@@ -106,22 +108,22 @@ def read_head(path: Path) -> tuple[JournalHead, int] | None:
         raise InputError(
             str(path), error.strerror or str(error), "name the files journal_*.mcap"
         ) from error
-    except Exception:  # torn bytes raise whatever the parser stumbles over
+    except Exception:  # torn bytes raise any exception of the parser
         return None
     return None
 
 
 def holds_blocks(path: Path) -> bool:
-    """Whether there are blocks in a file, be its head readable or not."""
+    """Return whether there are blocks in a file, also if its head cannot be read."""
     with path.open("rb") as file:
         records = _records(file.fileno(), path.stat().st_size)
         return any(kind == _MESSAGE_KIND for kind, _, _ in records)
 
 
 def scan(path: Path) -> SegmentInfo | None:
-    """Return what is in a segment, None if it ends before its head does.
+    """Return the content of a segment, None if it ends before its head does.
 
-    A segment with its proper end tells of itself, however large it is.
+    A segment with its proper end has a summary, which makes this fast at any size.
 
     Raises
     ------
@@ -137,17 +139,17 @@ def scan(path: Path) -> SegmentInfo | None:
         summary = read_summary(file.fileno(), size)
         sealed = summary is not None
         if summary is None:
-            summary, sealed = _walked(file.fileno(), size)
+            summary, sealed = _walk(file.fileno(), size)
     return SegmentInfo(
         path, head.identity, segment, head.first_segment or segment, size, summary.first,
         summary.stop, summary.frames, summary.first_ns, summary.last_ns, summary.events, sealed,
     )  # fmt: skip
 
 
-def _walked(fd: int, size: int) -> tuple[Summary, bool]:
-    """Return what is in a file without a summary, record by record; and whether it has its end.
+def _walk(fd: int, size: int) -> tuple[Summary, bool]:
+    """Return the content of a file without a summary, and whether it has its end.
 
-    Only events and the last block are checked for flipped bits: that much a crash can leave.
+    Only events and the last block are checked for flipped bits: a crash damages no others.
     """
     topics: dict[int, str] = {}
     first = stop = None
@@ -165,14 +167,14 @@ def _walked(fd: int, size: int) -> tuple[Summary, bool]:
         body, inner = offset + _MESSAGE.size, length - _MESSAGE.size
         channel, _, latest_ns, _ = _MESSAGE.unpack(os.pread(fd, _MESSAGE.size, offset))
         count = 0
-        told: tuple[Event, ...] = ()
+        block: tuple[Event, ...] = ()
         try:
             if topics.get(channel) == FRAMES_TOPIC:
                 number, count = block_head(os.pread(fd, BLOCK_HEAD, body))
                 if offset + length == size:
                     unpack_frames(os.pread(fd, inner, body))
             elif topics.get(channel) == EVENTS_TOPIC:
-                number, told = unpack_events(os.pread(fd, inner, body))
+                number, block = unpack_events(os.pread(fd, inner, body))
             else:
                 continue
         except (ValueError, struct.error):
@@ -181,7 +183,7 @@ def _walked(fd: int, size: int) -> tuple[Summary, bool]:
             continue
         first, stop = (number if first is None else first), number + 1
         frames += count
-        events += ((number, event) for event in told)
+        events += ((number, event) for event in block)
         if count:
             if not first_ns:
                 first_ns = first_stamp(os.pread(fd, BLOCK_HEAD + 8, body))

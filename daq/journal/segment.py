@@ -1,7 +1,7 @@
-"""One file of the journal being written: an MCAP file without chunks, each write synced.
+"""Writes one file of the journal: an MCAP file without chunks, each write synced.
 
-When `Segment.write` returns, neither a kill nor a power cut takes the blocks away.  After the
-first write error a file is not touched again: retrying in place leaves holes in what was reported
+When `Segment.write` returns, neither a kill nor a power cut loses the blocks.  After the first
+write error a file is not touched again: retrying in place leaves holes in data that were reported
 as written.
 """
 
@@ -34,50 +34,50 @@ from .summary import SUMMARY_RECORD, Summary, pack_summary
 
 
 class JournalFile(Protocol):
-    """What a segment needs of a file."""
+    """The operations of a file that a segment uses."""
 
     def write(self, data: memoryview, /) -> int | None:
         """Write a part of `data` and return how much."""
 
     def sync(self) -> None:
-        """Return when all that was written is on the disk."""
+        """Return when all data written are on the disk."""
 
     def stat(self) -> os.stat_result:
-        """Return what the file system says of the open file."""
+        """Return the state of the open file."""
 
     def close(self) -> None:
         """Close the file."""
 
 
 class SyncedFile(FileIO):
-    """A file that is not there yet, without a buffer in between."""
+    """A new file, without a buffer."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, "xb")
 
     def sync(self) -> None:
-        """Return when all that was written is on the disk."""
+        """Return when all data written are on the disk."""
         os.fdatasync(self.fileno())
 
     def stat(self) -> os.stat_result:
-        """Return what the file system says of the open file."""
+        """Return the state of the open file."""
         return os.fstat(self.fileno())
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A message on its way to the disk."""
+    """A message to be written."""
 
     number: int
-    """Its place in the recording."""
+    """Its number in the recording."""
     topic: str
-    """Of frames or of events."""
+    """`FRAMES_TOPIC` or `EVENTS_TOPIC`."""
     t_ns: int
     """Latest time stamp up to it."""
     message: bytes
     """As packed."""
     frames: int
-    """Frames in it."""
+    """Number of frames in it."""
 
 
 class Segment:
@@ -88,7 +88,7 @@ class Segment:
     file : JournalFile
         New and empty; closed here.
     path : Path
-        Its name; deleted again if not even the head can be written.
+        Its name; deleted again if the head cannot be written.
     record : dict of str to str
         From `head_record`.
     head : JournalHead
@@ -129,7 +129,7 @@ class Segment:
 
     @property
     def size(self) -> int:
-        """Bytes written."""
+        """Number of bytes written."""
         return self._stream.size
 
     def write(self, blocks: Sequence[Block]) -> None:
@@ -138,7 +138,7 @@ class Segment:
         Raises
         ------
         OSError
-            If that failed; nothing else must be written to this file then.
+            If that failed; nothing else may be written to this file then.
         """
         for block in blocks:
             self._writer.add_message(
@@ -176,13 +176,13 @@ class Segment:
         with suppress(OSError):
             self.file.close()
 
-    def forsake(self) -> None:
-        """Close the file and touch nothing else: what bears its name is another's."""
+    def release(self) -> None:
+        """Close the file only: its name belongs to another file by now."""
         with suppress(OSError):
             self.file.close()
 
     def _note(self, block: Block) -> None:
-        """Take note of a block that is on the disk."""
+        """Add a block that is on the disk to the summary."""
         if self.first is None:
             self.first = block.number
         self._stop = block.number + 1
@@ -194,13 +194,13 @@ class Segment:
             self._last_ns = max(self._last_ns, block.t_ns)
 
     def _summary(self) -> Summary:
-        told = [unpack_events(message) for message in self._events]
-        events = tuple((number, event) for number, block in told for event in block)
+        blocks = [unpack_events(message) for message in self._events]
+        events = tuple((number, event) for number, block in blocks for event in block)
         first = self._stop if self.first is None else self.first
         return Summary(first, self._stop, self._frames, self._first_ns, self._last_ns, events)
 
     def discard(self) -> None:
-        """Close and delete the file: there is nothing in it that was reported as written."""
+        """Close and delete the file: nothing in it was reported as written."""
         with suppress(OSError):
             self.file.close()
         with suppress(OSError):
@@ -208,7 +208,7 @@ class Segment:
 
 
 class _Unbuffered:
-    """What MCAP's writer needs of a stream, with nothing kept back for a later flush to lose."""
+    """The stream of MCAP's writer, without a buffer that a later flush could lose."""
 
     def __init__(self, file: JournalFile) -> None:
         self._file = file
@@ -216,7 +216,7 @@ class _Unbuffered:
 
     def write(self, data: bytes) -> int:
         rest = memoryview(data)
-        while rest:  # a disk that is nearly full takes a part and reports no error
+        while rest:  # an almost full disk writes a part and reports no error
             written = self._file.write(rest)
             if not written:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -1,7 +1,7 @@
-"""The last record of a sealed segment: what is in it, so that nobody has to walk through it.
+"""Writes and reads the last record of a sealed segment, a summary of its content.
 
-A recorder that is started again has to know where its recording stands; after some weeks that is a
-hundred gigabytes, which take minutes to walk through and a blink to ask.
+A recorder that is restarted needs the state of its recording, which after some weeks has a hundred
+gigabytes: walking through them takes minutes, reading the summaries takes no time.
 """
 
 from __future__ import annotations
@@ -27,27 +27,25 @@ _INDEX = struct.Struct("<QQI")  # offset, length, length of the name
 _FOOTER_KIND, _METADATA_KIND, _INDEX_KIND = 0x02, 0x0C, 0x0D
 _MAGIC = b"\x89MCAP0\r\n"
 _LARGEST_BYTES = 1 << 16
-"""MCAP's own summary of a file without chunks: channels, statistics, two entries of an index."""
+"""Largest summary section of MCAP that is read, bytes: of a file without chunks it has channels,
+statistics and two entries of an index."""
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What is in a segment."""
+    """The content of a segment; the fields are those of `SegmentInfo`."""
 
     first: int
     stop: int
-    """Number of the first block and of the one after the last; equal if there is none."""
     frames: int
-    """In all its blocks."""
     first_ns: int
     last_ns: int
-    """`first_ns`, `last_ns`: time stamps of the first frame and the latest; 0 if there is none."""
     events: tuple[tuple[int, Event], ...]
     """In order, each with the number of its block."""
 
 
 def pack_summary(summary: Summary) -> dict[str, str]:
-    """Return the metadata that tells of a segment."""
+    """Return the metadata of a summary."""
     events = [[number, *astuple(event)] for number, event in summary.events]
     numbers = [summary.first, summary.stop, summary.frames, summary.first_ns, summary.last_ns]
     text = json.dumps([*numbers, events], separators=(",", ":"))
@@ -69,13 +67,13 @@ def read_summary(fd: int, size: int) -> Summary | None:
             content = os.pread(fd, length, offset + _RECORD.size)
             record = Metadata.read(ReadDataStream(BytesIO(content)))
             return _parsed(record.metadata)
-    except Exception:  # a file that is not ours, or torn: it is walked through then
+    except Exception:  # a foreign or torn file is walked through
         return None
     return None
 
 
 def _metadata_offsets(index: bytes) -> Sequence[int]:
-    """Return where the records are that MCAP's index of metadata names as ours."""
+    """Return the offsets of the summary records in MCAP's index of metadata."""
     found = []
     at = 0
     while at + _RECORD.size <= len(index):
@@ -95,5 +93,5 @@ def _parsed(record: dict[str, str]) -> Summary | None:
     if zlib.crc32(text.encode()) != int(record["crc32"]):
         return None
     first, stop, frames, first_ns, last_ns, events = json.loads(text)
-    told = tuple((number, Event(*fields)) for number, *fields in events)
-    return Summary(first, stop, frames, first_ns, last_ns, told)
+    numbered = tuple((number, Event(*fields)) for number, *fields in events)
+    return Summary(first, stop, frames, first_ns, last_ns, numbered)

@@ -1,4 +1,4 @@
-"""What a keeper wrote into which file, so that a file that is taken away can be told of exactly."""
+"""Records which blocks are in which file, so that the loss of a file is reported exactly."""
 
 from __future__ import annotations
 
@@ -17,14 +17,8 @@ class _Span:
     frames: int
 
 
-class Written:
-    """The acknowledged blocks of each segment.
-
-    Parameters
-    ----------
-    recording : str
-        Identity of the recording.
-    """
+class WriteLedger:
+    """The blocks of a recording that are on the disk, by segment."""
 
     def __init__(self, recording: str) -> None:
         self._recording = recording
@@ -36,7 +30,7 @@ class Written:
         return tuple(self._spans)
 
     def note(self, path: Path, blocks: Sequence[Block]) -> int:
-        """Take note of blocks that are on the disk; return how many frames they have."""
+        """Add blocks that are on the disk; return their number of frames."""
         frames = sum(block.frames for block in blocks)
         before = self._spans.get(path)
         self._spans[path] = _Span(
@@ -47,16 +41,16 @@ class Written:
         return frames
 
     def forget(self, path: Path) -> None:
-        """Take note that a segment was deleted on purpose."""
+        """Remove a segment that was deleted on purpose."""
         self._spans.pop(path, None)
 
     def take_gone(self, also: Path | None) -> dict[Path, Gap]:
-        """Return what was in segments that are not there any more, and forget it.
+        """Remove the segments that are not there any more; return their gaps by path.
 
         Parameters
         ----------
         also : Path, optional
-            A segment whose name is there, but not our file.
+            A segment that another file has replaced.
         """
         gone = {p: s for p, s in self._spans.items() if p == also or not p.is_file()}
         for path in gone:

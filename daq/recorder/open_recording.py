@@ -39,9 +39,9 @@ class OpenRecording:
 
     identity: str
     """Its name, as in every segment."""
-    keeper: JournalWriter
+    writer: JournalWriter
     recorder: Recording
-    """`keeper`, `recorder`: where its frames go; what is done with them."""
+    """`writer`, `recorder`: where its frames go; what is done with them."""
     session: Path
     """Its session file."""
     before: tuple[Path, ...] = ()
@@ -51,7 +51,7 @@ class OpenRecording:
     def segments(self) -> tuple[Path, ...]:
         """All segments that are there, in order."""
         # Room may have been made of the oldest.
-        return (*(path for path in self.before if path.exists()), *self.keeper.paths)
+        return (*(path for path in self.before if path.exists()), *self.writer.paths)
 
     def end(self, why: str) -> None:
         """End the recording, and the run that is being recorded.
@@ -61,12 +61,12 @@ class OpenRecording:
         OrderError
             If the disk does not take what waits in memory: it would be lost.
         """
-        if not self.keeper.flush():
-            disk = self.keeper.status
+        if not self.writer.flush():
+            disk = self.writer.status
             why_not = f"the disk refuses ({disk.failed}): {disk.held_frames} frames wait in memory"
             raise OrderError(f"{why_not}; make room first")
         self.recorder.cut(why)
-        self.keeper.close(ended=True)
+        self.writer.close(ended=True)
 
 
 def begin(
@@ -94,13 +94,13 @@ def begin(
     head = JournalHead(
         bench.text, bench.dbc_text, software, now.wall_ns, monotonic_ns, identity, first
     )
-    keeper = JournalWriter(journal, head, bench.recorder, create, tail)
+    writer = JournalWriter(journal, head, bench.recorder, create, tail)
     book = fold(tail.events) if tail else RunLog()
-    recorder = Recording(bench, codec, keeper, book, guard)
+    recorder = Recording(bench, codec, writer, book, guard)
     if tail is not None:
         recorder.note(Code.RESUMED, float(tail.frames), software, now)
     session = journal.parent / session_name(first)
-    return OpenRecording(identity, keeper, recorder, session, tail.segments if tail else ())
+    return OpenRecording(identity, writer, recorder, session, tail.segments if tail else ())
 
 
 def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | None:

@@ -37,7 +37,7 @@ from ..control.orders import (
     Start,
     Stop,
 )
-from ..journal.built import derived_revision
+from ..journal.built import built_revision
 from ..journal.contents import JournalTail
 from ..journal.segment import SyncedFile
 from ..journal.writer import JournalWriter
@@ -193,11 +193,11 @@ class Recorder:
         now = _now()
         pieces = self._readers.take(BLOCK_FRAMES)
         batch = FrameBatch.concatenate([piece.frames for piece in pieces])
-        facts, keeper = links or self._readers.facts(), self._keeper
+        facts, writer = links or self._readers.facts(), self._writer
         hops, queue = self._readers.hops().since(self._hops_before), self._pieces.status
         self._recorder.step(batch, hops, now, facts, self._disk(), queue)
-        if keeper is not None:
-            keeper.tend(now.monotonic_s)
+        if writer is not None:
+            writer.maintain(now.monotonic_s)
         disk = self._disk()
         done_s = time.monotonic()
         self._lag_s = max((done_s - piece.received_s for piece in pieces), default=0.0)
@@ -229,8 +229,8 @@ class Recorder:
 
     def _disk(self) -> DiskStatus:
         if self._recording is not None:
-            self._idle_disk = replace(self._recording.keeper.status, lag_s=0.0, failed="")
-            return self._recording.keeper.status
+            self._idle_disk = replace(self._recording.writer.status, lag_s=0.0, failed="")
+            return self._recording.writer.status
         return self._idle_disk
 
     def _carry_out(self, order: Order | Bench, by: str, answer: Future[Reply]) -> None:
@@ -267,7 +267,7 @@ class Recorder:
                 self._end("the recording was ended")
             case Build():
                 recording = self._required()
-                recording.keeper.cut()
+                recording.writer.cut()
                 self._derive(recording)
             case ShutDown():
                 self._ended = True
@@ -276,14 +276,14 @@ class Recorder:
             case _:
                 recording = self._required()
                 self._recorder.carry_out(order, by, now)
-                recording.keeper.limits = self._recorder.bench.recorder
+                recording.writer.limits = self._recorder.bench.recorder
         return Reply(0, status=self._status(now))
 
     # Recordings --------------------------------------------------------------------------------
 
     @property
-    def _keeper(self) -> JournalWriter | None:
-        return self._recording.keeper if self._recording else None
+    def _writer(self) -> JournalWriter | None:
+        return self._recording.writer if self._recording else None
 
     def _required(self) -> OpenRecording:
         if self._recording is None:
@@ -299,7 +299,7 @@ class Recorder:
             STEADY_CLOCK.begin(tail.t_ns)
             recording = self._opened(bench, now, tail)
             self._use(recording)
-            revision = derived_revision(self._journal, recording.identity)
+            revision = built_revision(self._journal, recording.identity)
             if revision is not None:
                 self._derivation.recall(recording.session, recording.identity, revision)
             recall(tail, bench, self._recorder.measures.update)
@@ -353,8 +353,8 @@ class Recorder:
                 self._begin(bench, now)
             else:
                 self._recorder.reconfigure(bench, now)
-            if self._keeper is not None:
-                self._keeper.limits = bench.recorder
+            if self._writer is not None:
+                self._writer.limits = bench.recorder
             self._bench = bench
         finally:
             if rewired:  # the old ones, if the new bench could not be taken over
@@ -381,9 +381,9 @@ class Recorder:
         self._stop_readers()
         while self._orders:
             self._orders.popleft()[2].cancel()
-        if self._keeper is not None:
-            self._keeper.close()
-            if held := self._keeper.status.held_frames:
+        if self._writer is not None:
+            self._writer.close()
+            if held := self._writer.status.held_frames:
                 _log.error("%d frames were in memory, and the disk did not take them", held)
         self._derivation.poll()
         self._publish(publish)

@@ -266,8 +266,8 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
     count = sum(map(len, blocks))
     with TemporaryDirectory() as folder:
         head = JournalHead(bench.text, bench.dbc_text, "benchmark", START_NS, 0, "0" * 32)
-        with JournalWriter(Path(folder), head, bench.recorder) as keeper:
-            journal_us = _us(blocks, lambda k, block: _keep(keeper, k, block))
+        with JournalWriter(Path(folder), head, bench.recorder) as writer:
+            journal_us = _us(blocks, lambda k, block: _keep(writer, k, block))
     decode_us = _us(blocks, lambda _, block: codec.decode(block))
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     states: list[object] = [AlarmState(), HealthState()]
@@ -300,9 +300,9 @@ def _hops(measured: dict[str, float]) -> dict[str, float]:
     }
 
 
-def _keep(keeper: JournalWriter, k: int, block: FrameBatch) -> None:
-    keeper.append(block, HopLosses())
-    keeper.tend(k * BLOCK_S)
+def _keep(writer: JournalWriter, k: int, block: FrameBatch) -> None:
+    writer.append(block, HopLosses())
+    writer.maintain(k * BLOCK_S)
 
 
 def _watch(

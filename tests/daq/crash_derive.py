@@ -36,11 +36,11 @@ def journal_of_runs(folder: Path, frames: int, recording: str = "ab" * 16) -> tu
     one = bumps(small_codec(), 10)
     head = JournalHead(bench.text, bench.dbc_text, "test", START_NS, 0, recording)
     places = [round(frames * (k + 0.5) / len(LABELS)) for k in range(len(LABELS))]
-    keeper = JournalWriter(folder, head, RecorderConfig(segment_bytes=frames * 10.0), QuickFile)
+    writer = JournalWriter(folder, head, RecorderConfig(segment_bytes=frames * 10.0), QuickFile)
     for first in range(0, frames, _BLOCK_FRAMES):
         n = np.arange(first, min(first + _BLOCK_FRAMES, frames))
         part = one.select(n % len(one))
-        keeper.append(
+        writer.append(
             FrameBatch(
                 START_NS + n * _STEP_NS, part.can_id, part.flags, part.bus, part.length, part.data
             ),
@@ -48,10 +48,10 @@ def journal_of_runs(folder: Path, frames: int, recording: str = "ab" * 16) -> tu
         )
         for label, place in zip(LABELS, places, strict=True):
             if first <= place < first + _BLOCK_FRAMES:
-                keeper.append_events([Event(START_NS + place * _STEP_NS, "bump", 9.0, label)])
-        keeper.tend(first * 1e-9 * _STEP_NS)
-    keeper.close(ended=True)
-    return keeper.paths
+                writer.append_events([Event(START_NS + place * _STEP_NS, "bump", 9.0, label)])
+        writer.maintain(first * 1e-9 * _STEP_NS)
+    writer.close(ended=True)
+    return writer.paths
 
 
 def run_derive(target: Path, segments: Sequence[Path]) -> subprocess.Popen[str]:

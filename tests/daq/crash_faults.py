@@ -31,24 +31,24 @@ def fail_once(folder: Path, kind: str, nth: int) -> bool:
     """
     disk = FailingDisk(kind, nth)
     limits = RecorderConfig(segment_bytes=6_000.0, reserve_bytes=0.0)
-    keeper = JournalWriter(folder, HEAD, limits, disk.create)
-    n, k, noticed = 0, 0, bool(keeper.status.failed)
+    writer = JournalWriter(folder, HEAD, limits, disk.create)
+    n, k, noticed = 0, 0, bool(writer.status.failed)
     while not disk.failed or k < 15:
         if k > 400:
             break  # there were not so many operations
-        keeper.append(block(n, _FRAMES), HopLosses())
+        writer.append(block(n, _FRAMES), HopLosses())
         n += _FRAMES
-        keeper.tend(0.1 * k)
-        noticed |= bool(keeper.status.failed or keeper.status.warning)
+        writer.maintain(0.1 * k)
+        noticed |= bool(writer.status.failed or writer.status.warning)
         assert noticed == disk.failed, f"{kind} {nth}: nothing is said"
         k += 1
     for _ in range(2):  # a second at the latest, and what was held is stored
         k += round(_LATEST_ALARM_S / 0.1)
-        keeper.tend(0.1 * k)
-    assert not keeper.status.failed
-    assert keeper.status.recorded_frames == n
-    keeper.close()
-    contents = read_journal(keeper.paths)
+        writer.maintain(0.1 * k)
+    assert not writer.status.failed
+    assert writer.status.recorded_frames == n
+    writer.close()
+    contents = read_journal(writer.paths)
     assert np.array_equal(numbers(contents.frames), np.arange(n)), f"{kind} {nth}"
     assert not contents.lost.any, contents.lost.text
     return disk.failed

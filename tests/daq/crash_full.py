@@ -27,7 +27,7 @@ _BALLAST_BYTES = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class Disk:
-    """A small disk: what a keeper needs of it, and how to give room back."""
+    """A small disk: what a writer needs of it, and how to give room back."""
 
     folder: Path
     create: Callable[[Path], JournalFile]
@@ -87,36 +87,36 @@ def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
         If a recorded frame cannot be read, the gap is not told exactly, or nothing is said.
     """
     limits = RecorderConfig(segment_bytes=2e6, reserve_bytes=reserve_bytes)
-    keeper = JournalWriter(disk.folder, HEAD, limits, disk.create, room=disk.room)
-    clock = _Clock(keeper)
+    writer = JournalWriter(disk.folder, HEAD, limits, disk.create, room=disk.room)
+    clock = _Clock(writer)
     before = _resident_bytes()
-    while not keeper.status.held_frames:
+    while not writer.status.held_frames:
         clock.turn()
     full_at_s = clock.now_s
-    while not keeper.status.failed:
+    while not writer.status.failed:
         clock.turn()
     alarm_s = clock.now_s - full_at_s
     largest = before
     while clock.now_s < full_at_s + full_s:
         clock.turn()
         largest = max(largest, _resident_bytes()) if clock.block % 50 == 0 else largest
-    recorded, dropped = keeper.status.recorded_frames, keeper.status.dropped_frames
+    recorded, dropped = writer.status.recorded_frames, writer.status.dropped_frames
     if recorded:
-        read = numbers(read_journal(keeper.paths).frames)
+        read = numbers(read_journal(writer.paths).frames)
         assert np.array_equal(read[:recorded], np.arange(recorded)), "acknowledged frames lost"
     disk.give_back()
     given_s = clock.now_s
-    while keeper.status.held_frames or keeper.status.failed:
+    while writer.status.held_frames or writer.status.failed:
         clock.turn()
         assert clock.now_s < given_s + 10.0, "does not take up again"
     resumed_s = clock.now_s - given_s
     for _ in range(20):
         clock.turn()
-    dropped = keeper.status.dropped_frames
-    keeper.close(ended=True)
-    contents = read_journal(keeper.paths)
+    dropped = writer.status.dropped_frames
+    writer.close(ended=True)
+    contents = read_journal(writer.paths)
     read = numbers(contents.frames)
-    assert len(read) == keeper.status.recorded_frames == clock.offered - dropped
+    assert len(read) == writer.status.recorded_frames == clock.offered - dropped
     assert np.all(np.diff(read) > 0), "frames are doubled or in disorder"
     assert contents.lost.frames_dropped == dropped, contents.lost.text
     assert contents.lost.blocks_missing == contents.lost.blocks_corrupt == 0
@@ -128,18 +128,18 @@ def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
 class _Clock:
     """Offers a block each tenth of a second of the recorder's clock, as fast as can be."""
 
-    def __init__(self, keeper: JournalWriter) -> None:
-        self._keeper = keeper
+    def __init__(self, writer: JournalWriter) -> None:
+        self._writer = writer
         self.block = 0
         self.now_s = 0.0
         self.offered = 0
 
     def turn(self) -> None:
-        self._keeper.append(block(self.offered, BLOCK_FRAMES), HopLosses())
+        self._writer.append(block(self.offered, BLOCK_FRAMES), HopLosses())
         self.offered += BLOCK_FRAMES
         self.block += 1
         self.now_s = self.block * BLOCK_S
-        self._keeper.tend(self.now_s)
+        self._writer.maintain(self.now_s)
 
 
 def _resident_bytes() -> int:

@@ -38,20 +38,20 @@ def history(folder: Path, blocks: int, rng: np.random.Generator) -> History:
     """Record blocks, with changes of segment in between, and write everything down."""
     disk = LoggedDisk()
     acknowledged: list[int] = []
-    keeper = JournalWriter(folder, HEAD, RecorderConfig(segment_bytes=12_000.0), disk.create)
+    writer = JournalWriter(folder, HEAD, RecorderConfig(segment_bytes=12_000.0), disk.create)
     n = 0
     for k in range(blocks):
         acknowledged += [n] * (len(disk.log) - len(acknowledged))
         count = int(rng.integers(1, 2 * _COUNT))
-        keeper.append(block(n, count), HopLosses())
+        writer.append(block(n, count), HopLosses())
         n += count
         # The last operation of `append` is the barrier: from then on it is acknowledged.
         acknowledged += [acknowledged[-1]] * (len(disk.log) - len(acknowledged) - 1) + [n]
         if k % 5 == 0:
-            keeper.append_events([Event(k, "note", float(n), "in between")])
-        keeper.tend(0.1 * k)
+            writer.append_events([Event(k, "note", float(n), "in between")])
+        writer.maintain(0.1 * k)
     acknowledged += [n] * (len(disk.log) - len(acknowledged))
-    keeper.close()
+    writer.close()
     return History(tuple(disk.log[: len(acknowledged)]), tuple(acknowledged))
 
 
@@ -127,12 +127,12 @@ def _check(place: Path, acknowledged: int) -> bool:
         read = 0
     tail = last_recording(place)
     head = replace(HEAD, wall_ns=HEAD.wall_ns + 5)
-    with JournalWriter(place, head, RecorderConfig(), QuickFile, tail) as keeper:
-        keeper.append(block(10**9, 7), HopLosses())
+    with JournalWriter(place, head, RecorderConfig(), QuickFile, tail) as writer:
+        writer.append(block(10**9, 7), HopLosses())
         again = read_numbers(segments_in(place))
     assert len(again) == read + 7, "taken up again, the recording lost frames"
     assert again[-7] == 10**9
-    assert keeper.status.recorded_frames == read + 7
+    assert writer.status.recorded_frames == read + 7
     return read > acknowledged
 
 

@@ -38,16 +38,16 @@ class Kill:
 
 def write_forever(folder: Path, hot: bool) -> None:
     """Write numbered blocks and tell after each how many frames are acknowledged."""
-    keeper = JournalWriter(folder, HEAD, RecorderConfig(segment_bytes=SEGMENT_BYTES))
+    writer = JournalWriter(folder, HEAD, RecorderConfig(segment_bytes=SEGMENT_BYTES))
     n, start_s = 0, time.monotonic()
     os.write(1, f"start {start_s!r}\n".encode())
     while True:
         if not hot:
             time.sleep(max(0.0, start_s + (n + BLOCK_FRAMES) / RATE_HZ - time.monotonic()))
-        keeper.append(block(n, BLOCK_FRAMES), HopLosses())
-        keeper.tend(time.monotonic())
+        writer.append(block(n, BLOCK_FRAMES), HopLosses())
+        writer.maintain(time.monotonic())
         n += BLOCK_FRAMES
-        os.write(1, f"{keeper.status.recorded_frames}\n".encode())
+        os.write(1, f"{writer.status.recorded_frames}\n".encode())
 
 
 def kill_once(folder: Path, hot: bool, after_s: float) -> Kill:

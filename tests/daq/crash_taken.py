@@ -61,26 +61,26 @@ def take_away(folder: Path, how: Callable[[Path], object]) -> float:
     """
     # What was recorded before falls into two segments: the first is whole, the second is taken.
     limits = RecorderConfig(segment_bytes=15_000.0, reserve_bytes=0.0)
-    keeper = JournalWriter(folder, HEAD, limits, QuickFile)
+    writer = JournalWriter(folder, HEAD, limits, QuickFile)
     for k in range(20):
-        keeper.append(block(k * _FRAMES, _FRAMES), HopLosses())
-        keeper.tend(0.1 * k)
-    assert len(keeper.paths) == 2
-    assert not keeper.status.warning.startswith("journal")
+        writer.append(block(k * _FRAMES, _FRAMES), HopLosses())
+        writer.maintain(0.1 * k)
+    assert len(writer.paths) == 2
+    assert not writer.status.warning.startswith("journal")
     how(folder)
     k = 20
-    while "gone" not in keeper.status.warning:
-        keeper.append(block(k * _FRAMES, _FRAMES), HopLosses())
-        keeper.tend(0.1 * k)
+    while "gone" not in writer.status.warning:
+        writer.append(block(k * _FRAMES, _FRAMES), HopLosses())
+        writer.maintain(0.1 * k)
         k += 1
         assert k < 60, "nobody noticed"
     told_s = 0.1 * (k - 20)
     for k in range(k, k + 20):  # noqa: B020 - goes on where it was
-        keeper.append(block(k * _FRAMES, _FRAMES), HopLosses())
-        keeper.tend(0.1 * k)
+        writer.append(block(k * _FRAMES, _FRAMES), HopLosses())
+        writer.maintain(0.1 * k)
     offered = (k + 1) * _FRAMES
-    recorded = keeper.status.recorded_frames
-    keeper.close(ended=True)
+    recorded = writer.status.recorded_frames
+    writer.close(ended=True)
     ours = [path for path in segments_in(folder) if path.read_bytes()[:1] == b"\x89"]
     contents = read_journal(ours)
     read = numbers(contents.frames)
@@ -116,25 +116,25 @@ def read_only(folder: Path) -> None:
         _refuse()
         return ReadOnlyFile(path)
 
-    keeper = JournalWriter(folder, HEAD, RecorderConfig(reserve_bytes=0.0), create)
-    _refused(keeper, lambda: refuse.__setitem__(0, True), lambda: refuse.__setitem__(0, False))
+    writer = JournalWriter(folder, HEAD, RecorderConfig(reserve_bytes=0.0), create)
+    _refused(writer, lambda: refuse.__setitem__(0, True), lambda: refuse.__setitem__(0, False))
 
 
-def _refused(keeper: JournalWriter, begin: Callable[[], object], end: Callable[[], object]) -> None:
+def _refused(writer: JournalWriter, begin: Callable[[], object], end: Callable[[], object]) -> None:
     for k in range(80):
         if k == 20:
             begin()
         if k == 50:
-            assert "ead-only" in keeper.status.failed
-            assert keeper.status.held_frames > 0
-            assert keeper.status.lag_s > 2.0
+            assert "ead-only" in writer.status.failed
+            assert writer.status.held_frames > 0
+            assert writer.status.lag_s > 2.0
             end()
-        keeper.append(block(k * _FRAMES, _FRAMES), HopLosses())
-        keeper.tend(0.1 * k)
-    assert not keeper.status.failed
-    assert keeper.status.recorded_frames == 80 * _FRAMES
-    keeper.close()
-    contents = read_journal(keeper.paths)
+        writer.append(block(k * _FRAMES, _FRAMES), HopLosses())
+        writer.maintain(0.1 * k)
+    assert not writer.status.failed
+    assert writer.status.recorded_frames == 80 * _FRAMES
+    writer.close()
+    contents = read_journal(writer.paths)
     assert np.array_equal(numbers(contents.frames), np.arange(80 * _FRAMES))
     assert not contents.lost.any, contents.lost.text
 

@@ -91,7 +91,7 @@ def test_frames_of_a_socket_are_on_the_axis() -> None:
     clocks = iter([begun_ns + 3600 * S])
     axis = SteadyClock(lambda: next(clocks, time.time_ns()), time.monotonic_ns)
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    source = SocketCanSource(near, "pair", 0, axis=axis)
+    source = SocketCanSource(near, "pair", 0, steady_clock=axis)
     with far:
         far.send(struct.pack("=IB3x8s", 0x123, 8, bytes(8)))
         (t_ns,) = source.read(1.0).t_ns.tolist()

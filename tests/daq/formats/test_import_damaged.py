@@ -123,7 +123,7 @@ HOSTILE = {
     "half a header": (".blf", b"LOGG" + bytes(20), "cut off within its header"),
     "text as MF4": (".mf4", b"hello\n" * 100, "is no MF4"),
     "MF4 of nothing": (".mf4", b"MDF     4.10    " + bytes(100), "no header block"),
-    "text as journal": (".mcap", b"hello\n" * 100, "is no journal"),
+    "text as journal": (".mcap", b"hello\n" * 100, "is not a journal"),
     "no log": (".xyz", b"hello", "is no log format"),
     **{f"noise {s}": (s, bytes(range(256)) * 4000, "is no text log") for s in TEXTS},
     **{f"prose {s}": (s, b"It was a dark night.\n" * 9000, "no line of its form") for s in TEXTS},

@@ -29,15 +29,15 @@ NOTE = Event(START_NS + 7, "note", text="\N{GREEK SMALL LETTER ZETA} \x1b[31m \\
 def record(folder: Path, ended: bool = False) -> tuple[Path, ...]:
     head = JournalHead("bench", "dbc", "test", START_NS, 0, "a" * 32)
     limits = RecorderConfig(segment_bytes=20_000.0, reserve_bytes=0.0)
-    keeper = JournalWriter(folder, head, limits, QuickFile)
-    keeper.append_events([BUMP])
+    writer = JournalWriter(folder, head, limits, QuickFile)
+    writer.append_events([BUMP])
     for k in range(30):
-        keeper.append(block(100 * k, 100), HopLosses())
-        keeper.tend(0.1 * k)
+        writer.append(block(100 * k, 100), HopLosses())
+        writer.maintain(0.1 * k)
         if k == 20:
-            keeper.append_events([NOTE])
-    keeper.close(ended)
-    return keeper.paths
+            writer.append_events([NOTE])
+    writer.close(ended)
+    return writer.paths
 
 
 def test_a_sealed_segment_tells_what_walking_through_it_finds(tmp_path: Path) -> None:

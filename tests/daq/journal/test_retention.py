@@ -6,7 +6,7 @@ import pytest
 
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
-from daq.journal.built import derived_recordings, remember
+from daq.journal.built import built_recordings, note_built
 from daq.journal.folder import last_recording, recordings, segments_in
 from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
@@ -69,13 +69,13 @@ def head(recording: str) -> JournalHead:
 
 def record(folder: Path, recording: str, blocks: range, *events: Event) -> tuple[Path, ...]:
     limits = RecorderConfig(segment_bytes=20_000.0, reserve_bytes=0.0)
-    with JournalWriter(folder, head(recording), limits, QuickFile) as keeper:
+    with JournalWriter(folder, head(recording), limits, QuickFile) as writer:
         if events:
-            keeper.append_events(events)
+            writer.append_events(events)
         for k in blocks:
-            keeper.append(block(100 * k, 100), HopLosses())
-            keeper.tend(0.1 * k)
-    return keeper.paths
+            writer.append(block(100 * k, 100), HopLosses())
+            writer.maintain(0.1 * k)
+    return writer.paths
 
 
 def test_the_oldest_goes_when_there_is_too_much_and_it_is_no_loss(tmp_path: Path) -> None:
@@ -84,20 +84,20 @@ def test_the_oldest_goes_when_there_is_too_much_and_it_is_no_loss(tmp_path: Path
     session.write_bytes(b"whole")
     stop = max(found.stop for path in old if (found := scan(path)))
     infos = [found for path in old if (found := scan(path))]
-    remember(tmp_path, "a" * 32, stop - 1, session)
-    assert derived_recordings(tmp_path, infos) == set()  # there is more than was derived
-    remember(tmp_path, "a" * 32, stop, session)
-    assert derived_recordings(tmp_path, infos) == {"a" * 32}
+    note_built(tmp_path, "a" * 32, stop - 1, session)
+    assert built_recordings(tmp_path, infos) == set()  # there is more than was derived
+    note_built(tmp_path, "a" * 32, stop, session)
+    assert built_recordings(tmp_path, infos) == {"a" * 32}
 
     total = sum(path.stat().st_size for path in old)
     limits = RecorderConfig(segment_bytes=1e6, keep_bytes=total - 1, reserve_bytes=0.0)
-    with JournalWriter(tmp_path, head("b"), limits, QuickFile) as keeper:
-        keeper.append(block(0, 10), HopLosses())
+    with JournalWriter(tmp_path, head("b"), limits, QuickFile) as writer:
+        writer.append(block(0, 10), HopLosses())
         for k in range(3):
-            keeper.tend(float(k))
-        assert keeper.status.warning == ""
+            writer.maintain(float(k))
+        assert writer.status.warning == ""
     assert [path.exists() for path in old[:2]] == [False, True]
-    contents = read_journal(keeper.paths)
+    contents = read_journal(writer.paths)
     assert not contents.lost.any
     (event,) = [e for e in contents.events if e.code == "retention"]
     gone = next(one for one in infos if one.path == old[0])
@@ -106,30 +106,30 @@ def test_the_oldest_goes_when_there_is_too_much_and_it_is_no_loss(tmp_path: Path
     # Of the old recording itself, blocks are missing now.
     assert read_journal(old[1:]).lost.blocks_missing == gone.stop
     session.write_bytes(b"cut")
-    assert derived_recordings(tmp_path, infos) == set()
+    assert built_recordings(tmp_path, infos) == set()
 
 
 def test_what_may_not_go_stays_and_is_warned_of(tmp_path: Path) -> None:
     old = record(tmp_path, "a", range(30), Event(START_NS, "bump", 1.0, "baseline_bounce_1"))
     limits = RecorderConfig(keep_bytes=1000.0, reserve_bytes=0.0)
-    with JournalWriter(tmp_path, head("b"), limits, QuickFile) as keeper:
-        keeper.append(block(0, 10), HopLosses())
-        keeper.tend(0.0)
-        assert "none of it may be deleted" in keeper.status.warning
-        keeper.append(block(10, 10), HopLosses())
-        assert keeper.status.recorded_frames == 20
+    with JournalWriter(tmp_path, head("b"), limits, QuickFile) as writer:
+        writer.append(block(0, 10), HopLosses())
+        writer.maintain(0.0)
+        assert "none of it may be deleted" in writer.status.warning
+        writer.append(block(10, 10), HopLosses())
+        assert writer.status.recorded_frames == 20
     assert all(path.exists() for path in old)
 
 
 def test_hours_without_a_run_go_from_the_open_recording_and_are_no_loss(tmp_path: Path) -> None:
     limits = RecorderConfig(segment_bytes=15_000.0, keep_bytes=60_000.0, reserve_bytes=0.0)
-    with JournalWriter(tmp_path, head("a"), limits, QuickFile) as keeper:
+    with JournalWriter(tmp_path, head("a"), limits, QuickFile) as writer:
         for k in range(60):
             # A hundred frames every four minutes.
             frames = block(3_840_000 * k, 100)
-            keeper.append(frames, HopLosses())
-            keeper.tend(240.0 * k)
-    assert keeper.paths == segments_in(tmp_path)  # a session is derived of these
+            writer.append(frames, HopLosses())
+            writer.maintain(240.0 * k)
+    assert writer.paths == segments_in(tmp_path)  # a session is derived of these
     contents = read_journal(segments_in(tmp_path))
     read = numbers(contents.frames)
     assert len(read) < 60 * 100
@@ -144,9 +144,9 @@ def test_hours_without_a_run_go_from_the_open_recording_and_are_no_loss(tmp_path
 def test_recordings_in_a_folder_are_told_apart(tmp_path: Path) -> None:
     bump = Event(START_NS, "bump", 1.0, "baseline_bounce_1")
     first = record(tmp_path, "a", range(5), bump)
-    with JournalWriter(tmp_path, head("b"), RecorderConfig(), QuickFile) as keeper:
-        keeper.append(block(500, 7), HopLosses())
-        keeper.close(ended=True)
+    with JournalWriter(tmp_path, head("b"), RecorderConfig(), QuickFile) as writer:
+        writer.append(block(500, 7), HopLosses())
+        writer.close(ended=True)
     (tmp_path / "journal_0009.mcap").write_bytes(b"something else")
     a, b = recordings(tmp_path)
     assert (a.recording, a.segments, a.frames, a.bumps, a.ended) == ("a" * 32, first, 500, 1, False)
@@ -164,10 +164,10 @@ def test_a_recording_goes_on_in_another_process(tmp_path: Path) -> None:
     tail = last_recording(tmp_path)
     assert tail is not None
     later = JournalHead("", "", "test", START_NS + 10**12, 9, "a" * 32)
-    with JournalWriter(tmp_path, later, RecorderConfig(), QuickFile, tail) as keeper:
-        assert keeper.status.recorded_frames == 300
-        keeper.append(block(300, 100), HopLosses(bus_dropped=5))
-        keeper.append_events([Event(START_NS, "resumed")])
+    with JournalWriter(tmp_path, later, RecorderConfig(), QuickFile, tail) as writer:
+        assert writer.status.recorded_frames == 300
+        writer.append(block(300, 100), HopLosses(bus_dropped=5))
+        writer.append_events([Event(START_NS, "resumed")])
     contents = read_journal(segments_in(tmp_path))
     assert len(numbers(contents.frames)) == 400
     assert [event.code for event in contents.events] == ["mark", "resumed"]
@@ -177,16 +177,16 @@ def test_a_recording_goes_on_in_another_process(tmp_path: Path) -> None:
 
 def test_a_segment_ends_by_size_and_by_age_but_not_without_blocks(tmp_path: Path) -> None:
     limits = RecorderConfig(segment_bytes=1e9, segment_s=10.0, reserve_bytes=0.0)
-    with JournalWriter(tmp_path, head("a"), limits, QuickFile) as keeper:
-        keeper.tend(0.0)
+    with JournalWriter(tmp_path, head("a"), limits, QuickFile) as writer:
+        writer.maintain(0.0)
         for k in range(1, 40):
-            keeper.tend(float(k))  # silent
+            writer.maintain(float(k))  # silent
         assert len(segments_in(tmp_path)) == 1
-        keeper.append(block(0, 10), HopLosses())
-        keeper.tend(40.0)
-        keeper.append(block(10, 10), HopLosses())
-        assert len(keeper.paths) == 2
-    assert [info.frames for path in keeper.paths if (info := scan(path))] == [10, 10]
+        writer.append(block(0, 10), HopLosses())
+        writer.maintain(40.0)
+        writer.append(block(10, 10), HopLosses())
+        assert len(writer.paths) == 2
+    assert [info.frames for path in writer.paths if (info := scan(path))] == [10, 10]
 
 
 def test_a_place_that_is_none_is_one_line(tmp_path: Path) -> None:

@@ -149,10 +149,10 @@ def test_a_session_is_built_of_what_retention_has_left(
         running.order(Arm(Until.COMPLETE))
         gate.set()
         running.until(lambda s: s.disk.recorded_frames == 2400)
-        keeper = running.engine._keeper
-        assert keeper is not None
-        gone = keeper.paths[1]
-        keeper._written.forget(gone)  # as retention does
+        writer = running.engine._writer
+        assert writer is not None
+        gone = writer.paths[1]
+        writer._written.forget(gone)  # as retention does
         gone.unlink()
         running.order(Stop())
         told = running.until(lambda s: s.session.state in ENDED)
@@ -218,9 +218,9 @@ def test_whose_bench_toml_holds_is_said(
     with Running(changed, tmp_path, sources(Script([]))) as running:
         told = running.until(lambda s: s.recording != "")
         assert (told.recording, told.vehicle) == (first.recording, "Ford Granada")
-        keeper = running.engine._keeper
-        assert keeper is not None
-        assert keeper.limits == limits  # the disk is the host's affair
+        writer = running.engine._writer
+        assert writer is not None
+        assert writer.limits == limits  # the disk is the host's affair
     assert "goes on with its own bench.toml" in caplog.text
     caplog.clear()
     other = replace(quick, dbc_text=quick.dbc_text + "\n")
@@ -300,13 +300,13 @@ def test_a_reload_that_fails_leaves_the_buses_read(
 def test_limits_of_the_disk_can_be_changed_while_it_records(quick: Bench, tmp_path: Path) -> None:
     with Running(quick, tmp_path, sources(Script([]))) as running:
         running.until(lambda s: s.recording != "")
-        keeper = running.engine._keeper
-        assert keeper is not None
+        writer = running.engine._writer
+        assert writer is not None
         changed = replace(quick, recorder=replace(quick.recorder, keep_bytes=1e9))
         running.engine.reload(changed).result(PATIENCE_S)
-        assert keeper.limits.keep_bytes == 1e9
+        assert writer.limits.keep_bytes == 1e9
         running.order(Configure(quick.text))
-        assert keeper.limits == quick.recorder
+        assert writer.limits == quick.recorder
 
 
 def test_a_run_rejected_while_it_is_recorded_can_be_neither_configured_nor_lost(

@@ -37,15 +37,15 @@ def record(folder: Path) -> Recording:
     codec = bench_codec(BENCH)
     head = JournalHead(BENCH.text, BENCH.dbc_text, "test", START_NS, 0, "ab" * 16)
     limits = replace(BENCH.recorder, segment_bytes=100_000)
-    with JournalWriter(folder, head, limits) as keeper:
-        recorder = Recording(BENCH, codec, keeper)
+    with JournalWriter(folder, head, limits) as writer:
+        recorder = Recording(BENCH, codec, writer)
         recorder.carry_out(Arm(Until.COMPLETE), "Ann", Now(START_NS, 0.0))
         for run in campaign_frames(BENCH, codec, SimulatedCar(), 3, START_NS):
             for block in blocks(run, 400):
                 t_ns = int(block.t_ns[-1])
                 now = Now(t_ns, (t_ns - START_NS) * 1e-9)
                 recorder.step(block, HopLosses(), now)
-                keeper.tend(now.monotonic_s)
+                writer.maintain(now.monotonic_s)
     return recorder
 
 

@@ -1,0 +1,418 @@
+"""The limits of the journal in numbers, with a case on each side of every one."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.bench.config import RecorderConfig
+from daq.bus.source import HopLosses
+from daq.journal.backlog import Backlog
+from daq.journal.built import built_recordings, built_revision, is_outdated, note_built
+from daq.journal.contents import HopCounts, JournalLoss
+from daq.journal.disk_space import DiskWatch, Room, low_text, taken_away, too_little
+from daq.journal.folder import next_segment, segment_number
+from daq.journal.format import JournalHead, pack_frames
+from daq.journal.gaps import Gap, gap_event, parse_gap
+from daq.journal.reader import read_journal
+from daq.journal.retention import Retention, expendable, parting_events
+from daq.journal.scan import SegmentInfo, scan
+from daq.journal.segment import Block
+from daq.journal.writer import JournalWriter
+from daq.runs import Event
+
+from ..crash_disk import QuickFile
+from ..crash_frames import START_NS, block
+
+S = 1_000_000_000
+GB = 1_000_000_000
+LIMITS = RecorderConfig(reserve_bytes=200e6)
+
+
+def segment(number: int, first_ns: int, last_ns: int, *events: Event) -> SegmentInfo:
+    numbered = tuple((0, event) for event in events)
+    path = Path(f"journal_{number:04d}.mcap")
+    return SegmentInfo(path, "open", number, 1, 100, 0, 1, 10, first_ns, last_ns, numbered, True)
+
+
+@pytest.mark.parametrize(
+    ("gap_s", "goes"), [(1199, False), (1200, False), (1201, True), (2400, True)]
+)
+def test_twenty_minutes_before_and_after_a_bump_are_kept(gap_s: int, goes: bool) -> None:
+    now_ns = 100_000 * S
+    bump = segment(2, 50_000 * S, 50_000 * S, Event(50_000 * S, "bump"))
+    before = segment(1, 40_000 * S, (50_000 - gap_s) * S)
+    after = segment(3, (50_000 + gap_s) * S, 60_000 * S)
+    before_now = segment(4, 70_000 * S, (100_000 - gap_s) * S)
+    for info in (before, after, before_now):
+        found = expendable([bump, info], "open", set(), now_ns)
+        assert (info in found) is goes, info.number
+        assert bump not in found
+
+
+@pytest.mark.parametrize("code", ["verdict", "accept", "reject", "undo", "note", "override"])
+def test_a_segment_with_an_event_of_the_run_log_is_kept(code: str) -> None:
+    plain = segment(1, 0, S, Event(0, "alarm"))
+    logged = segment(2, 0, S, Event(0, code))
+    assert expendable([plain, logged], "open", set(), 100_000 * S) == (plain,)
+
+
+def test_eight_old_segments_are_scanned_in_one_call(tmp_path: Path) -> None:
+    limits = RecorderConfig(segment_bytes=1.0, reserve_bytes=0.0)
+    with JournalWriter(
+        tmp_path, JournalHead("", "", "test", 0, 0, "a" * 32), limits, QuickFile
+    ) as w:
+        for k in range(8):  # and an empty one
+            w.append(block(k, 1), HopLosses())
+            w.maintain(0.0)
+    nine = Retention(tmp_path, "b" * 32)
+    assert nine.choose(1.0, 0) is None
+    going = nine.choose(1.0, 0)
+    assert going is not None
+    assert [info.number for info in going] == [1]
+    for info in going:
+        nine.delete(info)
+    eight = Retention(tmp_path, "b" * 32)
+    assert eight.choose(1.0, 0) is not None
+    assert eight.bytes == sum(path.stat().st_size for path in tmp_path.glob("journal_*"))
+
+
+def test_a_deleted_segment_reports_its_own_gap_and_those_it_knew_of() -> None:
+    def gap(first: int, stop: int, recording: str = "open") -> Gap:
+        return Gap(recording, first, stop, 7, f"journal_{first}.mcap")
+
+    before = gap_event("retention", 1, gap(10, 20))
+    apart = gap_event("retention", 1, gap(1, 5))
+    foreign = gap_event("disk_gap", 1, gap(1, 5, "other"))
+    lost = gap_event("disk_gap", 1, gap(30, 31))
+    path = Path("journal_0009.mcap")
+    events = tuple((20, event) for event in (before, apart, foreign, lost, Event(2, "alarm")))
+    info = SegmentInfo(path, "open", 9, 1, 100, 20, 30, 70, 0, 1, events, True)
+    *kept, own = parting_events(info, "open", 5)
+    assert kept == [apart, lost]
+    assert own.t_ns == 5
+    name = "journal_10.mcap to journal_0009.mcap"
+    assert parse_gap(own) == Gap("open", 10, 30, 77, name)
+    assert own.value == 77
+
+
+@pytest.mark.parametrize(
+    ("free", "stopped", "stops"),
+    [(199e6, False, True), (200e6, False, False), (209e6, True, True), (211e6, True, False)],
+)
+def test_recording_stops_at_the_reserve_and_goes_on_five_percent_above(
+    free: float, stopped: bool, stops: bool
+) -> None:
+    assert too_little(Room(int(free), 10**12), LIMITS, stopped) is stops
+
+
+@pytest.mark.parametrize(
+    ("free", "total", "warned"),
+    [
+        (1_999_000_000, 4 * GB, True),
+        (2_001_000_000, 4 * GB, False),
+        (9_990_000_000, 100 * GB, True),
+        (10_010_000_000, 100 * GB, False),
+    ],
+)
+def test_little_room_is_ten_reserves_or_a_tenth_of_the_disk(
+    free: int, total: int, warned: bool
+) -> None:
+    assert bool(low_text(Room(free, total), LIMITS)) is warned
+
+
+def test_little_room_is_given_in_gigabytes_and_percent() -> None:
+    text = "1.50 GB (3%) left on the disk; recording stops at 0.20 GB"
+    assert low_text(Room(1_500_000_000, 50 * GB), LIMITS) == text
+    assert "(0%)" in low_text(Room(0, 0), LIMITS)
+
+
+def test_a_file_that_was_deleted_replaced_or_cut_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"123")
+    with path.open("rb") as file:
+        opened = os.fstat(file.fileno())
+        assert taken_away(path, opened, 3) == ""
+        assert taken_away(path, opened, 4) == "was cut short"
+        path.rename(tmp_path / "b")
+        assert taken_away(path, os.fstat(file.fileno()), 3) == "was deleted"
+        path.write_bytes(b"123")
+        assert taken_away(path, os.fstat(file.fileno()), 3) == "was replaced by another file"
+
+
+def test_a_folder_that_was_replaced_is_noticed(tmp_path: Path) -> None:
+    folder = tmp_path / "journal"
+    folder.mkdir()
+    watch = DiskWatch(folder, lambda _: Room(1, 2))
+    watch.settle()
+    assert watch.taken_text(None) == ""
+    folder.rename(tmp_path / "moved")
+    assert "journal was taken away" in watch.taken_text(None)
+    folder.mkdir()
+    assert "journal was taken away" in watch.taken_text(None)
+    watch.settle()
+    assert watch.taken_text(None) == ""
+
+
+def waiting(number: int, size: int, frames: int = 1) -> Block:
+    return Block(number, "frames" if frames else "events", 0, bytes(size), frames)
+
+
+def test_frames_wait_in_32_megabytes_and_events_in_4_more() -> None:
+    backlog = Backlog("a")
+    backlog.put(waiting(0, 31_999_599, 10), 5.0)
+    assert backlog.bytes == 31_999_999  # 400 bytes for the block itself
+    backlog.put(waiting(1, 1, 3), 6.0)
+    assert (backlog.frames, backlog.dropped) == (13, 0)
+    backlog.put(waiting(2, 1, 4), 7.0)
+    assert (backlog.frames, backlog.dropped, len(backlog)) == (13, 4, 2)
+    backlog.put(waiting(3, 3_998_000, 0), 8.0)
+    assert len(backlog) == 3
+    backlog.put(waiting(4, 4_000, 0), 8.0)
+    assert len(backlog) == 3
+    assert backlog.since_s() == 5.0
+    backlog.remove(3)
+    assert (len(backlog), backlog.bytes, backlog.frames) == (0, 0, 0)
+    assert backlog.since_s() is None
+    assert backlog.take_gap() == Gap("a", 2, 5, 4)
+    assert backlog.take_gap() is None
+
+
+def test_one_gap_has_all_frames_until_the_disk_takes_blocks_again() -> None:
+    backlog = Backlog("a")
+    backlog.put(waiting(0, 40_000_000, 9), 0.0)
+    backlog.put(waiting(1, 1, 2), 0.0)  # there is room, but it would make a second gap
+    assert (backlog.dropped, len(backlog)) == (11, 0)
+    assert backlog.take_gap() == Gap("a", 0, 2, 11)
+    backlog.put(waiting(2, 1, 2), 0.0)
+    assert len(backlog) == 1
+
+
+def test_blocks_are_taken_up_to_a_size_and_at_least_one() -> None:
+    backlog = Backlog("a")
+    for number in range(4):
+        backlog.put(waiting(number, 100), 0.0)
+    assert [b.number for b in backlog.first(1)] == [0]
+    assert [b.number for b in backlog.first(200)] == [0, 1]
+    assert [b.number for b in backlog.first(299)] == [0, 1]
+    assert [b.number for b in backlog.first(10**9)] == [0, 1, 2, 3]
+
+
+def test_a_session_file_counts_as_built_with_its_size_and_all_blocks(tmp_path: Path) -> None:
+    session = tmp_path / "session_0001.h5"
+    session.write_bytes(b"12345")
+    infos = [segment(1, 0, 1)]  # one block: 0
+    assert built_revision(tmp_path, "open") is None
+    assert not is_outdated(tmp_path, "open", 1)
+    note_built(tmp_path, "open", 1, session, 3)
+    assert built_recordings(tmp_path, infos) == {"open"}
+    assert built_revision(tmp_path, "open") == 3
+    assert not is_outdated(tmp_path, "open", 1)
+    assert is_outdated(tmp_path, "open", 2)
+    note_built(tmp_path, "open", 0, session, 3)
+    assert built_recordings(tmp_path, infos) == set()
+    note_built(tmp_path, "open", 1, session, 3)
+    session.write_bytes(b"123456")
+    assert built_recordings(tmp_path, infos) == set()
+    assert built_revision(tmp_path, "open") is None
+    assert is_outdated(tmp_path, "open", 2)
+    (tmp_path / "derived_open.json").write_text("[]")
+    assert not is_outdated(tmp_path, "open", 2)
+
+
+def test_the_note_of_an_older_version_without_a_revision_is_read(tmp_path: Path) -> None:
+    session = tmp_path / "session_0001.h5"
+    session.write_bytes(b"12345")
+    note = {"stop": 4, "session": str(session), "bytes": 5}
+    (tmp_path / "derived_open.json").write_text(json.dumps(note))
+    assert built_revision(tmp_path, "open") == -1
+    assert is_outdated(tmp_path, "open", 5)
+    assert not is_outdated(tmp_path, "open", 4)
+
+
+def test_the_first_twenty_notes_are_given_and_the_others_counted() -> None:
+    notes = tuple(f"n{k}" for k in range(21))
+    assert JournalLoss(notes=notes[:20]).text == "; ".join(notes[:20])
+    assert JournalLoss(notes=notes).text == "; ".join(notes[:20]) + "; 1 more notes"
+
+
+@pytest.mark.parametrize("field", ["bytes_cut", "blocks_corrupt", "blocks_missing"])
+def test_each_kind_of_loss_is_a_loss(field: str) -> None:
+    assert JournalLoss(**{field: 1}).any
+    assert JournalLoss(frames_dropped=1).any
+    assert not JournalLoss(segments_unclosed=1, notes=("not closed",)).any
+
+
+def test_losses_between_two_times_are_those_of_the_blocks_that_overlap() -> None:
+    hops = HopCounts(np.array([10, 20, 30]), np.array([[1, 0, 0, 0], [3, 0, 0, 0], [7, 0, 0, 0]]))
+    assert [hops.between(a, b).bus_dropped for a, b in [(0, 10), (10, 10), (11, 20), (20, 21)]] == [
+        1,
+        1,
+        2,
+        6,
+    ]
+    assert hops.between(21, 30).bus_dropped == 4
+    assert hops.between(31, 40).bus_dropped == 0
+    assert HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64)).between(0, 9) == HopLosses()
+
+
+def test_numbers_of_segments(tmp_path: Path) -> None:
+    assert next_segment(tmp_path) == 1
+    (tmp_path / "journal_0041.mcap").touch()
+    (tmp_path / "journal_x.mcap").touch()
+    assert segment_number(tmp_path / "journal_x.mcap") == 0
+    assert next_segment(tmp_path) == 42
+
+
+HEAD = JournalHead("", "", "test", START_NS, 0, "a" * 32)
+
+
+class Checks:
+    """A disk that counts how often its room is asked for."""
+
+    def __init__(self, free: int = 10**12) -> None:
+        self.count = 0
+        self.free = free
+
+    def room(self, _: Path) -> Room:
+        self.count += 1
+        return Room(self.free, 10**12)
+
+
+def test_the_disk_is_checked_once_a_second(tmp_path: Path) -> None:
+    disk = Checks()
+    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, room=disk.room) as writer:
+        writer.maintain(100.0)
+        assert disk.count == 2
+        writer.maintain(100.99)
+        assert disk.count == 2
+        writer.maintain(101.0)
+        assert disk.count == 3
+
+
+def test_the_disk_is_checked_after_sixteen_megabytes(tmp_path: Path) -> None:
+    disk = Checks()
+    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, room=disk.room) as writer:
+        writer.maintain(0.0)
+        writer.append_events([Event(0, "note", text="x" * 15_900_000)])
+        writer.maintain(0.1)
+        assert disk.count == 2
+        writer.append_events([Event(0, "note", text="x" * 200_000)])
+        writer.maintain(0.2)
+        assert disk.count == 3
+        writer.maintain(0.3)
+        assert disk.count == 3
+
+
+def test_a_warning_of_a_lost_file_lasts_a_minute(tmp_path: Path) -> None:
+    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, room=Checks().room) as writer:
+        writer.maintain(0.0)
+        writer.append(block(0, 10), HopLosses())
+        writer.paths[0].unlink()
+        writer.maintain(1.0)
+        assert "was deleted: 10 recorded frames are gone" in writer.status.warning
+        assert writer.status.recorded_frames == 0
+        writer.maintain(61.0)
+        assert writer.status.warning != ""
+        writer.maintain(62.1)
+        assert writer.status.warning == ""
+
+
+@pytest.mark.parametrize(("free", "goes"), [(399_000_000, True), (401_000_000, False)])
+def test_old_segments_go_below_twice_the_reserve(tmp_path: Path, free: int, goes: bool) -> None:
+    old = JournalHead("", "", "test", START_NS, 0, "b" * 32)
+    with JournalWriter(tmp_path, old, LIMITS, QuickFile, room=Checks().room) as writer:
+        writer.append(block(0, 10), HopLosses())
+    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, room=Checks(free).room) as writer:
+        writer.maintain(0.0)
+        assert (tmp_path / "journal_0001.mcap").exists() is not goes
+
+
+def test_a_full_disk_stops_recording_and_frames_wait(tmp_path: Path) -> None:
+    disk = Checks(300_000_000)
+    with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, room=disk.room) as writer:
+        writer.maintain(0.0)
+        disk.free = 199_000_000
+        writer.maintain(1.0)
+        assert writer.status.failed == "the disk is full but for the reserve of 200 MB"
+        writer.append(block(0, 10), HopLosses())
+        writer.maintain(3.5)
+        assert (writer.status.held_frames, writer.status.recorded_frames) == (10, 0)
+        assert writer.status.lag_s == 2.5
+        assert not writer.flush()
+        disk.free = 211_000_000
+        writer.maintain(4.5)
+        assert (writer.status.held_frames, writer.status.recorded_frames) == (0, 10)
+        assert (writer.status.failed, writer.status.lag_s) == ("", 0.0)
+
+
+@pytest.mark.parametrize(("size", "files"), [(9_000.0, 2), (12_000.0, 1)])
+def test_a_segment_ends_at_its_size(tmp_path: Path, size: float, files: int) -> None:
+    limits = RecorderConfig(segment_bytes=size, reserve_bytes=0.0)
+    with JournalWriter(tmp_path, HEAD, limits, QuickFile) as writer:
+        writer.append(block(0, 400), HopLosses())  # 9.6 kB and the head
+        writer.maintain(0.0)
+        assert len(list(tmp_path.glob("journal_*"))) == files
+
+
+@pytest.mark.parametrize(("age_s", "files"), [(899.9, 1), (900.0, 2)])
+def test_a_segment_ends_at_its_age(tmp_path: Path, age_s: float, files: int) -> None:
+    limits = RecorderConfig(reserve_bytes=0.0)
+    with JournalWriter(tmp_path, HEAD, limits, QuickFile) as writer:
+        writer.maintain(50.0)
+        writer.append(block(0, 1), HopLosses())
+        writer.maintain(50.0 + age_s)
+        assert len(list(tmp_path.glob("journal_*"))) == files
+
+
+@pytest.mark.parametrize(
+    ("number", "believed"),
+    [(3, True), (2, False), (3 + (1 << 24) - 1, True), (3 + (1 << 24), False)],
+)
+def test_a_block_number_behind_or_far_ahead_is_not_believed(
+    tmp_path: Path, number: int, believed: bool
+) -> None:
+    writer = JournalWriter(tmp_path, HEAD, RecorderConfig(reserve_bytes=0.0), QuickFile)
+    for k in range(4):
+        writer.append(block(k, 1), HopLosses())
+    path = writer.paths[0]
+    as_killed = path.read_bytes()
+    writer.close()
+    # The number of the last block, which no checksum guards when it is not the last of the file.
+    last = pack_frames(3, block(3, 1), HopLosses())
+    body = struct.pack("<Q", number) + last[12:]
+    forged = struct.pack("<I", zlib.crc32(body)) + body
+    assert as_killed.count(last) == 1
+    path.write_bytes(as_killed.replace(last, forged))
+    info = scan(path)
+    assert info is not None
+    assert (info.stop, info.frames) == ((number + 1, 4) if believed else (3, 3))
+
+
+def test_blocks_between_two_others_are_counted_as_missing_but_for_known_gaps(
+    tmp_path: Path,
+) -> None:
+    def written(*blocks: int, gap: Gap | None = None) -> JournalLoss:
+        for path in tmp_path.iterdir():
+            path.unlink()
+        writer = JournalWriter(tmp_path, HEAD, RecorderConfig(reserve_bytes=0.0), QuickFile)
+        with writer:
+            for number in blocks:
+                writer._number = number
+                writer.append(block(number, 1), HopLosses())
+            if gap:
+                writer.append_events([gap_event("disk_gap", 0, gap)])
+        return read_journal(writer.paths).lost
+
+    assert written(0, 1, 2).blocks_missing == 0
+    assert written(0, 4).blocks_missing == 3
+    known = written(0, 4, gap=Gap("a" * 32, 1, 3, 5))
+    assert (known.blocks_missing, known.frames_dropped) == (1, 5)
+    assert written(0, 4, gap=Gap("a" * 32, 1, 4, 5)).blocks_missing == 0
+    assert written(0, 4, gap=Gap("c" * 32, 1, 4, 5)).blocks_missing == 3
