@@ -242,9 +242,10 @@ def test_the_first_twenty_notes_are_given_and_the_others_counted() -> None:
     assert JournalLoss(notes=notes).text == "; ".join(notes[:20]) + "; 1 more notes"
 
 
-@pytest.mark.parametrize("field", ["bytes_cut", "blocks_corrupt", "blocks_missing"])
-def test_each_kind_of_loss_is_a_loss(field: str) -> None:
-    assert JournalLoss(**{field: 1}).any
+def test_each_kind_of_loss_is_a_loss() -> None:
+    assert JournalLoss(bytes_cut=1).any
+    assert JournalLoss(blocks_corrupt=1).any
+    assert JournalLoss(blocks_missing=1).any
     assert JournalLoss(frames_dropped=1).any
     assert not JournalLoss(segments_unclosed=1, notes=("not closed",)).any
 

@@ -63,8 +63,8 @@ def test_to_go_on_no_block_of_a_sealed_segment_is_read(
         walked.append(os.fstat(fd).st_ino)
         return walk(fd, size)
 
-    walk = journal_scan._walked
-    monkeypatch.setattr(journal_scan, "_walked", walking)
+    walk = journal_scan._walk
+    monkeypatch.setattr(journal_scan, "_walk", walking)
     tail = last_recording(tmp_path)
     assert tail is not None
     assert (tail.segments, tail.frames, tail.ended) == (paths, 3000, False)

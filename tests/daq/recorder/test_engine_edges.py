@@ -152,7 +152,7 @@ def test_a_session_is_built_of_what_retention_has_left(
         writer = running.engine._writer
         assert writer is not None
         gone = writer.paths[1]
-        writer._written.forget(gone)  # as retention does
+        writer._ledger.forget(gone)  # as retention does
         gone.unlink()
         running.order(Stop())
         told = running.until(lambda s: s.session.state in ENDED)
