@@ -3,9 +3,9 @@
 from .codec import Codec
 from .database import load_codec, parse_codec, read_dbc, shipped_dbc
 from .errors import BumpbenchError, InputError
+from .finding import Finding, Severity
 from .frames import FrameBatch, FrameFlag
 from .layout import CounterRule, MessageLayout, SignalLayout
-from .remark import Remark
 from .samples import UNUSABLE, DecodeCounts, Decoded, Quality, Samples
 from .units import SiUnit, to_si
 
@@ -16,13 +16,14 @@ __all__ = [
     "CounterRule",
     "DecodeCounts",
     "Decoded",
+    "Finding",
     "FrameBatch",
     "FrameFlag",
     "InputError",
     "MessageLayout",
     "Quality",
-    "Remark",
     "Samples",
+    "Severity",
     "SiUnit",
     "SignalLayout",
     "load_codec",

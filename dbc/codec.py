@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .decode import MessageFrames, MessageReader, compile_message, decode_message
 from .encode import encode_message
+from .finding import Finding
 from .frames import FrameBatch, FrameFlag
 from .layout import MessageLayout
-from .remark import Remark
 from .samples import DecodeCounts, Decoded, Samples
 
 _STANDARD_IDS = 1 << 11
@@ -24,9 +24,9 @@ class Codec:
 
     messages: tuple[MessageLayout, ...]
     """Names, and pairs of (can_id, is_extended), must be unique."""
-    left_out: tuple[Remark, ...] = ()
+    left_out: tuple[Finding, ...] = ()
     """Messages of the database that cannot be used, and why."""
-    notes: tuple[Remark, ...] = ()
+    notes: tuple[Finding, ...] = ()
     """What is odd in the database and does no harm."""
     _by_name: dict[str, MessageLayout] = field(init=False, repr=False, compare=False)
     _by_id: dict[tuple[int, bool], MessageLayout] = field(init=False, repr=False, compare=False)

@@ -12,13 +12,13 @@ from pathlib import Path
 
 from .codec import Codec
 from .errors import InputError
+from .finding import Finding
 from .layout import MessageLayout
 from .reader.compose import compose
 from .reader.document import ORPHANS, Block, Document, read_document, whole
 from .reader.limits import MAX_BYTES, PICK_DBC
-from .reader.lint import FaultError, ambiguous, check_message, overlaps
+from .reader.lint import FaultError, ambiguous, check_message, odd, overlaps, unusable
 from .reader.source import Source
-from .remark import Remark
 
 
 def shipped_dbc() -> str:
@@ -125,7 +125,7 @@ def parse_codec(text: str, name: str) -> Codec:
 def _compile(document: Document, source: Source) -> Codec:
     """Check the messages of a document one by one; tell the usable ones from the others."""
     usable: list[tuple[Block, MessageLayout]] = []
-    left_out: list[Remark] = []
+    left_out: list[Finding] = []
     faults = _strays(document) | document.faults
     for block in document.blocks:
         name = block.head["name"] if block.head else "?"
@@ -134,27 +134,29 @@ def _compile(document: Document, source: Source) -> Codec:
         known = faults.get(whole(block.head["id"])) if block.head else None
         fault = block.fault or known
         if fault is not None:
-            left_out.append(Remark(source.at(fault[0]), f"message {name}", fault[1]))
+            left_out.append(unusable(source.at(fault[0]), f"message {name}", fault[1]))
             continue
         try:
             message = compose(document, block)
             check_message(message)
         except FaultError as found:
-            left_out.append(_remark(source, block, name, found.signal, found.reason))
+            place, subject = _place(source, block, name, found.signal)
+            left_out.append(unusable(place, subject, found.reason))
         else:
             usable.append((block, message))
     twice = ambiguous([message for _, message in usable])
     left_out += [
-        _remark(source, usable[i][0], usable[i][1].name, None, why) for i, why in twice.items()
+        unusable(*_place(source, usable[i][0], usable[i][1].name, None), why)
+        for i, why in twice.items()
     ]
     kept = [pair for i, pair in enumerate(usable) if i not in twice]
-    notes = [Remark(source.at(start), "the text", what) for start, what in document.loose]
+    notes = [odd(source.at(start), "the text", what) for start, what in document.loose]
     for block, message in kept:
         shared = overlaps(message)
         if shared:
             more = f" (and {len(shared) - 1} more signals)" if len(shared) > 1 else ""
             what = f"overlaps {shared[0][1]}{more}"
-            notes.append(_remark(source, block, message.name, shared[0][0], what))
+            notes.append(odd(*_place(source, block, message.name, shared[0][0]), what))
     if not kept:
         raise _refusal(source, [*left_out, *notes])
     return Codec(tuple(message for _, message in kept), tuple(left_out), tuple(notes))
@@ -177,21 +179,21 @@ def _strays(document: Document) -> dict[int, tuple[int, str]]:
     }
 
 
-def _remark(source: Source, block: Block, message: str, signal: str | None, reason: str) -> Remark:
-    """Say something about a message, or about one of its signals if the text calls it so."""
+def _place(source: Source, block: Block, message: str, signal: str | None) -> tuple[str, str]:
+    """Return line and name of a message, or of one of its signals if the text has that name."""
     if signal is None:
-        return Remark(source.at(block.position), f"message {message}", reason)
+        return source.at(block.position), f"message {message}"
     lines = (s.start for s in reversed(block.signals) if s.body and s.body["name"] == signal)
-    return Remark(source.at(next(lines, block.position)), f"{message}.{signal}", reason)
+    return source.at(next(lines, block.position)), f"{message}.{signal}"
 
 
-def _refusal(source: Source, remarks: list[Remark]) -> InputError:
+def _refusal(source: Source, findings: list[Finding]) -> InputError:
     """Return the error for a file of which nothing is left."""
-    if not remarks:
+    if not findings:
         return InputError(source.name, "the DBC has no messages", PICK_DBC)
-    first = remarks[0]
-    more = f", and {len(remarks) - 1} more faults" if len(remarks) > 1 else ""
-    what = f"{first.name} {first.reason}{more}"
-    if first.name == "the text":
-        what = f"not a valid DBC: {first.reason}{more}"
-    return InputError(first.where, what, "mend that line or give another file")
+    first = findings[0]
+    more = f", and {len(findings) - 1} more faults" if len(findings) > 1 else ""
+    what = f"{first.text}{more}"
+    if first.subject == "the text":
+        what = f"not a valid DBC: {first.text.removeprefix('the text ')}{more}"
+    return InputError(first.where, what, "correct that line or give another file")

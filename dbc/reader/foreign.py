@@ -13,11 +13,11 @@ from typing import Any
 
 from ..codec import Codec
 from ..errors import InputError
+from ..finding import Finding
 from ..layout import MessageLayout, SignalLayout
-from ..remark import Remark
 from .document import joined
 from .limits import MAX_MESSAGES, MAX_PAYLOAD_BYTES, MAX_SIGNAL_BITS
-from .lint import FaultError, ambiguous, check_message, overlaps
+from .lint import FaultError, ambiguous, check_message, odd, overlaps, unusable
 from .sentinels import sentinels
 
 MAX_CHARACTERS = 1_000_000
@@ -55,25 +55,25 @@ def parse_foreign(text: str, name: str) -> Codec:
     kind = Path(name).suffix.lower()[1:]
     _check_numbers(text, name, kind)
     messages: list[MessageLayout] = []
-    left_out: list[Remark] = []
+    left_out: list[Finding] = []
     for found in _parse(text, name, kind):
         try:
             message = _message(found)
             check_message(message)
         except FaultError as fault:
             what = f"{found.name}.{fault.signal}" if fault.signal else f"message {found.name}"
-            left_out.append(Remark(name, what, fault.reason))
+            left_out.append(unusable(name, what, fault.reason))
         else:
             messages.append(message)
     twice = ambiguous(messages)
-    left_out += [Remark(name, f"message {messages[i].name}", why) for i, why in twice.items()]
+    left_out += [unusable(name, f"message {messages[i].name}", why) for i, why in twice.items()]
     kept = tuple(message for i, message in enumerate(messages) if i not in twice)
     if not kept:
-        what = f"{left_out[0].name} {left_out[0].reason}" if left_out else "it has no messages"
+        what = left_out[0].text if left_out else "it has no messages"
         raise InputError(name, what, "give another file")
     shared = [(message.name, overlaps(message)) for message in kept]
     notes = tuple(
-        Remark(name, f"{message}.{pairs[0][0]}", f"overlaps {pairs[0][1]}")
+        odd(name, f"{message}.{pairs[0][0]}", f"overlaps {pairs[0][1]}")
         for message, pairs in shared
         if pairs
     )

@@ -9,6 +9,7 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
+from ..finding import Finding, Severity
 from ..layout import MessageLayout, SignalLayout
 from .limits import MAX_NESTING, MAX_PAYLOAD_BYTES, MAX_SELECTIONS, MAX_SIGNAL_BITS
 
@@ -193,3 +194,13 @@ def ambiguous(messages: Sequence[MessageLayout]) -> dict[int, str]:
         if len(same) > 1:
             found |= dict.fromkeys(same, f"has the identifier 0x{key[0]:X} of another message")
     return found
+
+
+def unusable(where: str, subject: str, reason: str) -> Finding:
+    """Return the finding on a message that is left out."""
+    return Finding("left_out", Severity.ERROR, f"{subject} {reason}", subject, where=where)
+
+
+def odd(where: str, subject: str, reason: str) -> Finding:
+    """Return the finding on something odd that is used nevertheless."""
+    return Finding("odd", Severity.WARNING, f"{subject} {reason}", subject, where=where)

@@ -13,7 +13,7 @@ OTHER = '\n\nBO_ 7 N: 8 A\n SG_ t : 0|8@1+ (1,0) [0|0] "" B\n\n'
 def names(text: str) -> tuple[list[str], list[str]]:
     """Return the messages that are loaded and those that are left out."""
     codec = parse_codec(text, "x.dbc")
-    return [m.name for m in codec.messages], [remark.name for remark in codec.left_out]
+    return [m.name for m in codec.messages], [remark.subject for remark in codec.left_out]
 
 
 def test_the_first_message_after_a_list_of_nodes_is_there() -> None:
@@ -48,7 +48,7 @@ def test_a_number_may_not_be_written_so(number: str) -> None:
 )
 def test_a_word_is_not_split_to_make_it_fit(tail: str) -> None:
     (note,) = parse_codec(HEAD + OTHER + tail, "x.dbc").notes
-    assert note.reason == f"not understood: {tail.strip()}"
+    assert note.text == f"the text not understood: {tail.strip()}"
 
 
 def test_an_escaped_quote_does_not_end_a_string() -> None:
@@ -62,7 +62,7 @@ def test_an_escaped_quote_does_not_end_a_string() -> None:
 
 def test_what_is_not_understood_is_cited_as_it_is_written() -> None:
     codec = parse_codec(HEAD + OTHER + 'VAL_ 1 s 1 "a\\"b" x;\n', "x.dbc")
-    assert r'VAL_ 1 s 1 "a\"b" x;' in codec.left_out[0].reason
+    assert r'VAL_ 1 s 1 "a\"b" x;' in codec.left_out[0].text
 
 
 @pytest.mark.parametrize(

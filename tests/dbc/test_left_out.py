@@ -27,7 +27,7 @@ BAD_LINES = {
 
 def left_out(codec: Codec) -> list[tuple[str, str]]:
     """Return where and what was left out."""
-    return [(remark.where, remark.name) for remark in codec.left_out]
+    return [(remark.where, remark.subject) for remark in codec.left_out]
 
 
 @pytest.mark.parametrize("case", BAD_LINES)
@@ -58,7 +58,7 @@ def test_a_bad_message_is_left_out_with_its_line_and_the_rest_is_loaded(case: st
 def test_what_is_not_understood_outside_a_message_takes_it_with_it(tail: str) -> None:
     codec = parse_codec(HEAD + M + N + tail, "x.dbc")
     assert [message.name for message in codec.messages] == ["N"]
-    assert "M" in codec.left_out[0].name
+    assert "M" in codec.left_out[0].subject
     line = int(codec.left_out[0].where.removeprefix("x.dbc:"))
     assert line in (12, 18, 19)  # the line at fault, or that of the signal that it contradicts
 

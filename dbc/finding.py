@@ -1,0 +1,52 @@
+"""The noun for whatever was judged: of a database, a bench, a run, a session or a result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from .errors import printable
+
+
+class Severity(IntEnum):
+    """How bad a finding is, the worse the higher."""
+
+    NOTE = 0
+    """A limit that holds, or something that should merely be known."""
+    WARNING = 1
+    """For a person to judge."""
+    ERROR = 2
+    """What it is about must not be used as it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was judged, with the figure, its limit and what to do."""
+
+    code: str
+    """What was judged: a word or two with underscores (`overload`, `chi2`, `left_out`)."""
+    severity: Severity
+    """How bad it is."""
+    text: str
+    """What was found, in plain words with the numbers."""
+    subject: str = ""
+    """The channel, message, bus or run that it is about; may be empty."""
+    advice: str = ""
+    """What to do; empty where nothing need be done."""
+    value: float = 0.0
+    """What was measured, in `unit`."""
+    limit: float = 0.0
+    """Its limit, in `unit`; both are 0 where the finding rests on no single figure."""
+    unit: str = ""
+    """SI; empty for a ratio or a count."""
+    where: str = ""
+    """The place in a file, as `FILE:LINE` or a path within it; may be empty."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether it is no error."""
+        return self.severity is not Severity.ERROR
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        return printable(f"{place}{self.text}", 300)
