@@ -23,6 +23,7 @@ from ..errors import InputError
 from ..journal.contents import HopCounts, JournalContents
 from ..runlog.fold import fold
 from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
+from ..runlog.stored_finding import finding_record
 from ..runs import Event, Losses, Run, RunStatus, SampleGroup
 from ..samples import health, trigger
 from ..samples.groups import sample_groups, timekeeping
@@ -67,7 +68,8 @@ def session_from_journal(contents: JournalContents) -> Session:
 
 def _remarks(book: RunLog) -> dict[str, str]:
     """Return what was found of each run and what persons said, as JSON."""
-    found = {run.label: [asdict(f) for f in run.findings] for run in book.runs if run.findings}
+    judged = [run for run in book.runs if run.findings]
+    found = {run.label: [finding_record(f) for f in run.findings] for run in judged}
     notes = json.dumps([asdict(note) for note in book.notes])
     overrides = json.dumps([asdict(override) for override in book.overrides])
     said = {"verdicts": json.dumps(found), "notes": notes, "overrides": overrides}

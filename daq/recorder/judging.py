@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dbc import Codec
+from dbc.finding import Finding, Severity
 
 from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..bench.message_rules import timed_messages
-from ..runlog.runlog import Finding, LoggedStatus, RunLog
+from ..runlog.runlog import LoggedStatus, RunLog
 from ..runs import Losses
 from ..samples.blocks import SampleBlock
 from ..verdict import RunMeasure, RunWindow, judge, peak_left
 from .recent import RecentLosses, RecentSamples
 
 UNJUDGED: Sequence[Finding] = (
-    Finding("unjudged", True, "", 0.0, 0.0, "", "the recorder could not judge it", ""),
+    Finding("unjudged", Severity.NOTE, "the recorder could not judge it"),
 )
 """When the verdict fails: a bump is not thrown away for that."""
 LOOK_NS = 300_000_000

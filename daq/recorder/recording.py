@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dbc import Codec
+from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 
 from ..alarms import AlarmState, Turn, acknowledged, reconfigured, watch
@@ -23,7 +24,7 @@ from ..control.messages import DiskStatus, Live, Phase, QueueStatus, Status
 from ..control.orders import Acknowledge, Arm, Choose, Configure, Order, Pause
 from ..runlog.entries import verdict_entry
 from ..runlog.fold import advance
-from ..runlog.runlog import Code, Finding, RunLog, next_step, parse_label
+from ..runlog.runlog import Code, RunLog, next_step, parse_label
 from ..runs import Event, Losses
 from ..samples import health, trigger
 from ..samples.bench_mapping import bench_mapping
@@ -243,7 +244,7 @@ class Recording:
         """End the run that is being recorded, if any: it cannot be brought to its end."""
         if not self.running:
             return
-        finding = Finding("cut", False, "", 0.0, 0.0, "", f"cut: {why}", "bump again")
+        finding = Finding("cut", Severity.ERROR, f"cut: {why}", advice="bump again")
         self._tell(verdict_entry(self._t_ns, self.running, [finding]), [])
         self._loop = run_loop.judged(self._loop, self._surroundings(self._t_ns))
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import asdict
-from math import isfinite
 from typing import Any
 
+from dbc.finding import Finding
+
 from ..runs import Event
-from .runlog import Code, Finding
+from .runlog import Code
+from .stored_finding import finding_record
 
 
 def entry(code: Code, t_ns: int, value: float = 0.0, **body: Any) -> Event:
@@ -19,9 +20,6 @@ def entry(code: Code, t_ns: int, value: float = 0.0, **body: Any) -> Event:
 
 def verdict_entry(t_ns: int, label: str, findings: Iterable[Finding]) -> Event:
     """Return the event of the recorder's verdict on a run."""
-    found = [asdict(finding) for finding in findings]
-    for finding in found:  # JSON has no NaN, and no client could read the status
-        for key in ("value", "limit"):
-            finding[key] = finding[key] if isfinite(finding[key]) else 0.0
-    accepted = all(finding["passed"] for finding in found)
+    found = [finding_record(finding) for finding in findings]
+    accepted = all(record["passed"] for record in found)
     return entry(Code.VERDICT, t_ns, label=label, accepted=accepted, findings=found)

@@ -11,11 +11,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from dbc.finding import Finding, Severity
+
 from ..runs import Event, Excitation
 from .runlog import (
     Change,
     Code,
-    Finding,
     LoggedRun,
     LoggedStatus,
     Override,
@@ -23,6 +24,7 @@ from .runlog import (
     RunLog,
     parse_label,
 )
+from .stored_finding import read_finding
 
 
 def fold(events: Iterable[Event], log: RunLog | None = None) -> RunLog:
@@ -84,7 +86,7 @@ def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> Run
     if run is None:
         return log
     if code is Code.VERDICT:
-        findings = tuple(Finding(**finding) for finding in body["findings"])
+        findings = tuple(read_finding(record) for record in body["findings"])
         status = LoggedStatus.ACCEPTED if body["accepted"] else LoggedStatus.REJECTED
         return _judged(log, run, status, findings)
     status = LoggedStatus.ACCEPTED if code is Code.ACCEPT else LoggedStatus.REJECTED
@@ -151,7 +153,7 @@ def _stepped_forth(log: RunLog) -> RunLog:
 
 def _cut(log: RunLog) -> RunLog:
     text = "cut: the recorder was stopped in mid-run"
-    finding = Finding("cut", False, "", 0.0, 0.0, "", text, "bump again")
+    finding = Finding("cut", Severity.ERROR, text, advice="bump again")
     rejected = (each.after for each in log.done if each.before.status is LoggedStatus.OPEN)
     unjudged = {run.label for run in rejected if run.by}
     for run in log.runs:

@@ -11,6 +11,7 @@ from enum import StrEnum
 
 from ..bench.campaign import Campaign, Step
 from ..runs import Excitation
+from .stored_finding import StoredFinding
 
 
 class Code(StrEnum):
@@ -49,28 +50,6 @@ class LoggedStatus(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """One criterion of the verdict on a run, with the measured value and its limit."""
-
-    code: str
-    """`overload`, `lost_frames`, `stale`, `not_at_rest`, `too_weak`, `double_bump`, `not_decayed`,
-    `wrong_mode`, `not_repeatable`, `cut`, ... (`daq.verdict`)."""
-    passed: bool
-    """True if the value is within the limit; a run is accepted if all are."""
-    subject: str
-    """Channel or message; may be empty."""
-    value: float
-    """In `unit`."""
-    limit: float
-    """In `unit`."""
-    unit: str
-    text: str
-    """The finding in plain words, with the numbers."""
-    advice: str
-    """What to do."""
-
-
-@dataclass(frozen=True, slots=True)
 class LoggedRun:
     """A run in the log."""
 
@@ -82,7 +61,7 @@ class LoggedRun:
     t_ns: int
     """Time stamp of the bump."""
     status: LoggedStatus = LoggedStatus.OPEN
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[StoredFinding, ...] = ()
     """The recorder's verdict; empty while it is open."""
     by: str = ""
     """The person who decided last; empty if the recorder did."""

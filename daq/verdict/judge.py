@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from types import MappingProxyType
 
+from dbc.finding import Finding
+
 from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..channels import TIME_DERIVATIVE, Quantity
-from ..runlog.runlog import Finding
 from . import motion, traffic
-from .finding import finding
 from .pattern import Pattern, patterns, wrong_mode
 from .repeats import not_repeatable, waves
 from .wave import body_wave
 from .window import ANGULAR, RunMeasure, RunWindow, Trace, traces
+from .words import finding
 
 _CHECKS = (
     traffic.stale,

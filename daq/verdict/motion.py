@@ -7,14 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.finding import Finding
+
 from ..bench.config import Bench
 from ..bench.procedure import Method
 from ..channels import Channel, Quantity
-from ..runlog.runlog import Finding
 from ..samples.blocks import SampleBlock
 from ..samples.trigger import trigger_channels
-from .finding import finding
 from .window import RunWindow, Trace, kin, traces
+from .words import finding
 
 REST_NOISE = 3.0
 """RMS before the bump over the sensor's own noise: below that nothing can be told to move."""

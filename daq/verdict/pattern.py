@@ -9,14 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.finding import Finding
+
 from ..bench.config import Bench
 from ..bench.procedure import Method
 from ..channels import Quantity
-from ..runlog.runlog import Finding
 from ..runs import Excitation
 from ..vehicle import Corner
-from .finding import finding
 from .window import Trace
+from .words import finding
 
 PURITY = 0.8
 """Likeness to the pattern that is due: wheels that stand still show a tenth of the struck ones

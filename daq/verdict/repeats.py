@@ -8,12 +8,12 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.finding import Finding
 from dbc.frames import read_only
 
 from ..channels import Quantity
-from ..runlog.runlog import Finding
-from .finding import finding
 from .window import RunMeasure, Trace, kin
+from .words import finding
 
 PEAK_RATIO = 1.4
 """Of a peak to the median of the accepted runs: a bump at another speed or height."""

@@ -7,13 +7,14 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.finding import Finding
+
 from ..bench.config import Bench
 from ..channels import Channel, Quantity
-from ..runlog.runlog import Finding
 from ..samples.converter import flat_tops
 from ..samples.counter import FASTEST
-from .finding import finding
 from .window import RunWindow, Trace
+from .words import finding
 
 STALE_S = 0.25
 """Silence for so long is no lost frame but a sensor that stopped: a quarter of a body's period."""

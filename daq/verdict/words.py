@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+from dbc.finding import Finding, Severity
+
 
 class Words(NamedTuple):
     """A finding in plain words."""
@@ -94,3 +96,26 @@ WORDS: Mapping[str, Words] = MappingProxyType(
     }
 )
 """By code of the finding, in the order in which they are judged: causes before what they cause."""
+
+
+def finding(
+    code: str,
+    passed: bool,
+    value: float,
+    limit: float,
+    unit: str,
+    text: str,
+    subject: str = "",
+    advice: str = "",
+) -> Finding:
+    """Return a finding; one that failed has the table's advice unless it is given its own."""
+    return Finding(
+        code,
+        Severity.NOTE if passed else Severity.ERROR,
+        text,
+        subject,
+        "" if passed else advice or WORDS[code].advice,
+        float(value),
+        float(limit),
+        unit,
+    )

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from daq.bench.campaign import Step
 from daq.bench.config import Bench, TriggerConfig, load_bench
 from daq.channels import Channel, Quantity
-from daq.runlog.runlog import Finding
 from daq.runs import Excitation, Losses
 from daq.samples.trigger import TriggerState, advance, trigger_channels
 from daq.sim.car import NOISE, SensorTruth, SimulatedCar
@@ -26,6 +25,7 @@ from daq.sim.motion import Kinematics, Moving, TwoBumps, drive
 from daq.sim.sensors import install, measured, true_reading
 from daq.vehicle import FORD_GRANADA
 from daq.verdict import RunMeasure, RunWindow, judge
+from dbc.finding import Finding
 
 START_NS = 1_800_000_000_000_000_000
 LEAD_S = 1.3

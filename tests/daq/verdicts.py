@@ -10,9 +10,9 @@ from itertools import product
 import numpy as np
 
 from daq.bench.campaign import Step
-from daq.runlog.runlog import Finding
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.verdict import RunMeasure
+from dbc.finding import Finding
 
 from .verdict_runs import CARS, SPOILERS, Setting, benches, can_show, first_failed, good, judged
 

@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
 from daq.runlog.entries import entry, verdict_entry
-from daq.runlog.runlog import Code, Finding
+from daq.runlog.runlog import Code
 from daq.runs import Event, Excitation, Run, RunStatus
 from daq.samples.mapping import map_channels
 from daq.session import read_session, write_session
@@ -29,12 +29,23 @@ from daq.sim.ecu import bench_senders, campaign_frames
 from daq.sim.wire import frame_time_ns
 from daq.vehicle import Corner
 from dbc import UNUSABLE, Codec, FrameBatch, Quality, parse_codec
+from dbc.finding import Finding, Severity
 
 from ..session.test_session import assert_same
 from ..small_campaign import START_NS, small_bench, small_codec
 
 CODEC = small_codec()
-WEAK = Finding("too_weak", False, "", 1.0, 6.0, "m/s2", "weak bump", "harder")
+WEAK_STORED = {
+    "code": "too_weak",
+    "passed": False,
+    "subject": "",
+    "value": 1.0,
+    "limit": 6.0,
+    "unit": "m/s2",
+    "text": "weak bump",
+    "advice": "harder",
+}
+WEAK = Finding("too_weak", Severity.ERROR, "weak bump", "", "harder", 1.0, 6.0, "m/s2")
 BUMP = Event(START_NS + 1_000_000_000, "bump", 9.0, "baseline_bounce_1")
 RUN_END = Event(START_NS + 1_500_000_000, "run_end", 0.0, "baseline_bounce_1")
 ACC_FL = Channel("acc_fl", Quantity.HUB_ACCELERATION, "", "HUB_Front.acc_fl", Corner.FRONT_LEFT)
@@ -231,7 +242,7 @@ def test_the_last_bench_toml_holds_and_what_persons_said_goes_along(tmp_path: Pa
     assert session.vehicle.name == "Other car"
     assert session.provenance["bench_toml"] == newer
     assert session.provenance["uuid"].replace("-", "") == "ab" * 16
-    assert json.loads(session.provenance["verdicts"]) == {BUMP.text: [asdict(WEAK)]}
+    assert json.loads(session.provenance["verdicts"]) == {BUMP.text: [WEAK_STORED]}
     assert [event.code for event in session.runs[0].events] == ["bump", "alarm"]
     assert len(session.runs[0].events[1].text) == 160
     (note,) = json.loads(session.provenance["notes"])

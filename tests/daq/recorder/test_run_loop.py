@@ -13,8 +13,9 @@ from daq.recorder import run_loop
 from daq.recorder.run_loop import LoopState, Surroundings
 from daq.runlog.entries import entry, verdict_entry
 from daq.runlog.fold import advance
-from daq.runlog.runlog import Code, Finding, RunLog, next_step
+from daq.runlog.runlog import Code, RunLog, next_step
 from daq.runs import Event, Excitation
+from dbc.finding import Finding, Severity
 
 S = 1_000_000_000
 BOUNCE, ROLL = Excitation.BOUNCE, Excitation.ROLL
@@ -22,7 +23,7 @@ CAMPAIGN = Campaign((BOUNCE, ROLL), 2, ("baseline",))
 
 
 def _finding(code: str) -> Finding:
-    return Finding(code, False, "", 0.0, 0.0, "", code, "")
+    return Finding(code, Severity.ERROR, code)
 
 
 @dataclass

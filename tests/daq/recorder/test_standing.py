@@ -8,13 +8,14 @@ from daq.control.messages import STATUS
 from daq.recorder.status import told_runs
 from daq.runlog.entries import verdict_entry
 from daq.runlog.fold import fold
-from daq.runlog.runlog import Code, Finding, LoggedRun, LoggedStatus, RunLog
+from daq.runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
 from daq.runs import Event
+from dbc.finding import Finding, Severity
 
 from ..a_status import a_status
 
-FINE = Finding("too_weak", True, "", 3.0, 2.0, "m/s2", "3 of 2 m/s2 " * 8, "")
-WEAK = replace(FINE, passed=False, text="1 of 2 m/s2", advice="bump harder")
+FINE = Finding("too_weak", Severity.NOTE, "3 of 2 m/s2 " * 8, "", "", 3.0, 2.0, "m/s2")
+WEAK = replace(FINE, severity=Severity.ERROR, text="1 of 2 m/s2", advice="bump harder")
 CAMPAIGN, WEEKS = 60, 3000
 
 

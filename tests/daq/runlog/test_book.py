@@ -12,8 +12,9 @@ from daq.control.orders import Accept, Mark, Note, OverrideWarning, Reject
 from daq.recorder.orders import order_event
 from daq.runlog.entries import entry, verdict_entry
 from daq.runlog.fold import fold
-from daq.runlog.runlog import Code, Finding, LoggedStatus, RunLog
+from daq.runlog.runlog import Code, LoggedStatus, RunLog
 from daq.runs import Event
+from dbc.finding import Finding, Severity
 
 from ..a_status import a_status
 
@@ -21,8 +22,8 @@ RUN = "baseline_bounce_1"
 BUMP = Event(1, Code.BUMP, 1.0, RUN)
 REJECT = entry(Code.REJECT, 2, label=RUN, by="Ann", reason="door slammed")
 UNDO, REDO = Event(4, Code.UNDO), Event(5, Code.REDO)
-WEAK = Finding("too_weak", False, "", 1.0, 2.0, "m/s2", "1 of 2 m/s2", "bump harder")
-FINE = Finding("too_weak", True, "", 3.0, 2.0, "m/s2", "3 of 2 m/s2", "")
+WEAK = Finding("too_weak", Severity.ERROR, "1 of 2 m/s2", "", "bump harder", 1.0, 2.0, "m/s2")
+FINE = Finding("too_weak", Severity.NOTE, "3 of 2 m/s2", "", "", 3.0, 2.0, "m/s2")
 
 
 def stand(*events: Event) -> tuple[LoggedStatus, str, tuple[str, ...]]:
@@ -65,7 +66,7 @@ def test_no_run_is_open_after_a_restart_whatever_is_undone() -> None:
 
 
 def test_a_value_that_is_no_number_can_be_told_to_clients() -> None:
-    odd = Finding("wrong_mode", True, "", float("nan"), float("inf"), "", "no ratio", "")
+    odd = Finding("wrong_mode", Severity.NOTE, "no ratio", "", "", float("nan"), float("inf"), "")
     book = fold([BUMP, verdict_entry(2, RUN, [odd])])
     from dataclasses import replace
 

@@ -49,16 +49,22 @@ from daq.control.orders import (
 )
 from daq.runlog.entries import entry, verdict_entry
 from daq.runlog.fold import advance
-from daq.runlog.runlog import Code, Finding, LoggedStatus, RunLog, next_step
+from daq.runlog.runlog import Code, LoggedStatus, RunLog, next_step
 from daq.runs import Event, Losses
+from dbc.finding import Finding, Severity
 from tui.terminal.state.feed import News, Refused, Role
 
 WALL_NS = 1_795_267_320_000_000_000  # 2026-11-21 13:22 UTC
 BIN_S = 0.02
 DOUBLE_BUMP = Finding(
-    "double_bump", False, "", 0.84, 0.0, "s", "second bump at +0.84 s", "bump once, keep hands off"
+    "double_bump",
+    Severity.ERROR,
+    "second bump at +0.84 s",
+    advice="bump once, keep hands off",
+    value=0.84,
+    unit="s",
 )
-GOOD = Finding("too_weak", True, "", 9.1, 3.0, "m/s2", "peak 9.1 m/s2", "")
+GOOD = Finding("too_weak", Severity.NOTE, "peak 9.1 m/s2", "", "", 9.1, 3.0, "m/s2")
 INSTRUCTIONS = {
     "bounce": "Roll all four wheels over the boards.",
     "pitch": "Roll the front wheels over the board.",

@@ -10,7 +10,7 @@ from textual.pilot import Pilot
 
 from daq.control.messages import Alarm, CheckItem, Phase
 from daq.control.orders import AskCheck, Order
-from daq.runlog.runlog import Finding
+from dbc.finding import Finding, Severity
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.check import CheckScreen
 from tui.terminal.screens.identify import IdentifyScreen
@@ -24,7 +24,7 @@ from .outcomes import outcome
 
 MakeApp = Callable[..., BenchApp]
 SMALL = (80, 24)
-MOTION = Finding("motion", True, "", 1.15, 0.0, "Hz", "f 1.15 Hz", "")
+MOTION = Finding("motion", Severity.NOTE, "f 1.15 Hz", "", "", 1.15, 0.0, "Hz")
 LONG = replace(
     DOUBLE_BUMP,
     text="second bump at +0.85 s: hub_acc_fr with 100% of the first (limit 25%)",
