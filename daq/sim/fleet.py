@@ -1,0 +1,263 @@
+"""A fleet of plausible real cars, each with its bench and its campaign, drawn from measured facts.
+
+`fleet.toml` holds the ranges and their sources.  Every draw is uniform within its range, those of
+the inertias within the 5 to 95 % of measured vehicles.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from math import inf, pi, sqrt
+from typing import Any
+
+import numpy as np
+
+from ..vehicle import AddedMass, VehicleParameters
+from .campaign import Plan, Simulated, simulate
+from .car import SimulatedCar
+from .dampers import Branch, Digressive, Table, damper_law, secant_ns_m
+from .fleet_bench import facts_of, fitted_plan, spread
+from .imperfections import Friction, Imperfections, PerAxle, PerCorner
+from .instruments import HUBS, IMU, MESSAGES
+from .load import load_car
+from .masses import GRAVITY_M_S2
+
+Facts = Mapping[str, Any]
+Range = Sequence[float]
+
+
+@dataclass(frozen=True, slots=True)
+class FleetCar:
+    """One car of the fleet, and what is done with it."""
+
+    number: int
+    """Its place in the fleet, from 0."""
+    kind: str
+    """Its class: city, suv, van, formula, solid axles."""
+    car: SimulatedCar
+    """The car and its sensors' noise."""
+    plan: Plan
+    """Its campaign."""
+    seed: int
+    """Of the campaign's noise."""
+
+    def simulate(self) -> Simulated:
+        """Return its session; the same each time."""
+        return simulate(self.car, self.plan, self.seed)
+
+
+@cache
+def fleet_facts() -> Facts:
+    """Return the ranges of `fleet.toml`."""
+    text = files(__package__).joinpath("fleet.toml").read_text("utf-8")
+    return tomllib.loads(text)
+
+
+def fleet_car(number: int, seed: int, facts: bool = False, travels: bool = True) -> FleetCar:
+    """Draw a car of a fleet.
+
+    Parameters
+    ----------
+    number : int
+        Which car; the classes take turns.
+    seed : int
+        Of the fleet.
+    facts : bool
+        Corner scales and a tape measure take the place of added mass.
+    travels : bool
+        Suspension travels are measured beside the inertial unit and the hubs.
+    """
+    ranges = fleet_facts()
+    kind = ranges["class"][number % len(ranges["class"])]
+    rng = np.random.default_rng([seed, number, 17])
+    parameters, imperfections = drawn_car(kind, ranges, rng)
+    noise = spread(rng.uniform(*ranges["sensors"]["noise"]))
+    car = SimulatedCar(parameters, noise=noise, imperfections=imperfections)
+    messages = MESSAGES if travels else (IMU, *HUBS)
+    plan = fitted_plan(parameters, ranges, rng, messages, weights=not facts)
+    if facts:
+        plan = replace(plan, vehicle=replace(plan.vehicle, facts=facts_of(car, rng)))
+    return FleetCar(number, kind["name"], car, plan, int(rng.integers(2**31)))
+
+
+def drawn_car(
+    kind: Facts, ranges: Facts, rng: np.random.Generator
+) -> tuple[VehicleParameters, Imperfections]:
+    """Draw the parameters of a car and what distinguishes it from them."""
+    p = _parameters(kind, ranges, rng)
+    i = _imperfections(kind, ranges, p, rng)
+    curves = [curve for curve in (i.damper_front, i.damper_rear) if curve is not None]
+    front, rear = (secant_ns_m(curve) for curve in curves)
+    return replace(p, c_sf=front, c_sr=rear), i
+
+
+def _parameters(kind: Facts, ranges: Facts, rng: np.random.Generator) -> VehicleParameters:
+    """Draw a car of a class; its dampers are straight yet."""
+
+    def of(name: str) -> float:
+        return float(rng.uniform(*kind[name]))
+
+    m_s, wheelbase, track = of("m_s"), of("wheelbase_m"), of("track_m")
+    share = of("front_share")
+    a, b = (1.0 - share) * wheelbase, share * wheelbase
+    low, _, high = ranges["indices"]["roll_gyration_over_track"]
+    k_x = rng.uniform(low, high) * track
+    low, _, high = ranges["indices"]["pitch_index"]
+    index = rng.uniform(low, high)
+    front_hz = of("heave_hz")
+    rear_hz = front_hz * rng.uniform(1.05, 1.25)
+    corner_f, corner_r = 0.5 * m_s * share, 0.5 * m_s * (1.0 - share)
+    k_sf, k_sr = (2 * pi * front_hz) ** 2 * corner_f, (2 * pi * rear_hz) ** 2 * corner_r
+    low, high = ranges["damper"]["ratio"]
+    ratio = rng.uniform(low, high, 2)
+    k_t = of("k_t")
+    return VehicleParameters(
+        m_s=m_s,
+        I_yy=m_s * index * a * b,
+        I_xx=m_s * k_x**2,
+        m_uf=of("m_u"),
+        m_ur=of("m_u"),
+        k_sf=k_sf,
+        k_sr=k_sr,
+        k_tf=k_t,
+        k_tr=k_t * rng.uniform(0.95, 1.1),
+        c_sf=2.0 * ratio[0] * sqrt(k_sf * corner_f),
+        c_sr=2.0 * ratio[1] * sqrt(k_sr * corner_r),
+        a=a,
+        b=b,
+        t_f=0.5 * track,
+        t_r=0.5 * track * rng.uniform(0.97, 1.03),
+    )
+
+
+def _imperfections(
+    kind: Facts, ranges: Facts, p: VehicleParameters, rng: np.random.Generator
+) -> Imperfections:
+    springs, tyre = ranges["suspension"], ranges["tyre"]
+
+    def both(span: Range, *factor: float) -> PerAxle:
+        low, high = span
+        front, rear = rng.uniform(low, high, 2) * np.array(factor or (1.0, 1.0))
+        return float(front), float(rear)
+
+    most_n = springs["friction_share"] * p.m_s * GRAVITY_M_S2
+    low_n, high_n = kind["friction_n"]
+    friction_n = both((low_n, max(low_n, min(high_n, most_n))))
+    lugre = rng.uniform() < 0.5
+    stops = rng.uniform() < 0.5
+    low, high = np.log(springs["mount_n_m"])
+    mounted = rng.uniform() < kind["mounted"]
+    mounts = tuple(float(k) for k in np.exp(rng.uniform(low, high, 2)))
+    damping = both(tyre["damping_ns_m"])
+    bars = both(kind["bar_n_m"])
+    unequal = ranges["unequal"]["corner"]
+    return Imperfections(
+        friction=Friction(
+            *friction_n,
+            presliding_m=float(rng.uniform(*springs["presliding_m"])),
+            static_ratio=float(rng.uniform(*springs["static_ratio"])) if lugre else 1.0,
+            sides=_sides(unequal, rng),
+        ),
+        damper_front=_damper(p.c_sf, ranges["damper"], rng),
+        damper_rear=_damper(p.c_sr, ranges["damper"], rng),
+        mount_n_m=(mounts[0], mounts[1]) if mounted else (inf, inf),
+        quadratic_n_m2=both(springs["quadratic_per_m"], p.k_sf, p.k_sr),
+        cubic_n_m3=both(springs["cubic_per_m2"], p.k_sf, p.k_sr),
+        stop_gap_m=both(springs["stop_gap_m"]) if stops else (inf, inf),
+        stop_n_m=both(springs["stop_over_spring"], p.k_sf, p.k_sr) if stops else (0.0, 0.0),
+        bar_front_n_m=bars[0],
+        bar_rear_n_m=bars[1],
+        tyre_damping_front_ns_m=damping[0],
+        tyre_damping_rear_ns_m=damping[1],
+        tyre_progression_per_m=both(tyre["progression_per_m"]),
+        suspension=_sides(unequal, rng),
+        damper=_sides(unequal, rng),
+        tyre=_sides(unequal, rng),
+        wheel=_sides(unequal, rng),
+        cg_offset_m=float(rng.uniform(-1.0, 1.0) * ranges["unequal"]["cg_m"]),
+    )
+
+
+def _sides(most: float, rng: np.random.Generator) -> PerCorner:
+    """Draw factors of the corners; the mean of each axle is 1, so that its parameter is true."""
+    front, rear = rng.uniform(-most, most, 2).tolist()
+    return 1.0 + front, 1.0 - front, 1.0 + rear, 1.0 - rear
+
+
+def _damper(secant: float, ranges: Facts, rng: np.random.Generator) -> Digressive | Table:
+    """Draw a damper of a given secant: half of them with soft knees, half as a printed table."""
+    bump_fall = rng.uniform(*ranges["compression_low_over_high"])
+    rebound_fall = rng.uniform(*ranges["rebound_low_over_high"])
+    bump = Branch(1.0, 1.0 / bump_fall, rng.uniform(*ranges["knee_m_s"]))
+    rebound = Branch(1.0, 1.0 / rebound_fall, rng.uniform(*ranges["knee_m_s"]))
+    shape = Digressive(bump, rebound)
+    back, ahead = damper_law([shape], [1.0]).force(np.array([[-0.3, 0.3]]))[0]
+    wanted = rng.uniform(*ranges["rebound_over_compression"])
+    shape = Digressive(bump, _times(rebound, -wanted * ahead / back))
+    factor = secant / secant_ns_m(shape)
+    curve = Digressive(_times(shape.compression, factor), _times(shape.rebound, factor))
+    return curve if rng.uniform() < 0.5 else _printed(curve)
+
+
+def _times(branch: Branch, factor: float) -> Branch:
+    return Branch(branch.low_ns_m * factor, branch.high_ns_m * factor, branch.knee_m_s)
+
+
+def _printed(curve: Digressive) -> Table:
+    """Return a curve as a test rig prints it: a few speeds, straight in between."""
+    bump = np.array([curve.compression.knee_m_s, 0.3, 0.6])
+    rebound = np.array([curve.rebound.knee_m_s, 0.3, 0.6])
+    law = damper_law([curve], [1.0])
+    ahead, back = law.force(bump[None])[0], law.force(-rebound[None])[0]
+    return Table(
+        tuple(zip(bump.tolist(), ahead.tolist(), strict=True)),
+        tuple(zip(rebound.tolist(), (-back).tolist(), strict=True)),
+    )
+
+
+def true_parameters(car: SimulatedCar) -> dict[str, float]:
+    """Return what an identification should find, by its parameters' names; c_s is the secant."""
+    p, i = car.parameters, car.imperfections
+    beyond = {
+        "k_af": i.bar_front_n_m,
+        "k_ar": i.bar_rear_n_m,
+        "c_tf": i.tyre_damping_front_ns_m,
+        "c_tr": i.tyre_damping_rear_ns_m,
+        "y_s": i.cg_offset_m,
+    }
+    return {name: float(getattr(p, name)) for name in VehicleParameters.__slots__} | beyond
+
+
+def elements(fleet_car: FleetCar, simulated: Simulated) -> frozenset[str]:
+    """Return the force elements that this car really has and that its runs really met."""
+    i, found = fleet_car.car.imperfections, {"friction", "damper curve", "bars"}
+    if np.isfinite(i.mount_n_m).any():
+        found.add("mounts")
+    if any(i.quadratic_n_m2) or any(i.cubic_n_m3):
+        found.add("progressive springs")
+    if any(i.tyre_progression_per_m):
+        found.add("progressive tyres")
+    if _met_stop(fleet_car, simulated):
+        found.add("bump stops")
+    return frozenset(found)
+
+
+def _met_stop(fleet_car: FleetCar, simulated: Simulated) -> bool:
+    """Return whether a bump stop was touched after the wheels had left the bump."""
+    i, p = fleet_car.car.imperfections, fleet_car.car.parameters
+    bare = load_car(p, AddedMass(), i).progression
+    if bare is None or not np.isfinite(i.stop_gap_m).any():
+        return False
+    plan = fleet_car.plan
+    begin = plan.rest_s + plan.bump_s
+    t_s = np.arange(begin, begin + 0.5, 1e-3)
+    for motion in simulated.motions:
+        pose = motion.at(t_s).pose
+        body = pose[0] - motion.plant.corner_x_m * pose[1] + motion.plant.corner_y_m * pose[2]
+        if np.any(pose[3:] - body - bare.ride_m > bare.stop_gap_m):
+            return True
+    return False

@@ -1,0 +1,181 @@
+"""How well a fleet of different cars is identified: one row a car, and the fractions of all.
+
+What each car really is comes from outside, from a simulator that knows no method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, nan
+
+import numpy as np
+
+from ..identification import Identification
+from ..trust.finding import Verdict
+from .result import Column, Study
+
+JUDGED = (
+    "m_s", "I_yy", "I_xx", "m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "a", "b", "t_f", "t_r",
+)  # fmt: skip
+"""Masses, inertias, stiffnesses and lengths: what the fractions are of."""
+GOOD_PERCENT, FAIR_PERCENT = 3.0, 5.0
+"""Errors of the worst parameter of a car within which it counts as good, and as fair."""
+
+
+@dataclass(frozen=True, slots=True)
+class FleetCase:
+    """One car, identified."""
+
+    name: str
+    """Number and class."""
+    verdict: str
+    """What the identification says of itself."""
+    chi2_per_n: float
+    """Goodness of fit; NaN where there was none."""
+    worst_percent: float
+    """Largest error among `JUDGED`, per cent of the truth; NaN without parameters."""
+    worst: str
+    """Whose it is."""
+    covered: int
+    """How many of them lie within their 95 % interval."""
+    judged: int
+    """How many were reported."""
+    cpu_s: float
+    """Processor time of the identification, with its helpers, s."""
+    there: tuple[str, ...]
+    """Force elements that the car has and its runs met."""
+    named: tuple[str, ...]
+    """What the identification found beside a linear car: its findings by their gates."""
+
+
+def fleet_case(
+    name: str,
+    result: Identification,
+    truth: Mapping[str, float],
+    there: Sequence[str],
+    cpu_s: float,
+) -> FleetCase:
+    """Compare an identification with the car that it is of.
+
+    Parameters
+    ----------
+    name : str
+        Of the car.
+    result : Identification
+        What was found.
+    truth : mapping of str to float
+        Its true parameters.
+    there : sequence of str
+        Its force elements.
+    cpu_s : float
+        Processor time that it took, s.
+    """
+    found = {p: result.parameters[p] for p in JUDGED if p in result.parameters}
+    errors = {p: 100.0 * abs(e.value / truth[p] - 1.0) for p, e in found.items()}
+    worst = max(errors, key=lambda p: errors[p]) if errors else ""
+    return FleetCase(
+        name=name,
+        verdict=result.quality.verdict.value,
+        chi2_per_n=result.quality.chi2_per_n,
+        worst_percent=errors.get(worst, nan),
+        worst=worst,
+        covered=sum(e.low <= truth[p] <= e.high for p, e in found.items()),
+        judged=len(found),
+        cpu_s=cpu_s,
+        there=tuple(sorted(there)),
+        named=tuple(dict.fromkeys(finding.gate for finding in result.quality.findings)),
+    )
+
+
+def fleet_study(title: str, cases: Sequence[FleetCase]) -> Study:
+    """Return the cars of a fleet and what is to be said of all of them."""
+    columns = (
+        Column("car", "car"),
+        Column("verdict", "verdict"),
+        Column("chi2_per_n", "chi2/n", ".3f"),
+        Column("worst_percent", "worst %", ".2f"),
+        Column("worst", "of"),
+        Column("covered", "covered", ".0f"),
+        Column("judged", "of", ".0f"),
+        Column("cpu_s", "CPU s", ".1f"),
+        Column("there", "elements"),
+        Column("named", "findings"),
+    )
+    rows = tuple(
+        (
+            case.name,
+            case.verdict,
+            case.chi2_per_n,
+            case.worst_percent,
+            case.worst,
+            float(case.covered),
+            float(case.judged),
+            case.cpu_s,
+            ", ".join(case.there),
+            ", ".join(case.named),
+        )
+        for case in cases
+    )
+    return Study(title, columns, rows, tuple(_notes(cases)), ())
+
+
+def fractions(cases: Sequence[FleetCase]) -> dict[str, float]:
+    """Return what the fleet is judged by; NaN where there is nothing to divide by.
+
+    `usable` ended ok or doubtful; of these `good` and `fair` have no error above 3 and 5 %;
+    `false_ok` ended ok with an error above 5 %; `coverage_ok` and `coverage_doubtful` are the
+    shares of intervals that hold the truth; `median_cpu_s` is of the usable, `median_refused_cpu_s`
+    of the others.
+    """
+    usable = [case for case in cases if case.verdict != Verdict.REFUSED]
+    refused = [case for case in cases if case.verdict == Verdict.REFUSED]
+    ok = [case for case in cases if case.verdict == Verdict.OK]
+    doubtful = [case for case in cases if case.verdict == Verdict.DOUBTFUL]
+    return {
+        "cars": float(len(cases)),
+        "usable": _share([case.verdict != Verdict.REFUSED for case in cases]),
+        "good": _share([case.worst_percent <= GOOD_PERCENT for case in usable]),
+        "fair": _share([case.worst_percent <= FAIR_PERCENT for case in usable]),
+        "ok": _share([case.verdict == Verdict.OK for case in cases]),
+        "false_ok": float(sum(case.worst_percent > FAIR_PERCENT for case in ok)),
+        "coverage_ok": _coverage(ok),
+        "coverage_doubtful": _coverage(doubtful),
+        "median_cpu_s": _median([case.cpu_s for case in usable]),
+        "median_refused_cpu_s": _median([case.cpu_s for case in refused]),
+    }
+
+
+def _share(answers: Sequence[bool]) -> float:
+    return sum(answers) / len(answers) if answers else nan
+
+
+def _coverage(cases: Sequence[FleetCase]) -> float:
+    judged = sum(case.judged for case in cases)
+    return sum(case.covered for case in cases) / judged if judged else nan
+
+
+def _median(values: Sequence[float]) -> float:
+    return float(np.median(values)) if values else nan
+
+
+def _notes(cases: Sequence[FleetCase]) -> list[str]:
+    of = fractions(cases)
+    lines = [
+        f"{100 * of['usable']:.0f} % of {len(cases)} cars end ok or doubtful,"
+        f" {100 * of['ok']:.0f} % ok"
+    ]
+    if isfinite(of["good"]):
+        lines.append(
+            f"of these {100 * of['good']:.0f} % have all masses, inertias, stiffnesses and lengths"
+            f" within {GOOD_PERCENT:g} %, {100 * of['fair']:.0f} % within {FAIR_PERCENT:g} %"
+        )
+    lines.append(f"{of['false_ok']:.0f} cars are called ok with an error above {FAIR_PERCENT:g} %")
+    for verdict in (Verdict.OK, Verdict.DOUBTFUL):
+        held = of[f"coverage_{verdict.value}"]
+        if isfinite(held):
+            lines.append(f"95 % intervals hold {100 * held:.1f} % for {verdict.value}")
+    for name, whose in (("median_cpu_s", "usable"), ("median_refused_cpu_s", "refused")):
+        if isfinite(of[name]):
+            lines.append(f"median {of[name]:.1f} CPU s for the {whose} ones")
+    return lines

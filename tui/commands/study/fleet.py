@@ -1,0 +1,51 @@
+"""`bumpbench study fleet`: plausible real cars, each identified and compared with what it is."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from .deliver import Json, deliver, document
+from .monte_carlo import Scheduler, Seed, Workers
+
+
+class FleetSensors(StrEnum):
+    """What is measured."""
+
+    ALL = "all"
+    IMU_HUBS = "imu+hubs"
+
+
+def fleet(
+    cars: Annotated[int, typer.Option(min=1, max=100_000, help="Number of cars.")] = 20,
+    sensors: Annotated[
+        FleetSensors, typer.Option(help="Inertial unit, hubs and travels, or without travels.")
+    ] = FleetSensors.ALL,
+    facts: Annotated[
+        bool, typer.Option("--facts", help="Corner scales and tape measure, and no added mass.")
+    ] = False,
+    seed: Seed = 1,
+    workers: Workers = 2,
+    scheduler: Scheduler = None,
+    json: Json = False,
+) -> None:
+    """Identify plausible cars with friction, damper curves, stops."""
+    from functools import partial
+
+    from identify.study.fleet import fleet_study, fractions
+
+    from ...jobs.fleet import identified_car
+    from ...jobs.spread import over_all
+    from ...output import print_json, progress
+
+    work = partial(identified_car, seed, facts, sensors is FleetSensors.ALL)
+    with progress("fleet") as stage:
+        cases = over_all(work, range(cars), workers, stage, "study", scheduler)
+    way = "scales and tape measure" if facts else "added mass"
+    result = fleet_study(f"{cars} plausible cars, {sensors.value} sensors, {way}", cases)
+    if json:
+        print_json({**document(result), "summary": fractions(cases)})
+    else:
+        deliver(result, False, None)

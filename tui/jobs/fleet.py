@@ -1,0 +1,37 @@
+"""One car of a simulated fleet, identified: simulator and method meet here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from identify.study.fleet import FleetCase
+
+
+def identified_car(seed: int, facts: bool, travels: bool, number: int) -> FleetCase:
+    """Simulate a car of a fleet, identify it, and compare.
+
+    Parameters
+    ----------
+    seed : int
+        Of the fleet.
+    facts : bool
+        Scales and tape measure in place of added mass.
+    travels : bool
+        Suspension travels beside the inertial unit and the hubs.
+    number : int
+        Which car.
+    """
+    from time import process_time
+
+    import identify
+    from daq.sim.fleet import elements, fleet_car, true_parameters
+    from identify.study.fleet import fleet_case
+
+    drawn = fleet_car(number, seed, facts, travels)
+    simulated = drawn.simulate()
+    began = process_time()
+    result = identify.identify(simulated.session)
+    cpu_s = process_time() - began
+    truth, there = true_parameters(drawn.car), elements(drawn, simulated)
+    return fleet_case(f"{number} {drawn.kind}", result, truth, sorted(there), cpu_s)
