@@ -1,5 +1,6 @@
 """From runs to physical parameters with confidence intervals.  Pure computation."""
 
+from .document import Document
 from .fit.uncertainty import Estimate
 from .identification import Identification
 from .model.matrices import PhysicalModel, state_space
@@ -12,6 +13,7 @@ from .pipeline import identify
 from .trust.finding import Finding, Quality, Verdict
 
 __all__ = [
+    "Document",
     "Estimate",
     "Finding",
     "Identification",

@@ -8,7 +8,7 @@ from math import isfinite
 from daq.runs import RunStatus
 from daq.sessions import Session
 
-from .identification import Identification
+from .document import Document
 from .pipeline import identify
 
 Cell = float | str | None
@@ -19,30 +19,12 @@ _REASONS = 3
 
 
 def session_row(session: Session) -> dict[str, Cell]:
-    """Identify a session and return its row.
-
-    Parameters
-    ----------
-    session : Session
-        As for `identify.identify`.
-
-    Returns
-    -------
-    dict of str to str, float or None
-        As `result_row`.
-    """
-    return result_row(session, identify(session))
+    """Identify a session and return its row (`document_row`)."""
+    return document_row(session, identify(session).document())
 
 
-def result_row(session: Session, result: Identification) -> dict[str, Cell]:
-    """Flatten an identification.
-
-    Parameters
-    ----------
-    session : Session
-        What was identified.
-    result : Identification
-        What came out.
+def document_row(session: Session, document: Document) -> dict[str, Cell]:
+    """Flatten the document of an identification of a session.
 
     Returns
     -------
@@ -55,22 +37,21 @@ def result_row(session: Session, result: Identification) -> dict[str, Cell]:
         "session": session.provenance.get("uuid", ""),
         "vehicle": session.vehicle.name,
         "runs_accepted": sum(run.status is RunStatus.ACCEPTED for run in session.runs),
-        "verdict": str(result.quality.verdict),
-        "reasons": " | ".join(result.quality.reasons[:_REASONS]),
-        "chi2_per_n": _finite(result.quality.chi2_per_n),
+        "verdict": document["verdict"],
+        "reasons": " | ".join(document["reasons"][:_REASONS]),
+        "chi2_per_n": _finite(document["chi2_per_n"]),
     }
-    for name, estimate in result.parameters.items():
-        row[name] = _finite(estimate.value)
-        row[f"{name}_std"] = _finite(estimate.std)
-    for state, modes in result.modes.items():
-        names = result.mode_names[state]
-        for number, (name, mode) in enumerate(zip(names, modes, strict=True), start=1):
+    for name, estimate in document["parameters"].items():
+        row[name] = _finite(estimate["value"])
+        row[f"{name}_std"] = _finite(estimate["std"])
+    for state, modes in document["modes"].items():
+        for number, mode in enumerate(modes, start=1):
             key = f"{state}_{number}"
-            row[f"{key}_name"] = name
-            row[f"{key}_hz"] = _finite(mode.frequency.value)
-            row[f"{key}_hz_std"] = _finite(mode.frequency.std)
-            row[f"{key}_damping"] = _finite(mode.damping_ratio.value)
-            row[f"{key}_damping_std"] = _finite(mode.damping_ratio.std)
+            row[f"{key}_name"] = mode["name"]
+            row[f"{key}_hz"] = _finite(mode["frequency_hz"])
+            row[f"{key}_hz_std"] = _finite(mode["frequency_std_hz"])
+            row[f"{key}_damping"] = _finite(mode["damping_ratio"])
+            row[f"{key}_damping_std"] = _finite(mode["damping_ratio_std"])
     return row
 
 

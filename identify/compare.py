@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import erfc, isfinite, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +87,10 @@ class Comparison:
     def quantities(self) -> tuple[Compared, ...]:
         """Parameters, then modes."""
         return self.parameters + self.modes
+
+    def document(self) -> dict[str, Any]:
+        """Return the comparison as JSON, the form of `compare --json`."""
+        return asdict(self)
 
 
 def compare(labels: Sequence[str], results: Sequence[Identification]) -> Comparison:

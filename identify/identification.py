@@ -1,15 +1,23 @@
-"""The noun of the method: what a session says of its vehicle."""
+"""The result of the method: what a session says of its vehicle, and its JSON document."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import isfinite
 
 import numpy as np
 
-from daq.html_tables import html_line, html_table
-
+from .document import (
+    Document,
+    correlation_entry,
+    document_html,
+    estimate_entries,
+    finding_entries,
+    mode_entries,
+    pair_entries,
+    sensed_mode_entries,
+    swapped_entries,
+)
 from .fit.estimation import Estimation
 from .fit.likelihood import Residuals
 from .fit.uncertainty import Correlation, Estimate, ModeEstimate
@@ -60,37 +68,32 @@ class Identification:
     estimation: Estimation | None = None
     """The fit itself, with the decays that it is of; None where none was possible."""
 
+    def document(self) -> Document:
+        """Return the JSON document, from which every printed form is made."""
+        quality = self.quality
+        return {
+            "verdict": str(quality.verdict),
+            "reasons": list(quality.reasons),
+            "findings": finding_entries(quality.findings),
+            "chi2_per_n": quality.chi2_per_n,
+            "chi2_by_run": {run: dict(row) for run, row in quality.chi2_by_run.items()},
+            "parameters": estimate_entries(self.parameters),
+            "derived": estimate_entries(self.derived),
+            "correlation": correlation_entry(self.correlation),
+            "drivers": {name: dict(shares) for name, shares in self.drivers.items()},
+            "modes": {
+                state: mode_entries(self.mode_names[state], modes)
+                for state, modes in self.modes.items()
+            },
+            "paired": {state: pair_entries(p) for state, p in self.pairings.items()},
+            "swapped": {state: swapped_entries(p) for state, p in self.pairings.items()},
+            "snr_db": {run: list(row) for run, row in quality.snr_db.items()},
+            "sensed_modes": {s: sensed_mode_entries(model) for s, model in self.sensed.items()},
+            "closed_form": dict(self.closed_form),
+            "closed_form_damping": {way: dict(c) for way, c in self.closed_form_damping.items()},
+            "noise": dict(self.noise),
+        }
+
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        return _html(self)
-
-
-def _html(result: Identification) -> str:
-    """Return verdict, findings, parameters and modes as HTML."""
-    quality = result.quality
-    head = f"Verdict: {quality.verdict}"
-    if isfinite(quality.chi2_per_n):
-        head += f"; chi2/n {quality.chi2_per_n:.3f}"
-    parts = [html_line(head)]
-    if quality.findings:
-        rows = [[f.text, str(f.severity)] for f in quality.findings]
-        parts.append(html_table("Findings", ["finding", "severity"], rows))
-    if result.parameters:
-        rows = [
-            [name, *_interval(e), "" if e.unit == "1" else e.unit]
-            for name, e in result.parameters.items()
-        ]
-        columns = ["parameter", "estimate", "95 % interval", "unit"]
-        parts.append(html_table("Parameters", columns, rows))
-    for state, modes in result.modes.items():
-        rows = [
-            [name, *_interval(mode.frequency), *_interval(mode.damping_ratio)]
-            for name, mode in zip(result.mode_names[state], modes, strict=True)
-        ]
-        columns = ["mode", "frequency, Hz", "95 % interval", "damping ratio", "95 % interval"]
-        parts.append(html_table(f"Modes, {state}", columns, rows))
-    return "".join(parts)
-
-
-def _interval(e: Estimate) -> tuple[str, str]:
-    return f"{e.value:.6g}", f"{e.low:.6g} .. {e.high:.6g}" if e.std else "given"
+        return document_html(self.document())

@@ -64,7 +64,7 @@ def parameters(result: Identification) -> Figure:
     InputError
         If the session was refused before a fit.
     """
-    blocks = parameter_section(_fitted(result)).blocks
+    blocks = parameter_section(_fitted(result).document()).blocks
     return figure_of(next(block.panel for block in blocks if isinstance(block, Picture)))
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from ..document import Document
 from ..trust.finding import Finding, Verdict
+from .numbers import number
 from .panels import Panel
 from .shapes import Shape
 
@@ -17,7 +20,29 @@ class Cell:
     text: str
     """As it is read."""
     source: str = ""
-    """Path of its number in the JSON document, by slashes: ``parameters/m_s/value``."""
+    """Path of its number in the page's JSON, by slashes: ``parameters/m_s/value`` (`cited`)."""
+
+
+def cited(
+    document: Mapping[str, Any], *keys: str | int, form: Callable[[Any], str] = number
+) -> Cell:
+    """Return an entry of a JSON document as a cell that names its place there.
+
+    Text and place come from one look-up, so a page cannot show a number that is not in its JSON.
+
+    Parameters
+    ----------
+    document : mapping
+        The JSON.
+    *keys : str or int
+        Way to the entry.
+    form : callable
+        How the entry is written.
+    """
+    value: Any = document
+    for key in keys:
+        value = value[key]
+    return Cell(form(value), "/".join(str(key) for key in keys))
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +146,10 @@ class Report:
     """The few numbers that are read first."""
     sections: tuple[Section, ...]
     """In order."""
+    document: Document
+    """The identification, as `identify --json` prints it."""
     data: Mapping[str, object]
-    """Numbers that are shown and are not part of the identification's JSON document."""
+    """Numbers that are shown and are not part of `document`."""
 
     @property
     def pictures(self) -> tuple[Picture, ...]:

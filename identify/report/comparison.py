@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..compare import Compared, Comparison
-from .blocks import Block, Cell, Gallery, Picture, Section, Table
-from .numbers import number
+from ..document import unit_text
+from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
 from .panels import DifferencePanel, TrendPanel
 
 _DRAWN = 24
@@ -15,7 +17,7 @@ _DRAWN = 24
 
 def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
     """Return what differs, and what drifts."""
-    labels = comparison.labels
+    labels, document = comparison.labels, comparison.document()
     blocks: list[Block] = [_sessions(comparison)]
     if comparison.common:
         shared = tuple((Cell(text), Cell("")) for text in comparison.common)
@@ -24,16 +26,16 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
     for number_, label in enumerate(labels[1:]):
         if comparison.parameters:
             blocks.append(_picture(comparison, number_))
-        for title, path, rows in (
+        for title, part, rows in (
             ("Parameters", "parameters", comparison.parameters),
             ("Modes", "modes", comparison.modes),
         ):
             if rows:
                 name = f"{title}: {label} less {labels[0]}"
-                blocks.append(_differences(name, path, rows, number_))
+                blocks.append(_differences(name, document, part, rows, number_))
     sections = [Section("differences", "Differences", METHOD, tuple(blocks))]
     if len(labels) > 2:
-        sections.append(_trends(comparison))
+        sections.append(_trends(comparison, document))
     return tuple(sections)
 
 
@@ -54,21 +56,22 @@ def _sessions(comparison: Comparison) -> Table:
     return Table("Sessions", ("#", "session", "verdict"), rows, note)
 
 
-def _differences(title: str, path: str, rows: tuple[Compared, ...], which: int) -> Table:
+def _differences(
+    title: str, document: dict[str, Any], part: str, rows: tuple[Compared, ...], which: int
+) -> Table:
     cells = []
     for i, row in enumerate(rows):
-        first, other, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
-        here = f"{path}/{i}"
+        here = (part, i, "differences", which)
         cells.append(
             (
-                Cell(row.name, f"{here}/name"),
-                Cell(number(first.value), f"{here}/estimates/0/value"),
-                Cell(number(other.value), f"{here}/estimates/{which + 1}/value"),
-                Cell(number(d.value), f"{here}/differences/{which}/value"),
-                Cell(number(d.std), f"{here}/differences/{which}/std"),
-                Cell(f"{d.z:+.2f}", f"{here}/differences/{which}/z"),
-                Cell("✓ differs" if d.significant else "· within chance"),
-                Cell("" if first.unit == "1" else first.unit),
+                cited(document, part, i, "name", form=str),
+                cited(document, part, i, "estimates", 0, "value"),
+                cited(document, part, i, "estimates", which + 1, "value"),
+                cited(document, *here, "value"),
+                cited(document, *here, "std"),
+                cited(document, *here, "z", form="{:+.2f}".format),
+                Cell("✓ differs" if row.differences[which].significant else "· within chance"),
+                Cell(unit_text(row.estimates[0].unit)),
             )
         )
     columns = ("", "#first", "#this", "#difference", "#sigma", "#z", "at 95 %", "unit")
@@ -92,31 +95,29 @@ def _picture(comparison: Comparison, which: int) -> Picture:
     )
 
 
-def _trends(comparison: Comparison) -> Section:
+def _trends(comparison: Comparison, document: dict[str, Any]) -> Section:
     cells = []
     pictures: list[Picture] = []
-    for path, rows in (("parameters", comparison.parameters), ("modes", comparison.modes)):
+    for part, rows in (("parameters", comparison.parameters), ("modes", comparison.modes)):
         for i, row in enumerate(rows):
             t = row.trend
             if t is None:
                 continue
-            here = f"{path}/{i}/trend"
             cells.append(
                 (
                     Cell(row.name),
-                    Cell(number(t.slope), f"{here}/slope"),
-                    Cell(number(t.slope_std), f"{here}/slope_std"),
+                    cited(document, part, i, "trend", "slope"),
+                    cited(document, part, i, "trend", "slope_std"),
                     Cell("✓ drifts" if t.drifts else "· none"),
-                    Cell(f"{t.chi2:.1f} / {t.freedom}", f"{here}/chi2"),
+                    Cell(f"{t.chi2:.1f} / {t.freedom}", f"{part}/{i}/trend/chi2"),
                     Cell("✓ varies" if t.varies else "· constant"),
                 )
             )
             if len(pictures) < _DRAWN:
                 value = np.array([e.value for e in row.estimates])
                 half = np.array([(e.high - e.low) / 2.0 for e in row.estimates])
-                unit = row.estimates[0].unit
-                panel = TrendPanel(value, half, t.slope, "" if unit == "1" else unit)
-                pictures.append(Picture(f"trend_{path}_{i}", row.name, "", panel))
+                panel = TrendPanel(value, half, t.slope, unit_text(row.estimates[0].unit))
+                pictures.append(Picture(f"trend_{part}_{i}", row.name, "", panel))
     columns = ("", "#per session", "#sigma", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
     return Section(
         "trend",

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..document import Document, unit_text
 from ..identification import Identification
 from ..trust.excitation import SNR_LIMIT_DB
-from .blocks import Block, Cell, Picture, Section, Table
-from .numbers import number
+from .blocks import Block, Cell, Picture, Section, Table, cited
 from .panels import ClosedFormPanel, CorrelationPanel, SnrPanel
 from .words import parameter_words
 
 
-def information_section(result: Identification) -> Section:
+def information_section(result: Identification, document: Document) -> Section:
     """Return what each run contributed and how far each mode stands out of the noise in it."""
     blocks: list[Block] = []
-    if result.quality.snr_db:
+    if document["snr_db"]:
         blocks.append(_snr(result))
-    if result.drivers:
-        blocks.append(_drivers(result))
-    if result.quality.chi2_by_run:
-        blocks.append(_misfit(result))
+    if document["drivers"]:
+        blocks.append(_drivers(document))
+    if document["chi2_by_run"]:
+        blocks.append(_misfit(document))
     return Section(
         "information",
         "What each run contributed",
@@ -54,15 +54,16 @@ def _snr(result: Identification) -> Picture:
     )
 
 
-def _drivers(result: Identification) -> Table:
-    sources = dict.fromkeys(s for row in result.drivers.values() for s in row)
-    labels = [label for label in result.quality.chi2_by_run if label in sources]
-    names = list(result.drivers)
+def _drivers(document: Document) -> Table:
+    drivers = document["drivers"]
+    sources = dict.fromkeys(s for row in drivers.values() for s in row)
+    labels = [label for label in document["chi2_by_run"] if label in sources]
+    names = list(drivers)
     rows = []
     for source in (*labels, *(s for s in sources if s not in labels)):
         cells = [
-            Cell(f"{result.drivers[n][source] * 100:.1f}", f"drivers/{n}/{source}")
-            if source in result.drivers[n]
+            cited(document, "drivers", n, source, form=_percent)
+            if source in drivers[n]
             else Cell("")
             for n in names
         ]
@@ -76,13 +77,17 @@ def _drivers(result: Identification) -> Table:
     )
 
 
-def _misfit(result: Identification) -> Table:
-    by_run = result.quality.chi2_by_run
+def _percent(share: float) -> str:
+    return f"{share * 100:.1f}"
+
+
+def _misfit(document: Document) -> Table:
+    by_run = document["chi2_by_run"]
     channels = list(dict.fromkeys(c for row in by_run.values() for c in row))
     rows = []
     for run, row in by_run.items():
         cells = [
-            Cell(f"{row[c]:.3f}", f"chi2_by_run/{run}/{c}") if c in row else Cell("")
+            cited(document, "chi2_by_run", run, c, form="{:.3f}".format) if c in row else Cell("")
             for c in channels
         ]
         rows.append((Cell(run), *cells))
@@ -94,17 +99,18 @@ def _misfit(result: Identification) -> Table:
     )
 
 
-def correlation_section(result: Identification) -> Section:
+def correlation_section(document: Document) -> Section:
     """Return the correlation matrix."""
     blocks: tuple[Block, ...] = ()
-    if result.correlation.names:
+    names, matrix = document["correlation"]["names"], document["correlation"]["matrix"]
+    if names:
         blocks = (
             Picture(
                 "correlation",
                 "Correlation of the errors",
                 "Near +1 two parameters are wrong together, so that their ratio is known far "
                 "better than either; near -1 their sum or product is.",
-                CorrelationPanel(result.correlation.names, result.correlation.matrix),
+                CorrelationPanel(tuple(names), np.array(matrix)),
             ),
         )
     return Section(
@@ -115,9 +121,9 @@ def correlation_section(result: Identification) -> Section:
     )
 
 
-def closed_form_section(result: Identification) -> Section:
+def closed_form_section(document: Document) -> Section:
     """Return the closed form beside the likelihood."""
-    names = [n for n in result.closed_form if n in result.parameters]
+    names = [n for n in document["closed_form"] if n in document["parameters"]]
     lead = (
         "The paper's chain (Eqs. 22-33) needs no start values and no iteration, but uses less of "
         "the data. It stands beside the likelihood as a check by another way."
@@ -125,25 +131,29 @@ def closed_form_section(result: Identification) -> Section:
     if not names:
         lead += " It has no answer for this session: it needs all seven modes in two mass states."
         return Section("closed_form", "Closed form beside likelihood", lead, ())
-    pairs = [(result.closed_form[n], result.parameters[n]) for n in names]
+    estimates = [document["parameters"][n] for n in names]
+    apart = [
+        (document["closed_form"][n] / e["value"] - 1.0) * 100.0
+        for n, e in zip(names, estimates, strict=True)
+    ]
     rows = [
         (
             Cell(name),
             Cell(parameter_words(name)),
-            Cell(number(closed), f"closed_form/{name}"),
-            Cell(number(e.value), f"parameters/{name}/value"),
-            Cell(f"{(closed / e.value - 1.0) * 100:+.2f} %"),
-            Cell("" if e.unit == "1" else e.unit),
+            cited(document, "closed_form", name),
+            cited(document, "parameters", name, "value"),
+            Cell(f"{percent:+.2f} %"),
+            Cell(unit_text(e["unit"])),
         )
-        for name, (closed, e) in zip(names, pairs, strict=True)
+        for name, e, percent in zip(names, estimates, apart, strict=True)
     ]
     columns = ("", "parameter", "#closed form", "#likelihood", "#difference", "unit")
     ways = [
         (
             Cell(way),
-            *(Cell(number(c[n]), f"closed_form_damping/{way}/{n}") for n in ("c_sf", "c_sr")),
+            *(cited(document, "closed_form_damping", way, n) for n in ("c_sf", "c_sr")),
         )
-        for way, c in result.closed_form_damping.items()
+        for way, c in document["closed_form_damping"].items()
         if {"c_sf", "c_sr"} <= set(c)
     ]
     blocks: list[Block] = [
@@ -154,8 +164,8 @@ def closed_form_section(result: Identification) -> Section:
             "good: it is the less precise of the two.",
             ClosedFormPanel(
                 tuple(names),
-                np.array([(e.high - e.low) / 2 / abs(e.value) * 100 for _, e in pairs]),
-                np.array([(closed / e.value - 1.0) * 100 for closed, e in pairs]),
+                np.array([(e["high"] - e["low"]) / 2 / abs(e["value"]) * 100 for e in estimates]),
+                np.array(apart),
             ),
         ),
         Table("Both in numbers", columns, tuple(rows)),

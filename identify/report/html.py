@@ -31,7 +31,6 @@ def drawings(pictures: Iterable[Picture], executor: Executor) -> dict[str, Futur
 
 def html_of(
     report: Report,
-    document: Mapping[str, object],
     begun: Mapping[str, Future[Markup]] = MappingProxyType({}),
 ) -> str:
     """Set a report as HTML.
@@ -39,16 +38,14 @@ def html_of(
     Parameters
     ----------
     report : Report
-        What is shown.
-    document : mapping
-        The identification as `identify --json` prints it; it goes into the page as data, and
-        numbers in the tables name their place in it.
+        What is shown; its document goes into the page as data, and numbers in the tables name
+        their place in it.
     begun : mapping of key to Future
         Pictures that others draw (`drawings`).
     """
     return _page(
         "report.jinja",
-        {"identification": document, "report-data": report.data},
+        {"identification": report.document, "report-data": report.data},
         drawing=lambda p: begun[p.key].result() if p.key in begun else drawing(p),
         sections=report.sections,
         report=report,
@@ -60,12 +57,12 @@ def html_of(
     )
 
 
-def comparison_html(comparison: Comparison, document: Mapping[str, object]) -> str:
-    """Set a comparison of sessions as HTML; arguments as in `html_of`."""
+def comparison_html(comparison: Comparison) -> str:
+    """Set a comparison of sessions, and its JSON document as data, as HTML."""
     rows = comparison.quantities
     return _page(
         "comparison.jinja",
-        {"comparison": document},
+        {"comparison": comparison.document()},
         drawing=drawing,
         sections=comparison_sections(comparison),
         comparison=comparison,

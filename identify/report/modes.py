@@ -6,24 +6,27 @@ import numpy as np
 
 from daq.vehicle import VehicleGeometry
 
+from ..document import Document
 from ..fit.estimation import Estimation
 from ..identification import Identification
 from ..modes.stabilisation import stabilisation_diagram
 from ..modes.vehicle_modes import on_grid
-from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table
-from .numbers import number
+from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table, cited
 from .panels import StabilisationPanel
 from .shapes import shape_of
 
 _RATE_HZ = 125.0
 _THIN_HZ = 250.0
+_WITH_ENDS = ("frequency_hz", "frequency_low_hz", "frequency_high_hz", "damping_ratio",
+              "damping_ratio_low", "damping_ratio_high")  # fmt: skip
+_WITH_STD = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_ratio_std")
 
 
-def modes_section(result: Identification) -> Section:
+def modes_section(result: Identification, document: Document) -> Section:
     """Return the modes of every mass state."""
     blocks: list[Block] = []
     for state in result.modal:
-        blocks.append(_table(result, state))
+        blocks.append(_table(result, document, state))
     for state in result.modal:
         blocks.append(_cars(result, state))
     if result.estimation is not None:
@@ -43,7 +46,7 @@ def modes_section(result: Identification) -> Section:
                 )
             )
     for state in result.sensed:
-        blocks.append(_sensed(result, state))
+        blocks.append(_sensed(document, state))
     return Section(
         "modes",
         "Modes of vibration",
@@ -53,7 +56,7 @@ def modes_section(result: Identification) -> Section:
     )
 
 
-def _table(result: Identification, state: str) -> Table:
+def _table(result: Identification, document: Document, state: str) -> Table:
     first = next(iter(result.modal))
     partner: dict[int, int] = {}
     note = ""
@@ -68,22 +71,13 @@ def _table(result: Identification, state: str) -> Table:
                 "they are paired by shape (MAC), not by frequency."
             )
     rows = []
-    for i, (name, mode) in enumerate(
-        zip(result.mode_names[state], result.modes[state], strict=True)
-    ):
-        path = f"modes/{state}/{i}"
-        f, zeta = mode.frequency, mode.damping_ratio
+    for i in range(len(document["modes"][state])):
         rows.append(
             (
                 Cell(f"{i + 1}"),
-                Cell(name, f"{path}/name"),
+                cited(document, "modes", state, i, "name", form=str),
                 *((Cell(f"{partner[i] + 1}" if i in partner else ""),) if partner else ()),
-                Cell(number(f.value), f"{path}/frequency_hz"),
-                Cell(number(f.low), f"{path}/frequency_low_hz"),
-                Cell(number(f.high), f"{path}/frequency_high_hz"),
-                Cell(number(zeta.value), f"{path}/damping_ratio"),
-                Cell(number(zeta.low), f"{path}/damping_ratio_low"),
-                Cell(number(zeta.high), f"{path}/damping_ratio_high"),
+                *(cited(document, "modes", state, i, key) for key in _WITH_ENDS),
             )
         )
     partners = (f"#in {first}",) if partner else ()
@@ -95,20 +89,14 @@ def _table(result: Identification, state: str) -> Table:
     )
 
 
-def _sensed(result: Identification, state: str) -> Table:
-    model = result.sensed[state]
-    rows = []
-    for i in range(len(model)):
-        path = f"sensed_modes/{state}/{i}"
-        rows.append(
-            (
-                Cell(f"{i + 1}"),
-                Cell(number(float(model.frequencies_hz[i])), f"{path}/frequency_hz"),
-                Cell(number(float(model.frequency_std_hz[i])), f"{path}/frequency_std_hz"),
-                Cell(number(float(model.damping_ratios[i])), f"{path}/damping_ratio"),
-                Cell(number(float(model.damping_ratio_std[i])), f"{path}/damping_ratio_std"),
-            )
+def _sensed(document: Document, state: str) -> Table:
+    rows = [
+        (
+            Cell(f"{i + 1}"),
+            *(cited(document, "sensed_modes", state, i, key) for key in _WITH_STD),
         )
+        for i in range(len(document["sensed_modes"][state]))
+    ]
     return Table(
         f"Mass state {state} without a model of the car: State Variable Method",
         ("#", "#Hz", "#sigma", "#damping ratio", "#sigma"),

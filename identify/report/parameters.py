@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 
-from ..fit.uncertainty import Estimate
-from ..identification import Identification
-from .blocks import Block, Cell, Picture, Section, Table
-from .numbers import by_kind, half_width_percent, largest_share, number
+from ..document import Document, EstimateEntry, unit_text
+from .blocks import Block, Cell, Picture, Section, Table, cited
+from .numbers import by_kind, half_width_percent, largest_share
 from .panels import IntervalPanel
 from .words import parameter_words, plain
 
@@ -17,11 +16,11 @@ _LEAST_SHARE = 0.005
 """Sources that rest below it everywhere are not drawn."""
 
 
-def parameter_section(result: Identification) -> Section:
+def parameter_section(document: Document) -> Section:
     """Return the parameters and the derived quantities."""
     blocks: list[Block] = []
-    if result.parameters:
-        blocks += [_intervals(result), _parameters(result), _derived(result.derived)]
+    if document["parameters"]:
+        blocks += [_intervals(document), _parameters(document), _derived(document)]
     return Section(
         "parameters",
         "Parameters",
@@ -31,28 +30,35 @@ def parameter_section(result: Identification) -> Section:
     )
 
 
-def estimate_cells(e: Estimate, path: str) -> tuple[Cell, ...]:
+def _estimate_cells(
+    document: Document, part: Literal["parameters", "derived"], name: str
+) -> tuple[Cell, ...]:
     """Return value, both ends of the interval, its relative half width, and unit."""
+    e = document[part][name]
     ends = (Cell("given"), Cell(""), Cell(""))
-    if e.std:
+    if e["std"]:
         ends = (
-            Cell(number(e.low), f"{path}/low"),
-            Cell(number(e.high), f"{path}/high"),
-            Cell(half_width_percent(e.value, e.low, e.high), path),
+            cited(document, part, name, "low"),
+            cited(document, part, name, "high"),
+            cited(document, part, name, form=half_text),
         )
-    unit = "" if e.unit == "1" else e.unit
-    return (Cell(number(e.value), f"{path}/value"), *ends, Cell(unit))
+    return (cited(document, part, name, "value"), *ends, Cell(unit_text(e["unit"])))
 
 
-def _parameters(result: Identification) -> Table:
+def half_text(e: EstimateEntry) -> str:
+    """Write half of an interval as a share of the value."""
+    return half_width_percent(e["value"], e["low"], e["high"])
+
+
+def _parameters(document: Document) -> Table:
     rows = [
         (
             Cell(name),
             Cell(parameter_words(name)),
-            *estimate_cells(e, f"parameters/{name}"),
-            Cell(largest_share(result.drivers.get(name, {}))),
+            *_estimate_cells(document, "parameters", name),
+            Cell(largest_share(document["drivers"].get(name, {}))),
         )
-        for name, e in result.parameters.items()
+        for name in document["parameters"]
     ]
     return Table(
         "Parameters of the vehicle",
@@ -62,9 +68,10 @@ def _parameters(result: Identification) -> Table:
     )
 
 
-def _derived(derived: Mapping[str, Estimate]) -> Table:
+def _derived(document: Document) -> Table:
     rows = [
-        (Cell(plain(name)), *estimate_cells(e, f"derived/{name}")) for name, e in derived.items()
+        (Cell(plain(name)), *_estimate_cells(document, "derived", name))
+        for name in document["derived"]
     ]
     return Table(
         "What follows from them",
@@ -76,15 +83,15 @@ def _derived(derived: Mapping[str, Estimate]) -> Table:
     )
 
 
-def _intervals(result: Identification) -> Picture:
-    known = {n: e for n, e in result.parameters.items() if e.std and e.value}
+def _intervals(document: Document) -> Picture:
+    known = {n: e for n, e in document["parameters"].items() if e["std"] and e["value"]}
     kinds: dict[str, float] = {}
-    rows = {name: by_kind(result.drivers.get(name, {})) for name in known}
+    rows = {name: by_kind(document["drivers"].get(name, {})) for name in known}
     for row in rows.values():
         for kind, share in row.items():
             kinds[kind] = max(kinds.get(kind, 0.0), share)
-    order = _first_named(result, {kind for kind, most in kinds.items() if most > _LEAST_SHARE})
-    half = [(e.high - e.low) / 2.0 / abs(e.value) * 100.0 for e in known.values()]
+    order = _first_named(document, {kind for kind, most in kinds.items() if most > _LEAST_SHARE})
+    half = [(e["high"] - e["low"]) / 2.0 / abs(e["value"]) * 100.0 for e in known.values()]
     return Picture(
         "intervals",
         "How well each parameter is known, and what that rests on",
@@ -100,8 +107,8 @@ def _intervals(result: Identification) -> Picture:
     )
 
 
-def _first_named(result: Identification, kinds: set[str]) -> tuple[str, ...]:
+def _first_named(document: Document, kinds: set[str]) -> tuple[str, ...]:
     """Return the kinds in the order of the runs; what is no run comes last."""
-    labels = [residual.label.rpartition("_")[0] for residual in result.residuals]
+    labels = [run.rpartition("_")[0] for run in document["chi2_by_run"]]
     runs = [kind for kind in dict.fromkeys(labels) if kind in kinds]
     return (*runs, *sorted(kinds - set(runs)))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..fit.cross_validation import Prediction
-from .blocks import Block, Cell, Picture, Section, Table
-from .numbers import number
+from .blocks import Block, Cell, Picture, Section, Table, cited
 from .panels import PredictionPanel
 
 
@@ -58,22 +57,22 @@ def _picture(predictions: tuple[Prediction, ...]) -> Picture:
 
 
 def _table(predictions: tuple[Prediction, ...]) -> Table:
+    data = prediction_data(predictions)
     rows = []
     for p in predictions:
-        path = f"left_out/{p.label}"
         if np.isfinite(p.predicted):
             state = "✓ at noise level" if p.at_noise else "✕ not foretold"
             tail = (
-                Cell(number(p.predicted), f"{path}/predicted"),
-                Cell(number(p.limit), f"{path}/limit"),
+                cited(data, "left_out", p.label, "predicted"),
+                cited(data, "left_out", p.label, "limit"),
                 Cell(state),
-                Cell(p.parameter, f"{path}/parameter"),
-                Cell(f"{p.moved:+.2f}", f"{path}/moved"),
+                cited(data, "left_out", p.label, "parameter", form=str),
+                cited(data, "left_out", p.label, "moved", form="{:+.2f}".format),
             )
         else:
             note = Cell("the others do not determine all parameters")
             tail = (Cell(""), Cell(""), note, Cell(""), Cell(""))
-        rows.append((Cell(p.label), Cell(number(p.fitted), f"{path}/fitted"), *tail))
+        rows.append((Cell(p.label), cited(data, "left_out", p.label, "fitted"), *tail))
     return Table(
         "chi2/n of each run",
         ("run", "#fitted", "#predicted", "#limit", "", "moves most", "#by sigma"),

@@ -13,9 +13,9 @@ from daq.runs import Run, RunStatus
 from daq.samples.trigger import BUMP
 from daq.sessions import Session
 
+from ..document import Document
 from ..identification import Identification
-from .blocks import Block, Cell, Section, Source, Table
-from .numbers import number
+from .blocks import Block, Cell, Section, Source, Table, cited
 from .words import plain
 
 _ROUTINE = (BUMP, "run_end")
@@ -75,9 +75,9 @@ def _runs(session: Session, result: Identification) -> Table:
     )
 
 
-def provenance_section(session: Session, result: Identification, source: Source) -> Section:
+def provenance_section(session: Session, document: Document, source: Source) -> Section:
     """Return channels, hashes, versions and settings."""
-    blocks: list[Block] = [_trace(session, source), _channels(session, result)]
+    blocks: list[Block] = [_trace(session, source), _channels(session, document)]
     settings = session.provenance.get("bench_toml", "")
     if settings:
         row = ((Cell(settings),),)
@@ -120,13 +120,11 @@ def _trace(session: Session, source: Source) -> Table:
     return Table("Trace", ("", ""), tuple((Cell(name), Cell(text)) for name, text in rows))
 
 
-def _channels(session: Session, result: Identification) -> Table:
+def _channels(session: Session, document: Document) -> Table:
     rows = []
     for c in session.channels:
         used = c.quantity is not Quantity.UNUSED
-        noise = Cell("")
-        if c.name in result.noise:
-            noise = Cell(number(result.noise[c.name]), f"noise/{c.name}")
+        noise = cited(document, "noise", c.name) if c.name in document["noise"] else Cell("")
         place = str(c.corner) if c.corner else ""
         if c.quantity in (Quantity.BODY_ACCELERATION, Quantity.BODY_DISPLACEMENT):
             place = "CG" if c.at_cg else f"x {c.x_m:.3f}, y {c.y_m:.3f} m"

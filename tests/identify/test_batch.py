@@ -6,14 +6,14 @@ import json
 
 from daq import session_from_arrays
 from identify import identify
-from identify.batch import result_row, session_row
+from identify.batch import document_row, session_row
 from tests.tui.batches import paper_session, refused_session
 
 
 def test_a_row_is_the_identification_flat() -> None:
     session = paper_session(1)
     result = identify(session)
-    row = result_row(session, result)
+    row = document_row(session, result.document())
     assert (row["session"], row["vehicle"], row["runs_accepted"]) == ("paper-1", "Ford Granada", 6)
     assert row["verdict"] == result.quality.verdict
     assert row["chi2_per_n"] == result.quality.chi2_per_n
@@ -40,5 +40,5 @@ def test_a_refused_session_is_a_row_with_its_reasons() -> None:
 def test_only_the_three_worst_reasons_are_told() -> None:
     session = refused_session(4)
     result = identify(session)
-    told = str(result_row(session, result)["reasons"]).split(" | ")
+    told = str(document_row(session, result.document())["reasons"]).split(" | ")
     assert told == list(result.quality.reasons[:3])

@@ -16,8 +16,6 @@ def compare(
     html: Annotated[Path | None, typer.Option(help="Also write a page.")] = None,
 ) -> int:
     """Compare sessions with the first one: differences with their significance, and trends."""
-    from dataclasses import asdict
-
     from identify.compare import compare as compared
 
     from ..jobs.comparing import identified, print_comparison
@@ -33,13 +31,12 @@ def compare(
         results = identified([str(path) for path in sessions], stage)
     labels = _labels(sessions)
     comparison = compared(labels, results)
-    document = asdict(comparison)
     if html is not None:
         from identify.report.html import comparison_html
 
-        write_file(html, comparison_html(comparison, document).encode())
+        write_file(html, comparison_html(comparison).encode())
     if json:
-        print_json(document)
+        print_json(comparison.document())
     else:
         print_comparison(comparison)
     refused = "refused" in comparison.verdicts

@@ -45,7 +45,7 @@ def demo(
         record_campaign,
         recorded_session,
     )
-    from ..result import identification_document, print_identification
+    from ..result import print_identification
 
     bench = on_bus(load_bench(None), "virtual", f"bumpbench-demo-{os.getpid()}")
     car = SimulatedCar()
@@ -80,12 +80,11 @@ def demo(
     path, session = recorded_session(last)
     with progress("identify") as stage:
         result = method.identify(session, stage)
-    truth = asdict(car.parameters)
+    truth, document = asdict(car.parameters), result.document()
     if json:
-        document = identification_document(result)
         print_json({**document, "truth": truth, "session": str(path)})
     else:
         print_summary(path, session)
         print_line()
-        print_identification(result, truth)
-    return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK
+        print_identification(document, truth)
+    return ExitCode.ANSWER_IS_NO if document["verdict"] == "refused" else ExitCode.OK

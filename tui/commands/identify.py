@@ -20,15 +20,16 @@ def identify(
 
     from ..jobs.helpers import helpers
     from ..output import print_json, progress
-    from ..result import identification_document, print_identification
+    from ..result import print_identification
 
     with progress("identify") as stage:
         stage(0.05, "reading")
         recorded = daq.read_foreign_session(session)
         with helpers(("identify",)) as pool:
             result = method.identify(recorded, stage, pool)
+    document = result.document()
     if json:
-        print_json(identification_document(result))
+        print_json(document)
     else:
-        print_identification(result, {})
-    return ExitCode.ANSWER_IS_NO if result.quality.verdict == "refused" else ExitCode.OK
+        print_identification(document, {})
+    return ExitCode.ANSWER_IS_NO if document["verdict"] == "refused" else ExitCode.OK

@@ -130,8 +130,9 @@ def _document(planned: Plan, advice: Advice, whose: str) -> dict[str, Any]:
 
 
 def _print(planned: Plan, advice: Advice, whose: str) -> None:
+    from identify.report.numbers import number
+
     from ..output import print_line, print_table
-    from ..result import number
 
     now = advice.outlook
     runs = ", ".join(f"{r.repeats} x {r.mass_state} {r.excitation}" for r in planned.runs)

@@ -29,10 +29,10 @@ def simulate(
     from daq.replay.replay import play
     from daq.sim.car import SimulatedCar
     from daq.sim.ecu import campaign_frames
+    from identify.report.numbers import number
 
     from ..bench import shared_bench
     from ..output import print_json, print_table, progress
-    from ..result import number
 
     described = shared_bench(bench, interface, channel)
     codec = bench_codec(described)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from daq.remarks import overrides_of
 from daq.runs import RunStatus
 from daq.sessions import Session
+from identify.document import unit_text
 from identify.report.blocks import Gallery
 from identify.report.decays import decay_section
 from identify.report.numbers import largest_share
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from identify import Estimate, Identification
+    from identify import Document, Identification
+    from identify.document import EstimateEntry
 
 _LEFT_OUT = "left out for a trial"
 
@@ -42,53 +44,55 @@ def outcome_of(
     path: str, session: Session, result: Identification, left_out: Sequence[str] = ()
 ) -> Outcome:
     """Gather what the terminal shows of an identification."""
-    quality = result.quality
+    document = result.document()
+    verdict = result.quality.verdict
     return Outcome(
         session=path,
         vehicle=session.vehicle.name,
         created=session.provenance.get("created", ""),
         without=tuple(left_out),
-        verdict=str(quality.verdict),
-        headline=HEADLINE[quality.verdict],
-        meaning=MEANING[quality.verdict],
-        chi2_per_n=quality.chi2_per_n,
-        findings=tuple(Told(f.gate, str(f.severity), f.text) for f in quality.findings),
+        verdict=document["verdict"],
+        headline=HEADLINE[verdict],
+        meaning=MEANING[verdict],
+        chi2_per_n=document["chi2_per_n"],
+        findings=tuple(Told(**finding) for finding in document["findings"]),
         overrides=overrides_of(session.provenance),
         parameters=tuple(
-            _estimated(name, parameter_words(name), e, largest_share(result.drivers.get(name, {})))
-            for name, e in result.parameters.items()
+            _estimated(
+                name, parameter_words(name), e, largest_share(document["drivers"].get(name, {}))
+            )
+            for name, e in document["parameters"].items()
         ),
-        derived=tuple(_estimated(n, plain(n), e, "") for n, e in result.derived.items()),
-        states=_states(result),
-        runs=_runs(session, result),
+        derived=tuple(_estimated(n, plain(n), e, "") for n, e in document["derived"].items()),
+        states=_states(document, result),
+        runs=_runs(session, document, result),
     )
 
 
-def _estimated(name: str, words: str, e: Estimate, rests_on: str) -> Estimated:
-    unit = "" if e.unit == "1" else e.unit
-    low, high = (e.low, e.high) if e.std else (e.value, e.value)
-    return Estimated(name, words, e.value, low, high, unit, rests_on)
+def _estimated(name: str, words: str, e: EstimateEntry, rests_on: str) -> Estimated:
+    low, high = (e["low"], e["high"]) if e["std"] else (e["value"], e["value"])
+    return Estimated(name, words, e["value"], low, high, unit_text(e["unit"]), rests_on)
 
 
-def _states(result: Identification) -> tuple[StateOutcome, ...]:
+def _states(document: Document, result: Identification) -> tuple[StateOutcome, ...]:
     return tuple(
         StateOutcome(
             state,
             tuple(
                 ModeRow(
-                    name,
-                    mode.frequency.value,
-                    mode.frequency.high - mode.frequency.value,
-                    mode.damping_ratio.value,
-                    mode.damping_ratio.high - mode.damping_ratio.value,
+                    mode["name"],
+                    mode["frequency_hz"],
+                    mode["frequency_high_hz"] - mode["frequency_hz"],
+                    mode["damping_ratio"],
+                    mode["damping_ratio_high"] - mode["damping_ratio"],
                 )
-                for name, mode in zip(result.mode_names[state], modes, strict=True)
+                for mode in modes
             ),
             _rows(result.physical[state].M),
             _rows(result.physical[state].C),
             _rows(result.physical[state].K),
         )
-        for state, modes in result.modes.items()
+        for state, modes in document["modes"].items()
     )
 
 
@@ -96,7 +100,7 @@ def _rows(matrix: NDArray[np.float64]) -> tuple[Row, ...]:
     return tuple(tuple(row) for row in matrix.tolist())
 
 
-def _runs(session: Session, result: Identification) -> tuple[RunOutcome, ...]:
+def _runs(session: Session, document: Document, result: Identification) -> tuple[RunOutcome, ...]:
     curves: dict[str, tuple[Curve, ...]] = {}
     if result.estimation is not None:
         blocks = decay_section(result.estimation).blocks
@@ -111,7 +115,7 @@ def _runs(session: Session, result: Identification) -> tuple[RunOutcome, ...]:
             run.label,
             "left out" if run.reasons == (_LEFT_OUT,) else str(run.status),
             run.reasons,
-            _mean(result.quality.chi2_by_run.get(run.label, {})),
+            _mean(document["chi2_by_run"].get(run.label, {})),
             curves.get(run.label, ()),
         )
         for run in session.runs

@@ -73,8 +73,6 @@ def write_report(
         from identify.report.decays import decay_section
         from identify.report.html import drawings, html_of
 
-        from ..result import identification_document
-
         recorded = reading.result()
     for path in (html, *([] if pdf is None else [pdf])):
         make_room(path)
@@ -92,7 +90,7 @@ def write_report(
         # The PDF takes longest: it is begun first.
         sheets = None if pdf is None else pool.submit(_pdf_of, page)
         begun |= drawings((p for p in page.pictures if p.key not in begun), pool)
-        write_file(html, html_of(page, identification_document(result), begun).encode())
+        write_file(html, html_of(page, begun).encode())
         written(html)
         if pdf is not None and sheets is not None:
             stage(0.85, "PDF")

@@ -5,7 +5,8 @@ from functools import cache
 
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
-from identify import Identification, identify
+from identify import Document, Identification, identify
+from identify.document import FindingEntry
 from identify.fit.estimation import Estimation, estimate
 from identify.pipeline import grey_box, usable_records
 from identify.report.blocks import Report, Source
@@ -50,4 +51,6 @@ def hostile() -> Report:
     )
     report = report_of(session, result, replace(SOURCE, name=HOSTILE))
     kept = [s for s in report.sections if s.key in {"parameters", "runs", "provenance"}]
-    return replace(report, sections=tuple(kept))
+    finding: FindingEntry = {"gate": "chi2", "severity": "ok", "text": HOSTILE}
+    document: Document = {**report.document, "findings": [finding]}
+    return replace(report, sections=tuple(kept), document=document)

@@ -15,7 +15,6 @@ from identify.report.content import report_of
 from identify.report.html import html_of
 from identify.report.numbers import number
 from identify.trust.finding import Finding
-from tui.result import identification_document
 
 from .sessions import HOSTILE, SOURCE, hostile, made, reported
 
@@ -48,7 +47,7 @@ class _Page(HTMLParser):
 
 @cache
 def _linear() -> str:
-    return html_of(reported("linear"), identification_document(made("linear")[1]))
+    return html_of(reported("linear"))
 
 
 def _written(document: Any, path: str) -> set[str]:
@@ -75,7 +74,7 @@ def test_every_number_is_that_of_the_document() -> None:
 
 
 def test_the_document_is_the_one_of_identify() -> None:
-    document = identification_document(made("linear")[1])
+    document = made("linear")[1].document()
     assert _Page(_linear()).documents["identification"] == json.loads(json.dumps(document))
 
 
@@ -104,12 +103,11 @@ def test_names_of_drawing_parts_are_unique() -> None:
 
 
 def test_foreign_text_stays_text() -> None:
-    document = identification_document(made("linear")[1]) | {"foreign": HOSTILE}
-    text = html_of(hostile(), document)
+    text = html_of(hostile())
     assert "<script>alert" not in text
     assert "&lt;script&gt;alert(1)" in text
     page = _Page(text)
-    assert page.documents["identification"]["foreign"] == HOSTILE
+    assert page.documents["identification"]["findings"][0]["text"] == HOSTILE
     assert not any(tag == "b" for tag, _ in page.tags)
 
 
@@ -117,7 +115,7 @@ def test_a_refused_session_has_a_page_with_its_reason_first() -> None:
     session, _ = made("linear")
     finding = Finding("mass_states", Verdict.REFUSED, "record a run with the added mass")
     refused = Identification(Quality((finding,), float("nan")), session.provenance)
-    text = html_of(report_of(session, refused, SOURCE), identification_document(refused))
+    text = html_of(report_of(session, refused, SOURCE))
     assert text.index("verdict: refused") < text.index("record a run with the added mass")
     assert "must not be used" in text
     assert _Page(text).documents["identification"]["chi2_per_n"] is None
@@ -126,7 +124,7 @@ def test_a_refused_session_has_a_page_with_its_reason_first() -> None:
 @pytest.mark.parametrize("verdict", list(Verdict))
 def test_a_verdict_is_told_without_colour(verdict: Verdict) -> None:
     report = replace(reported("linear"), verdict=verdict, sections=())
-    text = html_of(report, {})
+    text = html_of(report)
     assert f"verdict: {verdict}" in text
     assert {"ok": "✓", "doubtful": "!", "refused": "✕"}[verdict] in text
 

@@ -1,0 +1,209 @@
+"""The document of an identification: the JSON from which every form of a result is made.
+
+Command line, terminal, report, batch row and notebook read it; `identify --json` prints it.  A new
+kind of result is one more key here and one more line in `Identification.document`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import TypedDict
+
+from daq.html_tables import html_line, html_table
+
+from .fit.uncertainty import Correlation, Estimate, ModeEstimate
+from .modes.modal_model import ModalModel
+from .modes.pairing import Pairing
+from .trust.finding import Finding
+
+
+class EstimateEntry(TypedDict):
+    """A number in `unit` (1 for a ratio) with its standard deviation and 95 % interval."""
+
+    value: float
+    std: float
+    low: float
+    high: float
+    unit: str
+
+
+class FindingEntry(TypedDict):
+    """One thing that a gate found; severity `refused`, `doubtful` or `ok`."""
+
+    gate: str
+    severity: str
+    text: str
+
+
+class CorrelationEntry(TypedDict):
+    """Correlation coefficients of the parameters' errors."""
+
+    names: list[str]
+    matrix: list[list[float]]
+
+
+class SensedModeEntry(TypedDict):
+    """One mode by the State Variable Method alone."""
+
+    frequency_hz: float
+    frequency_std_hz: float
+    damping_ratio: float
+    damping_ratio_std: float
+
+
+class ModeEntry(SensedModeEntry):
+    """One mode of the identified vehicle with its 95 % intervals."""
+
+    name: str
+    frequency_low_hz: float
+    frequency_high_hz: float
+    damping_ratio_low: float
+    damping_ratio_high: float
+
+
+class PairEntry(TypedDict):
+    """A mode of the first mass state and the same mode of another one, numbers from 1."""
+
+    first: int
+    this: int
+    mac: float
+    """Likeness of their shapes, 0 to 1."""
+
+
+class Document(TypedDict):
+    """An identification as JSON, SI units; its parts are those of `Identification`."""
+
+    verdict: str
+    reasons: list[str]
+    findings: list[FindingEntry]
+    chi2_per_n: float
+    chi2_by_run: dict[str, dict[str, float]]
+    """By run and channel."""
+    parameters: dict[str, EstimateEntry]
+    derived: dict[str, EstimateEntry]
+    correlation: CorrelationEntry
+    drivers: dict[str, dict[str, float]]
+    """By parameter and source."""
+    modes: dict[str, list[ModeEntry]]
+    """By mass state, in order of frequency."""
+    paired: dict[str, list[PairEntry]]
+    """By further mass state, in the order of the first."""
+    swapped: dict[str, list[list[int]]]
+    """By further mass state: numbers, from 1, of modes of the first that change their order."""
+    snr_db: dict[str, list[float]]
+    """By run, in the order of the modes of its mass state."""
+    sensed_modes: dict[str, list[SensedModeEntry]]
+    closed_form: dict[str, float]
+    closed_form_damping: dict[str, dict[str, float]]
+    """By way to C."""
+    noise: dict[str, float]
+    """By channel."""
+
+
+def finding_entries(findings: Sequence[Finding]) -> list[FindingEntry]:
+    """Return the findings, the worst first."""
+    return [{"gate": f.gate, "severity": str(f.severity), "text": f.text} for f in findings]
+
+
+def estimate_entries(estimates: Mapping[str, Estimate]) -> dict[str, EstimateEntry]:
+    """Return estimates by name."""
+    return {
+        name: {"value": e.value, "std": e.std, "low": e.low, "high": e.high, "unit": e.unit}
+        for name, e in estimates.items()
+    }
+
+
+def correlation_entry(correlation: Correlation) -> CorrelationEntry:
+    """Return names and coefficients."""
+    return {"names": list(correlation.names), "matrix": correlation.matrix.tolist()}
+
+
+def mode_entries(names: Sequence[str], modes: Sequence[ModeEstimate]) -> list[ModeEntry]:
+    """Return the modes of one mass state."""
+    return [
+        {
+            "name": name,
+            "frequency_hz": mode.frequency.value,
+            "frequency_std_hz": mode.frequency.std,
+            "frequency_low_hz": mode.frequency.low,
+            "frequency_high_hz": mode.frequency.high,
+            "damping_ratio": mode.damping_ratio.value,
+            "damping_ratio_std": mode.damping_ratio.std,
+            "damping_ratio_low": mode.damping_ratio.low,
+            "damping_ratio_high": mode.damping_ratio.high,
+        }
+        for name, mode in zip(names, modes, strict=True)
+    ]
+
+
+def pair_entries(pairing: Pairing) -> list[PairEntry]:
+    """Return which mode is which."""
+    return [
+        {"first": int(i) + 1, "this": int(j) + 1, "mac": float(mac)}
+        for i, j, mac in zip(pairing.baseline, pairing.added, pairing.mac, strict=True)
+    ]
+
+
+def swapped_entries(pairing: Pairing) -> list[list[int]]:
+    """Return the numbers, from 1, of the modes that change their order."""
+    return [[i + 1, j + 1] for i, j in pairing.swapped]
+
+
+def sensed_mode_entries(model: ModalModel) -> list[SensedModeEntry]:
+    """Return the sensed modes of one mass state."""
+    return [
+        {
+            "frequency_hz": float(model.frequencies_hz[i]),
+            "frequency_std_hz": float(model.frequency_std_hz[i]),
+            "damping_ratio": float(model.damping_ratios[i]),
+            "damping_ratio_std": float(model.damping_ratio_std[i]),
+        }
+        for i in range(len(model))
+    ]
+
+
+def document_html(document: Document) -> str:
+    """Return verdict, findings, parameters and modes as HTML for a notebook."""
+    head = f"Verdict: {document['verdict']}"
+    if isfinite(document["chi2_per_n"]):
+        head += f"; chi2/n {document['chi2_per_n']:.3f}"
+    parts = [html_line(head)]
+    if document["findings"]:
+        rows = [[f["text"], f["severity"]] for f in document["findings"]]
+        parts.append(html_table("Findings", ["finding", "severity"], rows))
+    if document["parameters"]:
+        rows = [
+            [
+                name,
+                f"{e['value']:.6g}",
+                _interval(e["low"], e["high"]) if e["std"] else "given",
+                unit_text(e["unit"]),
+            ]
+            for name, e in document["parameters"].items()
+        ]
+        columns = ["parameter", "estimate", "95 % interval", "unit"]
+        parts.append(html_table("Parameters", columns, rows))
+    for state, modes in document["modes"].items():
+        rows = [
+            [
+                mode["name"],
+                f"{mode['frequency_hz']:.6g}",
+                _interval(mode["frequency_low_hz"], mode["frequency_high_hz"]),
+                f"{mode['damping_ratio']:.6g}",
+                _interval(mode["damping_ratio_low"], mode["damping_ratio_high"]),
+            ]
+            for mode in modes
+        ]
+        columns = ["mode", "frequency, Hz", "95 % interval", "damping ratio", "95 % interval"]
+        parts.append(html_table(f"Modes, {state}", columns, rows))
+    return "".join(parts)
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as it is printed; nothing for a ratio."""
+    return "" if unit == "1" else unit
+
+
+def _interval(low: float, high: float) -> str:
+    return f"{low:.6g} .. {high:.6g}"
