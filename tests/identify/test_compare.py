@@ -38,6 +38,16 @@ def test_holm_stops_at_the_first_that_does_not_stand() -> None:
     assert [q.differences[0].significant for q in two.parameters] == [True, False, False, False]
 
 
+def test_holm_asks_less_of_each_after_the_surest() -> None:
+    # p = 0.010, 0.015, 0.024, 0.060 against 0.0125, 0.0167, 0.025, 0.05: all but the last stand.
+    z = [2.575829, 2.432379, 2.257129, 1.880794]
+    sigma = 1 / sqrt(2)
+    two = compare(["a", "b"], [_result([0.0] * 4, [sigma] * 4), _result(z, [sigma] * 4)])
+    p = [q.differences[0].p for q in two.parameters]
+    np.testing.assert_allclose(p, [0.010, 0.015, 0.024, 0.060], rtol=1e-4)
+    assert [q.differences[0].significant for q in two.parameters] == [True, True, True, False]
+
+
 def test_false_alarms_of_all_tests_together_stay_below_five_percent() -> None:
     rng = np.random.default_rng(7)
     alarms = 0

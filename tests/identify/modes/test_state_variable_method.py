@@ -15,6 +15,7 @@ from identify.model.matrices import PhysicalModel, physical_model
 from identify.model.response import Bump, exact_response, wilson_response
 from identify.modes.modal_model import ModalModel, mac, modes_of
 from identify.modes.mode_selection import identify_modes
+from identify.modes.state_variable_method import Delays, delay_space, poles_of_rank
 
 from ..structures import (
     chain_poles,
@@ -252,3 +253,16 @@ def test_bad_records_are_refused_in_one_line(
     with pytest.raises(InputError, match=message) as error:
         identify_modes(records, rate_hz)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("step", [4, 7])
+def test_a_mode_that_turns_by_more_than_half_between_delays_keeps_its_frequency(step: int) -> None:
+    """At 100 Hz, 2, 18 and 31 Hz turn by 0.08, 0.72 and 1.24 in four samples."""
+    poles = oscillators([2.0, 18.0, 31.0], [0.02, 0.01, 0.01])
+    shapes = np.array([[1.0, 1.0, 1.0], [1.0, -0.5, 0.3]])
+    record = free_decay(poles, shapes, np.array([1.0, 0.8j, 0.9]), 100.0, 3.0)
+    space = delay_space([record], 100.0, Delays(10, step))
+    found, _ = poles_of_rank(space, 6)
+    found = found[found.imag > 0.0]
+    found = found[np.argsort(np.abs(found))]
+    np.testing.assert_allclose(found, poles, rtol=1e-6)

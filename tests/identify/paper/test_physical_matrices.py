@@ -13,6 +13,8 @@ from dbc.errors import InputError
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
 from identify.modes.modal_model import ModalModel, modes_of
 from identify.paper.physical_matrices import (
+    ClosedForm,
+    damping_matrices,
     identify_parameters,
     nearest_vehicle,
     physical_matrices,
@@ -65,6 +67,45 @@ def test_parameters_come_back_through_a_full_added_mass(geometry: VehicleGeometr
         geometry,
     )
     np.testing.assert_allclose(result.parameters.to_array(), FORD_GRANADA.to_array(), rtol=1e-9)
+
+
+def _damping_by_forces(c_front: float, c_rear: float) -> NDArray[np.float64]:
+    """Return C column by column: the dampers' pull against a unit velocity of each coordinate."""
+    places = ((1.25, 0.74), (1.25, -0.74), (-1.51, 0.74), (-1.51, -0.74))  # x forward, y left
+    columns = []
+    for velocity in np.eye(7):
+        force = np.zeros(7)
+        for wheel, (x, y) in enumerate(places):
+            body = velocity[0] - x * velocity[1] + y * velocity[2]
+            pull = (c_front if wheel < 2 else c_rear) * (body - velocity[3 + wheel])
+            force[:3] += pull * np.array([1.0, -x, y])
+            force[3 + wheel] -= pull
+        columns.append(force)
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize(
+    "dM", [PAPER, delta_mass(AddedMass(SKEWED), FORD_GRANADA.a).real], ids=["paper", "full"]
+)
+def test_each_way_to_the_damping_finds_the_dampers_of_its_own_runs(
+    dM: NDArray[np.float64],
+) -> None:
+    """The dampers are warmer in the loaded runs: 1500 and 1400 first, then 1300 and 1700 N s/m."""
+    cold, warm = _damping_by_forces(1500.0, 1400.0), _damping_by_forces(1300.0, 1700.0)
+    lower = [
+        np.hstack([-np.linalg.solve(M, VEHICLE.K), -np.linalg.solve(M, C)])
+        for M, C in ((VEHICLE.M, cold), (VEHICLE.M + dM, warm))
+    ]
+    light, loaded = (np.vstack([np.eye(7, 14, 7), rows]) for rows in lower)
+    found = damping_matrices(light, loaded, dM, VEHICLE.M)
+    assert list(found) == ["baseline", "added", "mean"]
+    for way, truth in (("baseline", cold), ("added", warm), ("mean", (cold + warm) / 2.0)):
+        np.testing.assert_allclose(found[way], truth, atol=1e-8 * np.abs(truth).max())
+    ways = ClosedForm(VEHICLE, FORD_GRANADA, found).corner_damping()
+    for way, front, rear in (
+        ("baseline", 1500.0, 1400.0), ("added", 1300.0, 1700.0), ("mean", 1400.0, 1550.0),
+    ):  # fmt: skip
+        assert ways[way] == pytest.approx({"c_sf": front, "c_sr": rear}, rel=1e-9)
 
 
 def test_a_wrong_tape_measure_stays_and_spoils_only_what_depends_on_it() -> None:
