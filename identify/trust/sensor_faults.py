@@ -89,7 +89,7 @@ def sensor_explanations(estimation: Estimation, suspected: Sequence[str]) -> lis
 
 
 def gain_of(estimation: Estimation, name: str) -> Explanation:
-    """Hold one channel against what all others foretell.
+    """Hold one channel against what all others predict.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def _left_out(estimation: Estimation, before: _Problem, name: str) -> Explanatio
     others = _solved(estimation, lambda c: None if c.name == name else c, before.fit.eta)
     eta = _start(before.box, others.box, others.fit.eta)
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
-    foretold, measured = 0.0, 0.0
+    predicted, measured = 0.0, 0.0
     left = residuals(before.box, before.decays, noise, eta)
     for decay, rest in zip(before.decays, left, strict=True):
         for r in decay.recordings:
@@ -124,17 +124,22 @@ def _left_out(estimation: Estimation, before: _Problem, name: str) -> Explanatio
                 if channel.name == name:
                     model = r.values[:, c] - rest.values[name]
                     model = model - model.mean()
-                    foretold += float(model @ model)
+                    predicted += float(model @ model)
                     measured += float(model @ r.values[:, c])
-    gain = measured / foretold if foretold > 0.0 else float("nan")
-    advice = "check its calibration, unit and sign"
-    if abs(gain + 1.0) < 0.2:
-        advice = "it is upside down: turn its sign"
-    elif gain > 0.0 and not 0.7 < gain < 1.4:
-        advice = "its unit or gain is wrong: check the unit in the DBC (g, mg, m/s2, deg/s, rad/s)"
-    sizes = f"it shows {gain:.3g} times what the other channels foretell"
+    gain = measured / predicted if predicted > 0.0 else float("nan")
+    sizes = f"it shows {gain:.3g} times what the other channels predict"
     explained = 1.0 - others.excess / before.excess
-    return Explanation(f"gain of {name}", sizes, advice, explained, *_shift(before, others))
+    shift = _shift(before, others)
+    return Explanation(f"gain of {name}", sizes, gain_advice(gain), explained, *shift)
+
+
+def gain_advice(gain: float) -> str:
+    """Return what to do about a channel that shows `gain` times the motion."""
+    if abs(gain + 1.0) < 0.2:
+        return "it is upside down: turn its sign"
+    if gain > 0.0 and not 0.7 < gain < 1.4:
+        return "its unit or gain is wrong: check the unit in the DBC (g, mg, m/s2, deg/s, rad/s)"
+    return "check its calibration, unit and sign"
 
 
 def _late(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:

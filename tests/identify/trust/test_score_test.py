@@ -99,3 +99,17 @@ def test_tyre_damping_is_sized() -> None:
     assert np.all(np.abs(sizes - 150.0) < 4.0 * stds)
     assert np.all(stds < 40.0)
     assert found.strength > 1.0
+
+
+def test_sizes_do_not_depend_on_where_near_the_optimum_the_fit_stopped() -> None:
+    """Some way beside the optimum, what the unknowns owe is taken off again."""
+    result = estimated("linear", 1)
+    std = np.sqrt(np.diag(result.fit.covariance))
+    beside = 0.3 * std * np.where(np.arange(len(std)) % 2, 1.0, -1.0)
+    moved = replace(result, fit=replace(result.fit, eta=result.fit.eta + beside))
+    before = {suspect.cause: suspect.score for suspect in rank_causes(result)}
+    for suspect in rank_causes(moved):
+        score = suspect.score
+        seen = score.stds > 0.0
+        change = (score.sizes - before[suspect.cause].sizes)[seen] / score.stds[seen]
+        assert np.max(np.abs(change), initial=0.0) < 0.1, suspect.cause
