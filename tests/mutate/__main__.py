@@ -24,16 +24,17 @@ def main() -> None:
     parser.add_argument("--root", type=Path, default=Path(__file__).parents[2])
     given = parser.parse_args()
     root = given.root.resolve()
-    drawn = draw(root, sources(root, given.paths), given.count, given.seed)
+    paths = sources(root, given.paths)
     campaign = Campaign(root, given.jobs, _show)
     outcomes: list[Outcome] = []
     try:
+        drawn = draw(campaign.source, paths, given.count, given.seed)
         for outcome in campaign.outcomes(drawn):
             outcomes.append(outcome)
-            _show(f"{len(outcomes)}/{len(drawn)} {_line(root, outcome)}")
+            _show(f"{len(outcomes)}/{len(drawn)} {_line(campaign.source, outcome)}")
+        print(*_rates(outcomes), *_survivors(campaign.source, outcomes), sep="\n")
     finally:
         campaign.close()
-    print(*_rates(outcomes), *_survivors(root, outcomes), sep="\n")
 
 
 def _show(text: str) -> None:

@@ -11,7 +11,7 @@ from tempfile import mkdtemp
 from time import sleep
 
 from .mutant import Mutant
-from .private_tree import PrivateTree
+from .private_tree import PrivateTree, snapshot
 from .room_tests import room_tests
 from .trial import PASSED, Report, Trial, load
 
@@ -58,10 +58,10 @@ class Campaign:
     """Private trees side by side, and what is known of the tests."""
 
     def __init__(self, root: Path, trees: int, show: Callable[[str], None]) -> None:
-        self._root = root
         self._show = show
         self._folder = Path(mkdtemp(prefix="mutate"))
-        self._trees = [PrivateTree(root, self._folder / str(n)) for n in range(trees)]
+        self.source = snapshot(root, self._folder / "source")
+        self._trees = [PrivateTree(self.source, self._folder / str(n)) for n in range(trees)]
         self._seconds: dict[str, float] = {}
         self._sound: set[str] = set()
         self._broken: set[str] = set()
@@ -75,8 +75,9 @@ class Campaign:
         """Yield what becomes of each mutant, in the order in which they end.
 
         A file that fails with a mutant is run once without: only then the mutant is killed.  One
-        that fails without is left out from then on.
+        that fails twice without is left out from then on.
         """
+        failed_once: set[str] = set()
         unsure: defaultdict[str, list[Outcome]] = defaultdict(list)
         self._jobs = deque(Job(mutant) for mutant in mutants)
         for done in self._run():
@@ -85,15 +86,22 @@ class Campaign:
             mutant = done.job.mutant
             if mutant is None:
                 file = done.job.file
-                outcomes = unsure.pop(file)
+                again = [outcome.mutant for outcome in unsure[file]]
                 if done.report and done.report.code in PASSED:
                     self._sound.add(file)
-                    yield from outcomes
+                    if file in failed_once:  # by chance, so perhaps by chance with a mutant, too
+                        self._jobs.extend(map(Job, again))
+                    else:
+                        yield from unsure[file]
+                elif file not in failed_once:
+                    failed_once.add(file)
+                    self._jobs.appendleft(Job(file=file))
+                    continue
                 else:
                     self._broken.add(file)
                     self._show(f"left out, it fails without a mutant: {file}\n{done.output}")
-                    again = [outcome.mutant for outcome in outcomes]
-                    self._jobs.extend(Job(mutant) for mutant in again)
+                    self._jobs.extend(map(Job, again))
+                del unsure[file]
             elif done.report and done.report.code in PASSED:
                 yield Outcome(mutant, False, False, done.seconds)
             elif done.report and done.report.failed not in self._sound:
@@ -111,7 +119,7 @@ class Campaign:
 
     def _files(self, mutant: Mutant) -> tuple[str, ...]:
         """Return the test files of a mutant, the quickest first, those of its module before all."""
-        tests = room_tests(self._root, mutant)
+        tests = room_tests(self.source, mutant)
         return tuple(
             file
             for group in (tests.direct, tests.others)
@@ -145,8 +153,7 @@ class Campaign:
 
     def _start(self, tree: PrivateTree, job: Job, files: tuple[str, ...]) -> Trial:
         if job.mutant:
-            source = (self._root / job.mutant.path).read_bytes()
-            tree.write(job.mutant.path, job.mutant.applied(source))
+            tree.apply(job.mutant)
         return Trial.start(tree, files)
 
     def _ended(self, job: Job, trial: Trial) -> Done | None:
@@ -156,8 +163,6 @@ class Campaign:
             if trial.seconds < LEAST_S + PATIENCE * known:
                 return None
             trial.stop()
-        if job.mutant:
-            source = (self._root / job.mutant.path).read_bytes()
-            trial.tree.write(job.mutant.path, source)
+        trial.tree.restore()
         report = trial.report() if ended else None
         return Done(job, report, trial.seconds, trial.output())

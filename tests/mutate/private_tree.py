@@ -7,6 +7,8 @@ import shutil
 import sys
 from pathlib import Path
 
+from .mutant import Mutant
+
 IGNORED = shutil.ignore_patterns(".git", ".venv", "build", ".*_cache", ".hypothesis", "*.egg-info")
 SCRIPT = """#!{python}
 from tui.cli import main
@@ -14,21 +16,39 @@ raise SystemExit(main())
 """
 
 
+def snapshot(root: Path, target: Path) -> Path:
+    """Copy the tree as it is now: it may change while mutants are tried."""
+    shutil.copytree(root, target, ignore=IGNORED)
+    return target
+
+
 class PrivateTree:
     """One copy, in which one mutant at a time is tried."""
 
-    def __init__(self, root: Path, folder: Path) -> None:
-        self.source = str(root)
+    def __init__(self, source: Path, folder: Path) -> None:
         self.root = folder / "tree"
-        shutil.copytree(root, self.root, ignore=IGNORED)
+        snapshot(source, self.root)
         self.python = _environment(self.root, folder / "venv")
         self._stamp = 1_000_000_000
+        self._original: tuple[Path, bytes] | None = None
 
-    def write(self, path: str, source: bytes) -> None:
-        """Write one file, with a time of its own: bytecode of what it was is not taken for it."""
+    def apply(self, mutant: Mutant) -> None:
+        """Put a mutant into the copy, until `restore`."""
+        path = self.root / mutant.path
+        self._original = (path, path.read_bytes())
+        self._write(path, mutant.applied(self._original[1]))
+
+    def restore(self) -> None:
+        """Take the mutant out again."""
+        if self._original:
+            self._write(*self._original)
+            self._original = None
+
+    def _write(self, path: Path, source: bytes) -> None:
+        """Write a file with a time of its own: bytecode of what it was is not taken for it."""
         self._stamp += 1
-        (self.root / path).write_bytes(source)
-        os.utime(self.root / path, (self._stamp, self._stamp))
+        path.write_bytes(source)
+        os.utime(path, (self._stamp, self._stamp))
 
 
 def _environment(tree: Path, venv: Path) -> Path:

@@ -23,6 +23,7 @@ from hypothesis import Phase, settings
 
 from .private_tree import PrivateTree
 
+HERE = str(Path(__file__).parents[2])
 OF_THE_TREE = frozenset({"dbc", "daq", "identify", "tui", "tests"})
 PASSED = (0, 5)
 """Exit codes of pytest: all passed, nothing collected."""
@@ -117,7 +118,7 @@ class Trial:
     def output(self) -> str:
         """Return the last lines that pytest printed."""
         text = _output(self.tree).read_text("utf-8", errors="replace")
-        return "\n".join(text.splitlines()[-15:])
+        return "\n".join(text.splitlines()[-4:])
 
     def report(self) -> Report:
         """Return what it has left behind.
@@ -158,7 +159,7 @@ def _run(tree: PrivateTree, files: Sequence[str]) -> int:
     os.chdir(tree.root)
     for name in [name for name in sys.modules if name.split(".")[0] in OF_THE_TREE]:
         del sys.modules[name]
-    sys.path[:] = [str(tree.root), *(p for p in sys.path if p and p != tree.source)]
+    sys.path[:] = [str(tree.root), *(p for p in sys.path if p and p != HERE)]
     sys.meta_path[:] = [
         finder for finder in sys.meta_path if "editable" not in getattr(finder, "__module__", "")
     ]
