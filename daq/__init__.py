@@ -11,9 +11,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .arrays import session_from_arrays
+    from .bench.config import Bench, bench_codec, load_bench
+    from .bus.interfaces import open_source
     from .channels import Channel, Quantity, paper_channels
+    from .control.messages import Status
+    from .derive.from_logs import session_from_log
     from .errors import BumpbenchError, BusError, InputError
+    from .formats.log import read_log
+    from .recorder.recorder import Recorder
     from .runs import ADDED, BASELINE, Event, Excitation, Losses, Run, RunStatus, SampleGroup
+    from .samples.mapping import map_channels
     from .session import read_foreign_session, read_session, validate_session, write_session
     from .sessions import Session
     from .vehicle import (
@@ -30,8 +37,15 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "arrays": ("session_from_arrays",),
+    "bench.config": ("Bench", "bench_codec", "load_bench"),
+    "bus.interfaces": ("open_source",),
     "channels": ("Channel", "Quantity", "paper_channels"),
+    "control.messages": ("Status",),
+    "derive.from_logs": ("session_from_log",),
     "errors": ("BumpbenchError", "BusError", "InputError"),
+    "formats.log": ("read_log",),
+    "recorder.recorder": ("Recorder",),
+    "samples.mapping": ("map_channels",),
     "sessions": ("Session",),
     "runs": (
         "ADDED", "BASELINE", "Event", "Excitation", "Losses", "Run", "RunStatus", "SampleGroup",
@@ -50,6 +64,7 @@ __all__ = [
     "BASELINE",
     "FORD_GRANADA",
     "AddedMass",
+    "Bench",
     "BodyWeight",
     "BumpbenchError",
     "BusError",
@@ -62,17 +77,25 @@ __all__ = [
     "Losses",
     "MassState",
     "Quantity",
+    "Recorder",
     "Run",
     "RunStatus",
     "SampleGroup",
     "Session",
+    "Status",
     "Vehicle",
     "VehicleGeometry",
     "VehicleParameters",
+    "bench_codec",
+    "load_bench",
+    "map_channels",
+    "open_source",
     "paper_channels",
     "read_foreign_session",
+    "read_log",
     "read_session",
     "session_from_arrays",
+    "session_from_log",
     "validate_session",
     "write_session",
 ]

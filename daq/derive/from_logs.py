@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 from datetime import UTC, datetime
 from itertools import count
+from typing import Protocol
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from dbc import Codec
 from dbc.frames import FrameBatch, read_only
 
 from ..bench.campaign import Campaign, Step
-from ..bench.config import Bench
+from ..bench.config import Bench, bench_codec
 from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.contents import HopCounts
@@ -234,6 +235,39 @@ def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tupl
                 yield replace(event, text=step.label)
 
     return tuple(replace(part, events=tuple(relabelled(part.events))) for part in parts)
+
+
+class RecordedFrames(Protocol):
+    """Frames in blocks, with an account of what was lost before they were stored."""
+
+    @property
+    def hops(self) -> HopLosses:
+        """Losses up to the block handed out last."""
+
+    def __iter__(self) -> Iterator[FrameBatch]: ...
+
+
+def session_from_log(bench: Bench, log: RecordedFrames) -> Session:
+    """Return the session in a log: its bumps are the runs of the campaign, in this order.
+
+    Parameters
+    ----------
+    bench : Bench
+        What was on the bench, and its campaign.
+    log : Log or other blocks of frames
+        Such as `daq.formats.log.read_log` returns.
+
+    Raises
+    ------
+    InputError
+        If bench.toml, DBC and log do not fit together.
+    """
+    codec = bench_codec(bench)
+    intake = Intake(bench, codec)
+    for batch in log:
+        intake.take(batch, log.hops)
+    parts = labelled([intake.part()], bench.campaign.steps, 0)
+    return session_from_parts(bench, codec, parts, {"software": "bumpbench"})
 
 
 def session_from_parts(

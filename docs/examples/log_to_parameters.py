@@ -1,0 +1,28 @@
+"""From a log to parameters: `python log_to_parameters.py LOG [BENCH.TOML]`.
+
+The log may be BLF, ASC, TRC, candump, CSV, MF4 or a journal of ours (`bumpbench demo` leaves one:
+`bumpbench-demo/journal/journal_0001.mcap`).  Without a bench.toml the shipped bench is used.
+"""
+
+import sys
+from pathlib import Path
+
+import daq
+import identify
+
+
+def main(log: Path, bench_toml: Path | None = None) -> None:
+    """Find the bumps, cut the runs, identify, and print what was found."""
+    bench = daq.load_bench(bench_toml)
+    session = daq.session_from_log(bench, daq.read_log(log))
+    for run in session.runs:
+        print(run.label, run.status, *run.reasons)
+
+    result = identify.identify(session)
+    print(f"verdict: {result.quality.verdict}", *result.quality.reasons, sep="\n  ")
+    for name, e in result.parameters.items():
+        print(f"{name:5} {e.value:10.5g} {e.unit:6}  95 %: {e.low:.5g} .. {e.high:.5g}")
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))
