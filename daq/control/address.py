@@ -1,4 +1,4 @@
-"""Where the recorder of a folder is spoken to: two sockets in a directory of this user alone."""
+"""The addresses of a folder's recorder: two sockets in a directory of this user alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from ..errors import InputError
 
 MAX_PATH_BYTES = 100
-"""A Unix socket's path is cut off by the kernel at 108 bytes, without a word."""
+"""Longest path of a Unix socket, bytes: the kernel truncates it at 108 without an error."""
 _DIRECTORY = "RUNTIME_DIRECTORY"
 
 
@@ -20,9 +20,9 @@ class Address:
     """Endpoints of one recorder."""
 
     control: str
+    """``ipc://`` endpoint of requests and replies."""
     news: str
-    """`control`, `news`: ``ipc://`` endpoints: requests and their replies; what is published to
-    everybody."""
+    """``ipc://`` endpoint of published messages."""
 
     @property
     def paths(self) -> tuple[Path, Path]:
@@ -31,16 +31,16 @@ class Address:
 
 
 def control_address(folder: Path) -> Address:
-    """Return where the recorder of a folder listens; its directory is made if need be.
+    """Return the address of a folder's recorder; its directory is made if it is not there.
 
-    The directory is systemd's `RUNTIME_DIRECTORY` if that is set, else one in /tmp.  Not the
-    user's run-time directory: that goes when the last login ends, and a recorder outlives it.
+    The directory is systemd's `RUNTIME_DIRECTORY` if that is set, else one in /tmp, and not the
+    user's run-time directory, which is deleted when the last login ends: a recorder outlives it.
 
     Raises
     ------
     InputError
-        If the directory cannot be made, belongs to somebody else, or its path is too long; or if
-        the folder's name is no text that a client could be told.
+        If the directory cannot be made, belongs to another user, or its path is too long; or if
+        the name of the folder is not UTF-8.
     """
     if not hasattr(os, "getuid"):
         what = "has no sockets that only one user can reach"
@@ -61,7 +61,7 @@ def control_address(folder: Path) -> Address:
 
 
 def _make_private(directory: Path) -> None:
-    """Make a directory that nobody else can enter, or see that it is one."""
+    """Make a directory that no other user can enter, or check that it is one."""
     try:
         directory.mkdir(mode=0o700, exist_ok=True)
         found = directory.lstat()

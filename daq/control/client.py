@@ -1,7 +1,7 @@
-"""A client of the recorder: gives orders, listens to the news.
+"""A client of the recorder: sends orders, receives what the recorder publishes.
 
-Only the one who is in control may give orders; everybody may look on.  A client shows twice a
-second that it lives, so that the next one need not ask a dead one for control.
+Only the client in control may send orders; others may only look on.  A client sends a sign of life
+twice a second, so that control is not left with a dead one.
 """
 
 from __future__ import annotations
@@ -33,8 +33,11 @@ from .messages import (
 from .orders import Hello, Order
 
 HEARTBEAT_S = 0.5
+"""Seconds between two signs of life."""
 _SLICE_S = 0.1
+"""Longest wait for a message, s, before checking whether the client was closed."""
 _NEWS_HELD = 100
+"""Published messages kept for a client that does not fetch them."""
 
 
 class RecorderGone(BumpbenchError):  # noqa: N818 - that is what happened
@@ -46,7 +49,7 @@ class OrderRefused(Exception):  # noqa: N818 - the recorder's word, not a failur
 
 
 def is_running(address: Address) -> bool:
-    """Whether somebody listens at an address."""
+    """Return whether a recorder listens at an address."""
     with socket.socket(socket.AF_UNIX) as probe, suppress(OSError):
         probe.settimeout(1.0)
         probe.connect(str(address.paths[0]))
@@ -64,16 +67,16 @@ class Client:
     name : str
         The person, for the journal and for others who want control.
     control : bool
-        Whether to be in control; without it, only questions are answered.
+        True to take control; without it, only questions are answered.
     take_over : bool
-        Take control from whoever has it.
+        Take control from the client that has it.
 
     Raises
     ------
     RecorderGone
         If no recorder answers.
     OrderRefused
-        If somebody else is in control.
+        If another client is in control.
     """
 
     def __init__(self, address: Address, name: str, control: bool, take_over: bool = False) -> None:
@@ -104,18 +107,18 @@ class Client:
 
     @property
     def in_control(self) -> bool:
-        """Whether this client may give orders, as far as it knows."""
+        """True if this client was in control at its last answer."""
         return self._hello.control
 
     def ask(self, order: Order, timeout_s: float = 2.0) -> Reply:
         """Send an order and return the recorder's answer; may be called by any thread.
 
-        Who said another name or wish for control goes by it from then on.
+        A `Hello` changes name and wish for control of this client.
 
         Raises
         ------
         RecorderGone
-            If no answer comes in time.  The order may have been carried out all the same.
+            If no answer comes in time.  The order may have been carried out nevertheless.
         OrderRefused
             With the recorder's reason.
         """
@@ -139,9 +142,9 @@ class Client:
         return reply
 
     def news(self, timeout_s: float) -> Status | Live | None:
-        """Return what is published next, None if nothing is in time; for one thread.
+        """Return the next published message, None if there is none in time; for one thread.
 
-        Statuses and live samples are lost to a client that does not fetch them.
+        Messages that are not fetched are dropped, the newest first.
         """
         deadline_s = time.monotonic() + timeout_s
         with self._news_lock:
@@ -154,14 +157,14 @@ class Client:
                 topic, *body = self._news.recv_multipart(zmq.NOBLOCK)
                 try:
                     adapter = LIVE if topic == LIVE_TOPIC else STATUS
-                    told: Status | Live = adapter.validate_json(b"".join(body))
+                    message: Status | Live = adapter.validate_json(b"".join(body))
                 except ValidationError:
-                    continue  # news of a later version; the replies say so
-                return told
+                    continue  # of a later version, which the replies report
+                return message
         return None
 
     def close(self) -> None:
-        """Give control back and leave."""
+        """Release control and disconnect."""
         if self._closed.is_set():
             return
         if self._heart.ident is not None and self._hello.control:
@@ -176,11 +179,11 @@ class Client:
         self._context.term()
 
     def _beat(self) -> None:
-        """Say that this client lives, also to a recorder that has restarted meanwhile."""
+        """Send signs of life, also to a recorder that has restarted meanwhile."""
         while not self._closed.wait(HEARTBEAT_S):
             try:
                 self._answer(self._hello, HEARTBEAT_S)
-            except OrderRefused:  # somebody has taken over: look on, and do not fight for it
+            except OrderRefused:  # another client has taken over: only look on from now on
                 self._hello = Hello(self._hello.name)
             except RecorderGone:
                 continue
@@ -192,7 +195,7 @@ class Client:
             while (left_s := deadline_s - time.monotonic()) > 0:
                 if self._requests.poll(int(left_s * 1e3) + 1):
                     reply = self._read(self._requests.recv(zmq.NOBLOCK))
-                    if reply.number == number:  # not one that came too late for its question
+                    if reply.number == number:  # not a late reply to an earlier request
                         return reply
         return None
 

@@ -1,4 +1,4 @@
-"""The recorder's figures as a Prometheus text file, for a node exporter or any other monitoring."""
+"""Writes the recorder's figures to a Prometheus text file, for a node exporter or the like."""
 
 from __future__ import annotations
 

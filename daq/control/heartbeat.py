@@ -1,34 +1,34 @@
-"""Whether a recorder is at work: what its watchdog looks at."""
+"""The heartbeats of a recorder's threads, from which the watchdog finds one that hangs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 STILL_S = 2.0
-"""A loop that has not turned for so long hangs."""
+"""Seconds without a cycle after which a loop counts as hung."""
 DISK_S = 60.0
-"""A disk may refuse for so long, with blocks held in memory; then a restart costs little more."""
+"""Seconds for which a disk may refuse, while blocks wait in memory; a restart costs little more."""
 
 
 @dataclass(frozen=True, slots=True)
-class Beats:
-    """When each part of a recorder was last seen at work; monotonic clock, s."""
+class Heartbeats:
+    """Monotonic time of the last cycle of each thread of a recorder, s."""
 
     readers: tuple[tuple[str, float], ...]
-    """Bus, and the last turn of its reader's loop; 0 before it was first tried."""
+    """Bus, and the last cycle of its reader; 0 before the first."""
     writer_s: float
-    """Last turn of the writer's loop."""
+    """Last cycle of the writer."""
     durable_s: float
-    """When all that was received was last on the disk; 0 before the journal's first block is."""
+    """Last time at which all received frames were on the disk; 0 before the first block is."""
 
 
-def standstill(beats: Beats, now_s: float) -> str:
-    """Return which part hangs, empty if all are at work."""
-    for name, turned_s in beats.readers:
+def standstill(heartbeats: Heartbeats, now_s: float) -> str:
+    """Return which thread hangs, in words; empty if none does."""
+    for name, turned_s in heartbeats.readers:
         if turned_s and now_s - turned_s > STILL_S:
             return f"the reader of {name} has not turned for {now_s - turned_s:.1f} s"
-    if now_s - beats.writer_s > STILL_S:
-        return f"the writer has not turned for {now_s - beats.writer_s:.1f} s"
-    if beats.durable_s and now_s - beats.durable_s > DISK_S:
-        return f"nothing has reached the disk for {now_s - beats.durable_s:.0f} s"
+    if now_s - heartbeats.writer_s > STILL_S:
+        return f"the writer has not turned for {now_s - heartbeats.writer_s:.1f} s"
+    if heartbeats.durable_s and now_s - heartbeats.durable_s > DISK_S:
+        return f"nothing has reached the disk for {now_s - heartbeats.durable_s:.0f} s"
     return ""

@@ -1,4 +1,4 @@
-"""One recorder a folder: a lock that a killed recorder leaves open."""
+"""Allows one recorder for each folder, by a lock that is released when its process dies."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _LOCK, _HOLDER = "recorder.lock", "recorder.pid"
 
 @contextmanager
 def lone_recorder(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder, which is made if need be.
+    """Hold the lock of a folder, which is made if it is not there.
 
     Raises
     ------
     FolderLockedError
-        Naming the process that holds it.
+        If another process holds it; with its number.
     InputError
         If the folder cannot be written to.
     """
@@ -41,7 +41,7 @@ def lone_recorder(folder: Path) -> Iterator[None]:
         what = error.strerror or str(error)
         raise InputError(str(folder), what, "name another folder") from error
     try:
-        with suppress(OSError):  # a disk that is full already is the writer's affair
+        with suppress(OSError):  # the journal reports a full disk
             holder.write_text(f"{os.getpid()}\n", "ascii")
         yield
     finally:

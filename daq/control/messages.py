@@ -1,8 +1,8 @@
-"""What the recorder and its clients say to each other: typed, versioned, JSON on the wire.
+"""The messages between a recorder and its clients: typed, versioned, JSON on the wire.
 
 A client sends an `Order` (`daq.control.orders`) in a `Request` and gets a `Reply`.  The recorder
-publishes its `Status` and the `Live` samples ten times a second to whoever listens.  All of it is
-data; who carries it is `daq.control.server` and `daq.control.client`.
+publishes its `Status` and the `Live` samples ten times a second to all clients.  These are data;
+`daq.control.server` and `daq.control.client` transport them.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from ..runs import Excitation, Losses
 from .orders import Order
 
 PROTOCOL = 1
-"""Raised when an older client could misread what is said."""
+"""Version of the messages, raised when an older client could misread them."""
 STATUS_TOPIC, LIVE_TOPIC = b"status", b"live"
 
 
 class Phase(StrEnum):
-    """Where the run loop stands."""
+    """State of the run loop."""
 
     IDLE = "idle"
-    """Nothing is armed; frames are journalled all the same."""
+    """Not armed; frames are recorded nevertheless."""
     WAITING = "waiting"
     """Armed by the operator, but the car is not at rest yet or the pre-trigger is not full."""
     ARMED = "armed"
@@ -40,7 +40,7 @@ class Phase(StrEnum):
 
 
 class BusState(StrEnum):
-    """How a bus is doing, the worse the later."""
+    """State of a bus, from the best to the worst."""
 
     OK = "ok"
     ERROR_PASSIVE = "error-passive"
@@ -50,7 +50,7 @@ class BusState(StrEnum):
 
 
 class SessionState(StrEnum):
-    """How far the session file of the recording is."""
+    """State of the session file of the recording."""
 
     NONE = "none"
     BUILDING = "building"
@@ -60,7 +60,7 @@ class SessionState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """An order on its way; `number` comes back with the reply."""
+    """A message with an order; its reply has the same `number`."""
 
     client: str
     number: int
@@ -73,29 +73,31 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something is wrong now."""
+    """A fault that is present now."""
 
     code: str
     """`bus_silent`, `bus_off`, `error_passive`, `disconnected`, `stale`, `queue_high`, `disk_low`,
     `journal_failed`, `clock_step`, `stuck`, `saturated`, ... (`daq.alarms`)."""
     subject: str
-    """The bus, message, channel or folder; '' for the recorder itself."""
+    """The bus, message, channel or folder; empty for the recorder itself."""
     text: str
+    """The fault in words, with the numbers."""
     advice: str
-    """`text`, `advice`: what is wrong, with the number; what to do."""
+    """What to do."""
     since_ns: int
     """Wall clock, ns since 1970."""
     count: int = 0
-    """How often or how many frames, where that is counted."""
+    """Number of events or frames, where they are counted."""
 
 
 @dataclass(frozen=True, slots=True)
 class BusStatus:
-    """One bus: `load` is the share of the bit rate in use, 0..1; counts since the start."""
+    """One bus; counts are those since the start."""
 
     name: str
     state: BusState
     load: float
+    """Share of the bit rate in use, 0..1."""
     frames_per_s: float
     frames: int
     error_frames: int
@@ -106,29 +108,29 @@ class BusStatus:
 
 @dataclass(frozen=True, slots=True)
 class DiskStatus:
-    """The journal: what is on the disk and what room is left."""
+    """The journal, and the room on its disk."""
 
     free_bytes: int
     journal_bytes: int
     recorded_frames: int
-    """On the disk (fdatasync'ed): the only meaning of "recorded"."""
+    """Frames on the disk (fdatasync'ed): the only meaning of "recorded"."""
     lag_s: float
-    """Age of the oldest frame that was received and is not."""
+    """Age of the oldest frame that was received and is not on the disk."""
     held_frames: int = 0
-    """Kept in memory because the disk refuses."""
+    """Frames in memory because the disk refuses them."""
     failed: str = ""
     """Why the disk refuses; empty if it does not."""
     dropped_frames: int = 0
-    """Lost because neither disk nor memory had room; `disk_gap` events tell where."""
+    """Frames lost because neither disk nor memory had room; `disk_gap` events report them."""
     warning: str = ""
-    """What is wrong although the disk takes everything: nothing that may be deleted, a file that
-    was taken away, a write that failed and went elsewhere."""
+    """A fault although the disk takes everything: nothing that may be deleted, a file that was
+    taken away, a write that failed and was repeated in another file."""
     total_bytes: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class QueueStatus:
-    """The queue between readers and writer, in blocks; `high` since the start."""
+    """The queue between readers and writer, in blocks; `high` is the most since the start."""
 
     blocks: int
     high: int
@@ -137,16 +139,16 @@ class QueueStatus:
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """The step that is to be done next, or is being done."""
+    """The next step, or the one being done."""
 
     step: Step
     """Its `label` is that of the next attempt."""
     accepted: int
     planned: int
     rejected: int
-    """`accepted`, `planned`, `rejected`: runs of this mass state and excitation so far."""
+    """Accepted, planned and rejected are numbers of runs of this mass state and excitation."""
     instruction: str
-    """What the operator is to do."""
+    """Instruction for the operator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,42 +167,43 @@ class SessionStatus:
     """The session file of the recording (or, after `Stop`, of the one before)."""
 
     state: SessionState = SessionState.NONE
-    """Whether it is there."""
     path: str = ""
     text: str = ""
-    """`path`, `text`: where; what went wrong, or what the journal has lost."""
+    """Why it failed, or the losses of the journal."""
     recording: str = ""
     """Identity of its recording."""
     revision: int = 0
-    """Of the book (`daq.runlog.runlog.Book`) that it was built from."""
+    """Revision of the run log that it was built from."""
 
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Where the recorder stands; all a terminal needs to be where the old one was."""
+    """The whole state of a recorder: a terminal that attaches needs nothing else."""
 
     wall_ns: int
+    """The host's wall clock."""
     t_ns: int
-    """`wall_ns`, `t_ns`: host's clock; time stamp of the latest frame (0 before the first)."""
+    """Time stamp of the latest frame; 0 before the first."""
     recording: str
     """Identity of the recording; changes with `Start` and `Stop`."""
     folder: str
     vehicle: str
     bench_crc32: int
-    """Of the bench.toml in force: ask for it when this changes."""
+    """CRC of the bench.toml in force: a client asks for it when this changes."""
     phase: Phase
+    """State of the run loop."""
     phase_s: float
-    """`phase`, `phase_s`: where the run loop stands, and for how long, s."""
+    """Time in that state, s."""
     countdown_s: float | None
-    """Until the next run is armed."""
+    """Time until the next run is armed, s; None if none will be."""
     not_at_rest: tuple[str, ...]
-    """Trigger channels that keep it from being armed."""
+    """Trigger channels that prevent arming."""
     bump_ns: int
     """Time stamp of the last bump; 0 if none."""
     peak_left: float | None
     """Share of the motion's peak that is left, in DECAY."""
     halted: str
-    """Why the run loop stopped by itself (three rejects for one reason: that reason's code)."""
+    """Why the run loop stopped by itself: after three rejects for one reason, its code."""
     due: Due | None
     """None when the campaign is complete."""
     tallies: tuple[Tally, ...]
@@ -209,16 +212,18 @@ class Status:
     notes: tuple[Remark, ...]
     overrides: tuple[Override, ...]
     undo: str
+    """The verdict that would be undone, in words; empty if there is none."""
     redo: str
-    """What would be undone or redone, in words; empty if nothing."""
+    """The verdict that would be redone, in words; empty if there is none."""
     alarms: tuple[Alarm, ...]
     """In order of gravity."""
     overloaded: tuple[str, ...]
-    """Channels that touched the end of their range since the last `Acknowledge`."""
+    """Channels that reached the end of their range since the last `Acknowledge`."""
     buses: tuple[BusStatus, ...]
     sensors_alive: int
+    """Number of messages of the bench that arrive."""
     sensors_expected: int
-    """`sensors_alive`, `sensors_expected`: messages of the bench."""
+    """Number of messages of the bench."""
     losses: Losses
     disk: DiskStatus
     queue: QueueStatus
@@ -228,16 +233,16 @@ class Status:
     software: str = ""
     protocol: int = PROTOCOL
     revision: int = 0
-    """`runs`, `notes`, `overrides`, `revision`: the book of the recording (`daq.runlog.runlog`)."""
+    """Revision of the run log, of which `runs`, `notes` and `overrides` are parts."""
 
     @property
     def own_session(self) -> str:
-        """Path of the session file of this recording; empty where that is of the one before."""
+        """Path of the session file of this recording; empty if it is of the one before."""
         return self.session.path if self.session.recording == self.recording else ""
 
     @property
     def outdated(self) -> bool:
-        """Whether runs, weights or vehicle have changed since the session file was built."""
+        """True if runs, weights or vehicle have changed since the session file was built."""
         return bool(self.own_session) and self.session.revision != self.revision
 
 
@@ -258,7 +263,7 @@ class Live:
     """The newest samples of every channel as an envelope."""
 
     first_bin: int
-    """Bin k holds time stamps k bin_s .. (k + 1) bin_s; bins are told once, when complete."""
+    """Bin k has time stamps k bin_s .. (k + 1) bin_s; each is sent once, when complete."""
     bin_s: float
     """Width of a bin, s."""
     lanes: tuple[Lane, ...]
@@ -267,7 +272,7 @@ class Live:
 
 @dataclass(frozen=True, slots=True)
 class CheckItem:
-    """One line of the bench check (`daq.check.result`); verdict is OK, WARN or FAIL."""
+    """One line of the bench check (`daq.check.result`); its verdict is OK, WARN or FAIL."""
 
     verdict: str
     subject: str
@@ -281,14 +286,17 @@ class Reply:
     """The answer to a request."""
 
     number: int
-    """Of the request."""
+    """Number of the request."""
     error: str = ""
     """One line; empty if the order was carried out."""
     status: Status | None = None
+    """Answer to `Hello`, `AskStatus` and every order."""
     live: Live | None = None
+    """Answer to `AskHistory`."""
     bench_text: str = ""
+    """Answer to `AskBench`."""
     check: tuple[CheckItem, ...] = ()
-    """What was asked for; after an order, the status."""
+    """Answer to `AskCheck`."""
     protocol: int = PROTOCOL
 
 

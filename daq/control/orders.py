@@ -1,6 +1,6 @@
-"""What a client may ask of a recorder: orders as data.
+"""The orders and questions that a client may send to a recorder.
 
-Each names itself in `order`, so that JSON can be read back (`daq.control.messages`).
+Each has its name in `order`, so that JSON can be read back (`daq.control.messages`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..runs import Excitation
 
 
 class Until(StrEnum):
-    """How far an order to arm carries."""
+    """Limit of an order to arm."""
 
     RUN = "run"
     EXCITATION = "excitation"
@@ -25,14 +25,14 @@ class Until(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Announce oneself; a controller may give orders, a viewer may only ask."""
+    """Announce a client: a controller may send orders, a viewer may only ask."""
 
     name: str
     """The person, for the journal."""
     control: bool = False
-    """Whether to be the controller."""
+    """True to be the controller."""
     take_over: bool = False
-    """Take control from the one who has it; without it a second controller is refused."""
+    """Take control from the client that has it; without it a second controller is refused."""
     order: Literal["hello"] = "hello"
 
 
@@ -107,14 +107,14 @@ class Arm:
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """Count no bump until armed again; frames are journalled all the same."""
+    """Count no bump until armed again; frames are recorded nevertheless."""
 
     order: Literal["pause"] = "pause"
 
 
 @dataclass(frozen=True, slots=True)
 class Choose:
-    """Bump this next, also beyond the planned repeats; the order of the campaign follows."""
+    """Make this the next run, also beyond the planned repeats; then the campaign goes on."""
 
     mass_state: str
     excitation: Excitation
@@ -123,7 +123,7 @@ class Choose:
 
 @dataclass(frozen=True, slots=True)
 class Accept:
-    """Take a run, also one that was rejected; a reason is needed then."""
+    """Accept a rejected run, with a reason."""
 
     label: str
     reason: Annotated[str, Field(max_length=500)] = ""
@@ -135,7 +135,7 @@ class Reject:
     """Do not use a run; it is kept."""
 
     label: str = ""
-    """The run; empty means the last one.  While a run is recorded: that one."""
+    """The run; empty for the one being recorded, or else the last one."""
     reason: Annotated[str, Field(max_length=500)] = ""
     order: Literal["reject"] = "reject"
 
@@ -173,7 +173,7 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class OverrideWarning:
-    """Go on although the bench check warns; reason and name go to the report."""
+    """Go on although the bench check warns; the report names person and reason."""
 
     subject: Annotated[str, Field(max_length=200)]
     reason: Annotated[str, Field(min_length=1, max_length=500)]
@@ -182,7 +182,7 @@ class OverrideWarning:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """Put the overload lamps out."""
+    """Turn the overload lamps off."""
 
     order: Literal["acknowledge"] = "acknowledge"
 
@@ -219,4 +219,4 @@ Order = Annotated[
     Field(discriminator="order"),
 ]
 QUESTIONS = (Hello, AskStatus, AskHistory, AskBench, AskCheck)
-"""What a viewer may send; all else is the controller's."""
+"""Messages that a viewer may send; all others need control."""

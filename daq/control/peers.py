@@ -1,4 +1,4 @@
-"""Who is connected to the recorder, and who of them is in control."""
+"""The clients of a recorder, and which of them is in control."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from ..errors import printable
 from .orders import Hello
 
 LEASE_S = 5.0
-"""Who has not been heard for so long is gone."""
+"""Seconds without a message after which a client counts as gone."""
 DEAD_S = 1.0
-"""The same if its process has ended as well: a new terminal is not to wait for a dead one."""
+"""The same, s, if its process has ended: a new terminal must not wait for a dead one."""
 
 
 class Peers:
-    """The clients that were heard of lately.
+    """The clients that have sent a message lately.
 
-    A client's id begins with the number of its process: all clients are on this machine.
-    Control is only lost to somebody who asks for it, so a terminal that was held up goes on.
+    A client's id begins with the number of its process: all clients are on this machine.  A client
+    loses control only to one that asks for it, so a terminal that was delayed keeps it.
     """
 
     def __init__(self) -> None:
@@ -26,7 +26,7 @@ class Peers:
         self._controller = ""
 
     def seen(self, client: str, now_s: float) -> None:
-        """Note that a client lives, and forget those that do not."""
+        """Note a sign of life of a client, and forget those that are gone."""
         self._seen_s[client] = now_s
         for other in [c for c, seen_s in self._seen_s.items() if now_s - seen_s > LEASE_S]:
             if other != self._controller:
@@ -34,7 +34,7 @@ class Peers:
                 self._names.pop(other, None)
 
     def hello(self, client: str, hello: Hello, now_s: float) -> str:
-        """Let a client in as controller or viewer; return why not, or an empty text."""
+        """Admit a client as controller or viewer; return why not, or an empty text."""
         self._names[client] = printable(hello.name, 60)
         if not hello.control:
             if client == self._controller:
@@ -49,11 +49,11 @@ class Peers:
         return ""
 
     def in_control(self, client: str) -> bool:
-        """Whether this client may give orders."""
+        """Return whether this client may send orders."""
         return client == self._controller
 
     def controller(self, now_s: float) -> str:
-        """Return the name of who is in control; empty if nobody, or if that one is gone."""
+        """Return the name of the client in control; empty if there is none, or if it is gone."""
         client = self._controller
         if not client:
             return ""
@@ -63,7 +63,7 @@ class Peers:
         return self.name(client)
 
     def viewers(self, now_s: float) -> int:
-        """Return how many look on."""
+        """Return the number of clients that only look on."""
         alive = [c for c, seen_s in self._seen_s.items() if now_s - seen_s <= LEASE_S]
         return len(alive) - (self._controller in alive)
 
@@ -73,7 +73,7 @@ class Peers:
 
 
 def _lives(client: str) -> bool:
-    """Whether the process of a client runs; one that cannot be seen is taken to."""
+    """Return whether the process of a client runs, also if that cannot be found out."""
     number = client.partition("-")[0]
     if not (number.isascii() and number.isdigit()):
         return True

@@ -1,8 +1,8 @@
-"""The recorder's control and telemetry: one controller, any number of viewers.
+"""Serves the clients of a recorder: one controller, any number of viewers.
 
-A thread of its own carries requests to the engine and answers back, and publishes what the engine
-tells.  Nothing that a client does or leaves undone can hold the engine up: what a client does not
-fetch is dropped at its own high-water mark.
+A separate thread passes requests to the recorder and answers back, and publishes the recorder's
+status.  No client can delay the recorder: messages that a client does not fetch are dropped at its
+own high-water mark.
 """
 
 from __future__ import annotations
@@ -40,22 +40,26 @@ from .orders import QUESTIONS, AskStatus, Hello, Order
 from .peers import Peers
 
 MAX_REQUEST_BYTES = 4_000_000
-"""A bench.toml of 1 MB, escaped."""
+"""Largest request, bytes: a bench.toml of 1 MB, escaped."""
 ANSWER_S = 10.0
-"""The engine answers within this, or the client is told that it did not."""
+"""Seconds after which a client gets an error if the recorder has not answered."""
 MAX_PENDING = 64
+"""Most requests that the recorder has not answered; further ones are refused."""
 _HELD_MESSAGES = 100
-"""For each client that does not read: 5 s of news, or so many replies."""
+"""Messages kept for a client that does not fetch them: 5 s of statuses, or that many replies."""
 _HELD_NEWS = 16
+"""Statuses that wait for this thread; further ones replace the oldest."""
 _LINGER_MS = 300
+"""Time for sending the last messages at the end, ms."""
 _POLL_MS = 500
+"""Longest wait for a request, ms, before answers that are overdue are refused."""
 
 _log = logging.getLogger("recorder")
 
 
 @dataclass(frozen=True, slots=True)
 class _Pending:
-    """A request that the engine has and has not answered."""
+    """A request that the recorder has not answered yet."""
 
     envelope: list[bytes]
     number: int
@@ -69,14 +73,15 @@ class Server:
     Parameters
     ----------
     submit : callable
-        The engine's: takes an order and who gives it, returns a future; must not block.
+        Of the recorder: takes an order and the name of its sender, returns a future without
+        blocking.
     address : Address
-        Where to listen; a stale socket there is replaced.
+        A stale socket there is replaced.
 
     Raises
     ------
     InputError
-        If nothing can listen there.
+        If the server cannot listen there.
     """
 
     def __init__(self, submit: Callable[[Order, str], Future[Reply]], address: Address) -> None:
@@ -84,7 +89,7 @@ class Server:
         self._peers = Peers()
         self._pending: list[_Pending] = []
         self._status: Status | None = None
-        # The writer leaves its news here and goes on; the oldest fall out if this thread lags.
+        # The recorder appends without waiting; the oldest are dropped if this thread lags.
         self._news: deque[tuple[Status, Live | None]] = deque(maxlen=_HELD_NEWS)
         self._closing = threading.Event()
         self._wake_in, self._wake_out = os.pipe()
@@ -109,12 +114,12 @@ class Server:
         self._thread.start()
 
     def publish(self, status: Status, live: Live | None) -> None:
-        """Tell everybody; for the engine's writer: never blocks, never raises."""
+        """Publish to all clients; called by the recorder: never blocks, never raises."""
         self._news.append((status, live))
         self._wake()
 
     def close(self) -> None:
-        """Answer what can be answered, stop listening and remove the sockets."""
+        """Send the answers that are ready, stop listening and remove the sockets."""
         self._closing.set()
         self._wake()
         self._thread.join()
@@ -130,7 +135,7 @@ class Server:
         os.close(self._wake_out)
 
     def _wake(self) -> None:
-        with suppress(OSError):  # full: it is awake; closed: nobody to wake
+        with suppress(OSError):  # full: it is awake already; closed: it has ended
             os.write(self._wake_out, b"!")
 
     # The server's thread -----------------------------------------------------------------------
@@ -142,23 +147,23 @@ class Server:
         while not self._closing.is_set():
             try:
                 ready = dict(poller.poll(_POLL_MS))
-                self._turn(bool(ready.get(self._requests)))
-            except Exception as error:  # whatever it was: the next client is to be heard
+                self._cycle(bool(ready.get(self._requests)))
+            except Exception as error:  # any exception: the next client must be served
                 _log.error("control: %r", error)
-        self._turn(False)
+        self._cycle(False)
 
-    def _turn(self, requested: bool) -> None:
+    def _cycle(self, requested: bool) -> None:
         with suppress(BlockingIOError):
             os.read(self._wake_in, 4096)
         while self._news:
-            self._tell(*self._news.popleft())
+            self._send_news(*self._news.popleft())
         if requested:
             with suppress(zmq.Again):
                 *envelope, message = self._requests.recv_multipart(zmq.NOBLOCK)
                 self._take(envelope, message)
         self._answer_pending()
 
-    def _tell(self, status: Status, live: Live | None) -> None:
+    def _send_news(self, status: Status, live: Live | None) -> None:
         now_s = time.monotonic()
         self._status = replace(
             status, controller=self._peers.controller(now_s), viewers=self._peers.viewers(now_s)
@@ -171,7 +176,7 @@ class Server:
                 self._publisher.send_multipart([LIVE_TOPIC, LIVE.dump_json(live)], zmq.NOBLOCK)
 
     def _take(self, envelope: list[bytes], message: bytes) -> None:
-        """Answer a request, or hand it to the engine."""
+        """Answer a request, or pass it to the recorder."""
         request = _read(message)
         if isinstance(request, Reply):
             self._reply(envelope, request)
@@ -201,7 +206,7 @@ class Server:
             if pending.answer.done():
                 reply = replace(_outcome(pending.answer), number=pending.number)
             elif now_s > pending.deadline_s:
-                text = f"the recorder did not come round to it within {ANSWER_S:g} s"
+                text = f"the recorder did not answer within {ANSWER_S:g} s"
                 reply = Reply(pending.number, text)
             else:
                 continue
@@ -209,7 +214,7 @@ class Server:
             self._reply(pending.envelope, reply)
 
     def _reply(self, envelope: Sequence[bytes], reply: Reply) -> None:
-        with suppress(zmq.ZMQError):  # it does not read, or has gone
+        with suppress(zmq.ZMQError):  # it does not fetch them, or is gone
             self._requests.send_multipart([*envelope, REPLY.dump_json(reply)], zmq.NOBLOCK)
 
 
@@ -218,12 +223,12 @@ def _outcome(answer: Future[Reply]) -> Reply:
         return answer.result()
     except CancelledError:
         return Reply(0, "the recorder is ending")
-    except Exception as error:  # whatever it was, the client is to hear of it
+    except Exception as error:  # any exception is reported to the client
         return Reply(0, printable(str(error) or repr(error), 400))
 
 
 def _read(message: bytes) -> Request | Reply:
-    """Return a request, or why the message is none."""
+    """Return the request in a message, or a reply with the error in it."""
     if len(message) > MAX_REQUEST_BYTES:
         text = f"a request of {len(message)} bytes; the limit is {MAX_REQUEST_BYTES}"
         return Reply(0, text)
@@ -235,18 +240,18 @@ def _read(message: bytes) -> Request | Reply:
             return Reply(number, _other_protocol(protocol))
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
-        return Reply(number, printable(f"no request: {place}: {first['msg']}", 200))
+        return Reply(number, printable(f"not a request: {place}: {first['msg']}", 200))
     if request.protocol != PROTOCOL:
         return Reply(request.number, _other_protocol(request.protocol))
     return request
 
 
 def _other_protocol(protocol: int) -> str:
-    return f"protocol {protocol} is not spoken here, but {PROTOCOL}: use one version of Bumpbench"
+    return f"protocol {protocol} is not understood, but {PROTOCOL} is: use one version of Bumpbench"
 
 
 def _number_and_protocol(message: bytes) -> tuple[int, int]:
-    """Return what can be made out of a message that is no request."""
+    """Return number and protocol of an invalid request as far as they can be read."""
     with suppress(ValueError):
         found = from_json(message)
         if isinstance(found, dict):

@@ -1,4 +1,4 @@
-"""What systemd is told: ready, at work, how it goes, stopping."""
+"""Notifies systemd: ready, alive, status line, stopping."""
 
 from __future__ import annotations
 
@@ -6,58 +6,58 @@ import os
 
 from sdnotify import SystemdNotifier
 
-from .heartbeat import Beats, standstill
+from .heartbeat import Heartbeats, standstill
 from .messages import BusState, Status
 
 
 class Systemd:
-    """Tells systemd how the recorder is; says nothing where there is no systemd.
+    """Notifies systemd of the recorder's state; does nothing where there is no systemd.
 
     Ready means that every bus was tried and a block is on the disk: a missing adapter is a
-    degraded recorder, not a failed start.  The watchdog is fed only while nothing hangs.
+    degraded recorder, not a failed start.  The watchdog is fed only while no thread hangs.
     """
 
     def __init__(self) -> None:
         self._ready = False
-        self._told = ""
+        self._reported = ""
         self._notifier: SystemdNotifier | None = None
         if os.environ.get("NOTIFY_SOCKET"):
             self._notifier = SystemdNotifier()
             if self._notifier.socket is not None:
-                self._notifier.socket.setblocking(False)  # a full socket must not hold us up
+                self._notifier.socket.setblocking(False)  # a full socket must not block
 
-    def turn(self, beats: Beats, status: Status, now_s: float) -> str:
-        """Tell how it goes; to be called about once a second.
+    def notify(self, heartbeats: Heartbeats, status: Status, now_s: float) -> str:
+        """Send the state; to be called about once a second.
 
         Returns
         -------
         str
-            What hangs, empty if nothing: the watchdog was not fed then.
+            The thread that hangs, for which the watchdog was not fed; empty if none does.
         """
-        hanging = standstill(beats, now_s)
+        hanging = standstill(heartbeats, now_s)
         lines = [] if hanging else ["WATCHDOG=1"]
-        tried = all(turned_s > 0 for _, turned_s in beats.readers)
-        if not self._ready and tried and beats.durable_s:
+        tried = all(turned_s > 0 for _, turned_s in heartbeats.readers)
+        if not self._ready and tried and heartbeats.durable_s:
             self._ready = True
             lines.append("READY=1")
         text = hanging or status_line(status)
-        if text != self._told:
-            self._told = text
+        if text != self._reported:
+            self._reported = text
             lines.append(f"STATUS={text}")
         self._notify("\n".join(lines))
         return hanging
 
     def reloading(self) -> None:
-        """Say that the configuration is read again; the next `turn` says that it is done."""
+        """Report that the configuration is read again; the next `notify` reports the end."""
         self._ready = False
         self._notify("RELOADING=1")
 
     def stopping(self) -> None:
-        """Say that the recorder ends."""
+        """Report that the recorder ends."""
         self._notify("STOPPING=1")
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Close the socket."""
         if self._notifier and self._notifier.socket is not None:
             self._notifier.socket.close()
 
@@ -67,7 +67,7 @@ class Systemd:
 
 
 def status_line(status: Status) -> str:
-    """Return in one line how a recorder is: buses, frames, what the disk lags behind, room."""
+    """Return buses, frame rate, lag of the disk and free room in one line."""
     heard = sum(bus.state in (BusState.OK, BusState.ERROR_PASSIVE) for bus in status.buses)
     rate = sum(bus.frames_per_s for bus in status.buses)
     parts = [

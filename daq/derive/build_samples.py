@@ -46,8 +46,8 @@ def session_from_journal(contents: JournalContents) -> Session:
     InputError
         If the bench.toml or DBC in the journal cannot be used any more.
     """
-    book = fold(contents.events)
-    text = book.bench_text or contents.bench_text
+    run_log = fold(contents.events)
+    text = run_log.bench_text or contents.bench_text
     bench = parse_bench(text, "bench.toml in the journal", Path(), contents.dbc_text)
     codec = bench_codec(bench)
     digest = hashlib.sha256(contents.frames.data.tobytes() + contents.frames.t_ns.tobytes())
@@ -61,17 +61,17 @@ def session_from_journal(contents: JournalContents) -> Session:
         "journal_losses": contents.lost.text if contents.lost.any else "none",
         "dbc": contents.dbc_text,
         "bench_toml": text,
-        **_remarks(book),
+        **_remarks(run_log),
     }
     return build_session(bench, codec, contents.frames, contents.events, contents.hops, provenance)
 
 
-def _remarks(book: RunLog) -> dict[str, str]:
+def _remarks(run_log: RunLog) -> dict[str, str]:
     """Return what was found of each run and what persons said, as JSON."""
-    judged = [run for run in book.runs if run.findings]
+    judged = [run for run in run_log.runs if run.findings]
     found = {run.label: [finding_record(f) for f in run.findings] for run in judged}
-    notes = json.dumps([asdict(note) for note in book.notes])
-    overrides = json.dumps([asdict(override) for override in book.overrides])
+    notes = json.dumps([asdict(note) for note in run_log.notes])
+    overrides = json.dumps([asdict(override) for override in run_log.overrides])
     said = {"verdicts": json.dumps(found), "notes": notes, "overrides": overrides}
     return {name: text for name, text in said.items() if text not in ("{}", "[]")}
 
@@ -117,16 +117,16 @@ def build_session(
         If a channel does not fit the DBC, or a bump is of no mass state of the bench.
     """
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
-    book = fold(events)
+    run_log = fold(events)
     states = [state.name for state in bench.mass_states]
     for event in events:
         if event.code != trigger.BUMP:
             continue
-        run = book.run(event.text)
+        run = run_log.run(event.text)
         if run is None or run.mass_state not in states:
             what = f"the recording has a bump {event.text!r}, which is no run of this bench"
             raise InputError("bench.toml", what, "use the bench.toml of the recording")
-    runs = [_run(bench, codec, mapped, run, frames, events, hops) for run in book.runs]
+    runs = [_run(bench, codec, mapped, run, frames, events, hops) for run in run_log.runs]
     return Session(
         vehicle=bench.vehicle,
         channels=tuple(m.channel for m in mapped),

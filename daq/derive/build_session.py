@@ -65,14 +65,14 @@ def derive(segments: Sequence[Path], target: Path) -> Derived:
     """
     recording = recording_of(segments)
     head, events = recording.head, recording.events
-    book = fold(events)
-    text = book.bench_text or head.bench_text
+    run_log = fold(events)
+    text = run_log.bench_text or head.bench_text
     bench = parse_bench(text, "bench.toml in the journal", Path(), head.dbc_text)
     contents = read_journal(segments, spans(events, bench.trigger))
     session = session_from_journal(contents)
     write_session(target, session)
     journal, stop = segments[0].parent, recording.next_number
-    note_built(journal, head.identity, stop, target, book.revision)
+    note_built(journal, head.identity, stop, target, run_log.revision)
     return Derived(contents.lost.text if contents.lost.any else "", len(session.runs))
 
 

@@ -1,4 +1,4 @@
-"""What must be right before a bench can be recorded, and what may change while it is."""
+"""Checks a bench.toml that is to replace the one in force during a recording."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .orders import OrderError
 
 
 def configured(old: Bench, text: str) -> Bench:
-    """Return the bench that a new bench.toml describes, on the buses and with the DBC at hand.
+    """Return the bench of a new bench.toml, with the buses and the DBC in force.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def configured(old: Bench, text: str) -> Bench:
         before = parse_bench(old.text, "bench.toml", Path(), old.dbc_text)
     except InputError as error:
         raise OrderError(str(error)) from error
-    # The buses in force may be those of the command line: it is the two files that are compared.
+    # The buses in force may be those of the command line, so the two files are compared.
     if bench.buses != before.buses:
         raise OrderError("bench.toml names other buses: end the recorder and start it with them")
     if bench.dbc_name != before.dbc_name:

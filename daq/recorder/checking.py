@@ -1,4 +1,4 @@
-"""The bench check over the last seconds, as the answer to a client."""
+"""Runs the bench check on the last seconds of frames, as the answer to a client."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ..control.messages import CheckItem, Reply
 from .orders import OrderError
 
 MOST = 4
-"""Each keeps the frames of some seconds until it is answered."""
+"""Most checks that wait: each keeps the frames of some seconds in memory."""
 
 
 class Checks:
-    """Bench checks, one after the other in a thread beside: seconds of a full bus take a while."""
+    """Runs bench checks one after the other in a separate thread: they take a while."""
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(1, "check")
         self._waiting: list[Future[Reply]] = []
 
     def begin(self, bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
-        """Check a bench, and answer then.
+        """Start a check; its end sets the answer.
 
         Raises
         ------
@@ -38,7 +38,7 @@ class Checks:
         self._thread.submit(_answer, bench, frames, answer)
 
     def close(self) -> None:
-        """Begin no more of them."""
+        """Start no further checks."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 
@@ -49,7 +49,7 @@ def _answer(bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
             CheckItem(line.verdict.name, line.subject, line.reason, line.advice, dict(line.figures))
             for line in report.lines
         )
-    except Exception as error:  # the one who asked is to hear of it
+    except Exception as error:  # any exception is reported to the client
         answer.set_exception(error)
         return
     answer.set_result(Reply(0, check=lines))

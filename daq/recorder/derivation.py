@@ -1,4 +1,4 @@
-"""Session files derived beside the recording: one process at a time, started and polled."""
+"""Builds session files during the recording, each in a process that is started and polled."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from ..derive.build_session import DONE, DONE_WITH_LOSS
 from ..errors import printable
 
 PATIENCE_S = 600.0
-"""A session file is given so long to be built, on a machine that has other things to do..."""
+"""Seconds after which building a session file counts as hung, for an empty journal."""
 SLOWEST_BYTES_PER_S = 1e6
-"""...and a second more for so much of the journal; a hundred times that is usual."""
+"""Rate of the journal for which more time is allowed, bytes/s; a hundred times that is usual."""
 _ENDING_S = 1.0
+"""Seconds that a process gets to end before it is killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,7 @@ class _Job:
 
 
 class Derivation:
-    """Derives session files, one after the other; HDF5 never runs within the recorder."""
+    """Builds session files, one after the other; HDF5 never runs within the recorder."""
 
     def __init__(self) -> None:
         self._jobs: deque[_Job] = deque()
@@ -45,31 +46,31 @@ class Derivation:
         self.status = SessionStatus()
 
     def begin(self, target: Path, segments: Sequence[Path], recording: str, revision: int) -> None:
-        """Have the session file of these segments built; never raises.
+        """Start building the session file of a recording; never raises.
 
         Parameters
         ----------
         target : Path
             The session file.
         segments : sequence of Path
-            Of the recording.
+            Segments of the recording.
         recording : str
             Its identity.
         revision : int
-            Of its book as it stands.
+            Present revision of its run log.
         """
-        waiting = [job for job in self._jobs if job.target != target]  # the newer one has it all
+        waiting = [job for job in self._jobs if job.target != target]  # the new one has all
         job = _Job(target, tuple(segments), recording, revision)
         self._jobs = deque([*waiting, job])
         self.status = job.status(SessionState.BUILDING)
         self.poll()
 
     def recall(self, target: Path, recording: str, revision: int) -> None:
-        """Know of the session file that an earlier recorder had built."""
+        """Set the status to a session file that an earlier recorder has built."""
         self.status = _Job(target, (), recording, revision).status(SessionState.READY)
 
     def poll(self) -> None:
-        """See how far it is; to be called now and then."""
+        """Handle processes that have ended or hang; to be called with every block."""
         if self._process is not None:
             if self._process.poll() is None:
                 self._end_if_it_hangs(self._process)
@@ -79,7 +80,7 @@ class Derivation:
             self._start(self._jobs.popleft())
 
     def close(self) -> None:
-        """End what is under way: a session file is whole or absent, and can be built any time."""
+        """End the process: a session file is complete or absent, and can be built at any time."""
         self._jobs.clear()
         if self._process is not None:
             self._process.terminate()
@@ -91,12 +92,12 @@ class Derivation:
             self._finish(self._process)
 
     def _end_if_it_hangs(self, process: subprocess.Popen[bytes]) -> None:
-        """Kill a process that takes too long; a disk that hangs may hold it for longer still."""
+        """Kill a process that takes too long; one that waits for a hung disk may end later."""
         if time.monotonic() < self._deadline_s or self._hung:
             return
         process.kill()
         self._hung = "it took too long and was ended: is the disk well?"
-        self._tell(SessionState.FAILED, self._hung)
+        self._report(SessionState.FAILED, self._hung)
 
     def _start(self, job: _Job) -> None:
         patience_s = PATIENCE_S + _size(job.segments) / SLOWEST_BYTES_PER_S
@@ -112,7 +113,7 @@ class Derivation:
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,  # holds more than it says, so it is read at its end
+                stdout=subprocess.PIPE,  # a pipe has room for its output, so it is read at its end
                 stderr=subprocess.STDOUT,
                 process_group=0,  # a Ctrl-C at the terminal is not for it
             )
@@ -120,9 +121,9 @@ class Derivation:
             self._finish_with(SessionState.FAILED, error.strerror or str(error))
 
     def _finish(self, process: subprocess.Popen[bytes]) -> None:
-        said = process.communicate()[0].decode("utf-8", "replace").splitlines()
-        last, code = said[-1] if said else "", process.returncode
-        text = _told(last)
+        lines = process.communicate()[0].decode("utf-8", "replace").splitlines()
+        last, code = lines[-1] if lines else "", process.returncode
+        text = _message(last)
         if code in (DONE, DONE_WITH_LOSS):
             self._finish_with(SessionState.READY, text)
         else:
@@ -130,10 +131,10 @@ class Derivation:
             self._finish_with(SessionState.FAILED, self._hung or text or failure)
 
     def _finish_with(self, state: SessionState, text: str) -> None:
-        self._tell(state, text)
+        self._report(state, text)
         self._process = self._job = None
 
-    def _tell(self, state: SessionState, text: str) -> None:
+    def _report(self, state: SessionState, text: str) -> None:
         assert self._job is not None  # it was begun
         if not self._jobs:
             self.status = self._job.status(state, text)
@@ -142,14 +143,14 @@ class Derivation:
 def _size(paths: Sequence[Path]) -> int:
     size = 0
     for path in paths:
-        with suppress(OSError):  # retention was faster
+        with suppress(OSError):  # deleted meanwhile to make room
             size += path.stat().st_size
     return size
 
 
-def _told(line: str) -> str:
-    """Return what is wrong, or what the journal has lost, as told in the process's JSON line."""
+def _message(line: str) -> str:
+    """Return the error, or the losses of the journal, from the process's JSON line."""
     with suppress(ValueError, AttributeError):
-        told = json.loads(line)
-        return printable(str(told.get("error") or told.get("loss") or ""), 400)
+        result = json.loads(line)
+        return printable(str(result.get("error") or result.get("loss") or ""), 400)
     return ""

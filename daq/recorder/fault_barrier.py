@@ -1,4 +1,4 @@
-"""What looks at the frames may fail; the recording goes on, and the failure is told."""
+"""Runs the frame consumers; one that fails is reported and never stops the recording."""
 
 from __future__ import annotations
 
@@ -10,37 +10,37 @@ from ..errors import printable
 from ..runs import Event
 
 CONSUMER_FAILED = "consumer_failed"
-TOLD_EVERY_S = 1.0
-"""One that keeps failing is told of so often."""
+REPORT_S = 1.0
+"""Seconds between two events for a consumer that keeps failing."""
 FORGOTTEN_S = 5.0
-"""One that has not failed for so long works again."""
+"""Seconds without a failure after which a consumer counts as working again."""
 
 _T = TypeVar("_T")
 
 
-class Guard:
-    """Runs consumers of a recorder and keeps their failures."""
+class FaultBarrier:
+    """Runs consumers and keeps their failures."""
 
     def __init__(self) -> None:
         self._failed: dict[str, tuple[float, str]] = {}
-        self._untold: dict[str, int] = {}
-        self._told_s: dict[str, float] = {}
+        self._failures: dict[str, int] = {}
+        self._reported_s: dict[str, float] = {}
 
     def run(self, name: str, now: Now, consumer: Callable[[], object]) -> None:
         """Run a consumer that may fail."""
         self.value(name, now, None, consumer)
 
     def value(self, name: str, now: Now, otherwise: _T, consumer: Callable[[], _T]) -> _T:
-        """Return what a consumer gives, or `otherwise` if it fails."""
+        """Return the result of a consumer, or `otherwise` if it fails."""
         try:
             return consumer()
-        except Exception as error:  # whatever it was: the frames are safe, the recording goes on
+        except Exception as error:  # any exception: the frames are stored, the recording goes on
             self._failed[name] = (now.monotonic_s, printable(repr(error)))
-            self._untold[name] = self._untold.get(name, 0) + 1
+            self._failures[name] = self._failures.get(name, 0) + 1
             return otherwise
 
     def failed(self, now: Now) -> Mapping[str, str]:
-        """Return the consumers that do not work, and why."""
+        """Return the consumers that fail, and why."""
         return {
             name: text
             for name, (failed_s, text) in self._failed.items()
@@ -48,14 +48,16 @@ class Guard:
         }
 
     def events(self, now: Now, t_ns: int) -> tuple[Event, ...]:
-        """Return what is to be told: each consumer once a second, with how often it failed."""
+        """Return the events due: one a second for each failing consumer, with a count."""
         due = [
             name
-            for name in self._untold
-            if now.monotonic_s - self._told_s.get(name, float("-inf")) >= TOLD_EVERY_S
+            for name in self._failures
+            if now.monotonic_s - self._reported_s.get(name, float("-inf")) >= REPORT_S
         ]
-        self._told_s.update(dict.fromkeys(due, now.monotonic_s))
+        self._reported_s.update(dict.fromkeys(due, now.monotonic_s))
         return tuple(
-            Event(t_ns, CONSUMER_FAILED, self._untold.pop(name), f"{name}: {self._failed[name][1]}")
+            Event(
+                t_ns, CONSUMER_FAILED, self._failures.pop(name), f"{name}: {self._failed[name][1]}"
+            )
             for name in due
         )

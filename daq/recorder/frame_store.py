@@ -1,4 +1,4 @@
-"""Where a recorder puts what it is given."""
+"""Stores of frames and events."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..runs import Event
 
 
 class FrameStore(Protocol):
-    """Keeps frames and events: a `Keeper`, or `Nowhere`."""
+    """A store of frames and events: a `JournalWriter`, or `Nowhere`."""
 
     def append(self, frames: FrameBatch, losses: HopLosses) -> None:
         """Store a block of frames, and the losses counted up to it."""
@@ -22,7 +22,7 @@ class FrameStore(Protocol):
 
 
 class Nowhere:
-    """Where frames go while nothing is recorded: they are looked at, and let go."""
+    """A store that drops everything, for the time between two recordings."""
 
     def append(self, frames: FrameBatch, losses: HopLosses) -> None:
         """Do nothing."""

@@ -1,4 +1,4 @@
-"""The verdict on a run at its end, from the samples of the last seconds."""
+"""Judges a run at its end from the samples of the last seconds."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from .recent import RecentLosses, RecentSamples
 UNJUDGED: Sequence[Finding] = (
     Finding("unjudged", Severity.NOTE, "the recorder could not judge it"),
 )
-"""When the verdict fails: a bump is not thrown away for that."""
+"""Findings of a run whose verdict fails: it is accepted, not lost."""
 LOOK_NS = 300_000_000
-"""The motion that is left is looked at so often."""
+"""Time between two computations of the motion that is left, ns."""
 
 
 class Judge:
-    """Keeps what a verdict takes; asked when a run has ended.
+    """Keeps the data for a verdict, and judges a run that has ended.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Judge:
     codec : Codec
         The bench's DBC.
     measures : dict of label to RunMeasure
-        What was measured of the runs so far; later ones are added.
+        Measures of the earlier runs; later ones are added.
     """
 
     def __init__(self, bench: Bench, codec: Codec, measures: dict[str, RunMeasure]) -> None:
@@ -47,15 +47,15 @@ class Judge:
         self._losses = RecentLosses(bench.trigger.pre_s + bench.trigger.post_s)
 
     def add(self, first_ns: int, last_ns: int, block: SampleBlock, losses: Losses) -> None:
-        """Take in a block, its earliest and latest stamp, and the losses counted up to it."""
+        """Add a block, its earliest and latest stamp, and the losses counted up to it."""
         self._samples.add(last_ns, block)
         self._losses.add(first_ns, last_ns, losses)
 
     def saw_saturated(self, t_ns: int, channels: Sequence[str]) -> None:
-        """Take in which channels are at the end of their range."""
+        """Note the channels that are at the end of their range."""
         self._saturated.update(dict.fromkeys(channels, t_ns))
 
-    def verdict(self, step: Step, bump_ns: int, book: RunLog) -> tuple[Finding, ...]:
+    def verdict(self, step: Step, bump_ns: int, run_log: RunLog) -> tuple[Finding, ...]:
         """Judge the run of a step."""
         start_ns = bump_ns - round(self._bench.trigger.pre_s * 1e9)
         stop_ns = bump_ns + round(self._bench.trigger.post_s * 1e9)
@@ -65,14 +65,14 @@ class Judge:
         window = RunWindow(bump_ns, samples, lost, (), saturated, self._timed)
         accepted = [
             self._measures[run.label]
-            for run in book.of(step.mass_state, step.excitation)
+            for run in run_log.of(step.mass_state, step.excitation)
             if run.status is LoggedStatus.ACCEPTED and run.label in self._measures
         ]
         findings, self._measures[step.label] = judge(self._bench, step, window, accepted)
         return findings
 
     def peak_left(self, bump_ns: int, t_ns: int) -> float | None:
-        """Return the share of the motion that is left; None as long as it cannot be told."""
+        """Return the share of the motion that is left; None while it cannot be measured."""
         before_bump_ns, seen_ns, left = self._left
         if before_bump_ns == bump_ns and 0 <= t_ns - seen_ns < LOOK_NS:
             return left

@@ -1,7 +1,7 @@
-"""The newest samples as an envelope: lowest and highest value of each channel in each bin of time.
+"""Keeps the newest samples as an envelope: lowest and highest value of each channel and time bin.
 
-What terminals draw.  A ring of bins of data time; the recorder tells complete bins once, and all
-it still has to whoever begins to listen.
+Terminals draw it.  The bins are a ring of data time; the recorder publishes each complete bin once,
+and sends all of them to a client that asks for the history.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from ..control.messages import Lane, Live
 from ..samples.blocks import SampleBlock
 
 BIN_S = 0.02
+"""Width of a bin, s."""
 KEPT_S = 60.0
+"""Length of the ring, s."""
 LATE_S = 0.1
-"""A bin is complete so long after its end: the buses do not deliver at the same moment."""
-MOST_TOLD_S = 10.0
-"""After a gap in time no more is told at once."""
+"""Seconds after its end when a bin counts as complete: buses do not deliver at the same moment."""
+MOST_SENT_S = 10.0
+"""Most seconds published at once, after a gap in time."""
 _BIN_NS = round(BIN_S * 1e9)
 _BINS = round(KEPT_S / BIN_S)
 
@@ -39,18 +41,18 @@ class LiveRing:
         self._low = np.full((len(channels), _BINS), np.nan)
         self._high = self._low.copy()
         self._end = 0  # bins before this one are or were in the ring
-        self._told = 0  # bins before this one were told
+        self._sent = 0  # bins before this one were published
         self._first = 0  # the ring holds nothing before this bin
 
     def add(self, block: SampleBlock) -> None:
-        """Take in a block of samples in order of arrival; values that are not finite are none."""
+        """Add a block of samples in order of arrival; values that are not finite are left out."""
         pieces = [(self._row[name], *piece) for name, piece in block.items() if len(piece[0])]
         if not pieces:
             return
         last = max(int(t_ns[-1]) for _, t_ns, _ in pieces) // _BIN_NS
         first = min(int(t_ns[0]) for _, t_ns, _ in pieces) // _BIN_NS
         if self._end == 0 or last < self._end - _BINS or last - self._end > _BINS:
-            self._begin(first)  # the first data, or a clock that was set anew
+            self._begin(first)  # the first data, or a clock that was set
         self._advance(last + 1)
         bins: dict[int, NDArray[np.int64]] = {}  # the channels of a message have one time
         for row, t_ns, value in pieces:
@@ -59,22 +61,22 @@ class LiveRing:
             self._put(row, bins[id(t_ns)], value)
 
     def fresh(self) -> Live | None:
-        """Return the bins that are complete and were not told yet."""
+        """Return the complete bins that were not published yet."""
         complete = self._end - math.ceil(LATE_S / BIN_S)
-        if complete <= self._told:
+        if complete <= self._sent:
             return None
-        first = max(self._told, complete - round(MOST_TOLD_S / BIN_S), self._first)
-        self._told = complete
+        first = max(self._sent, complete - round(MOST_SENT_S / BIN_S), self._first)
+        self._sent = complete
         return self._live(first, complete)
 
     def history(self, seconds: float) -> Live:
-        """Return the bins of the last seconds, as far as they are complete."""
+        """Return the complete bins of the last seconds."""
         complete = max(self._end - math.ceil(LATE_S / BIN_S), self._first)
         return self._live(max(complete - round(seconds / BIN_S), self._first), complete)
 
     def _begin(self, first: int) -> None:
         self._low[:], self._high[:] = np.nan, np.nan
-        self._first = self._told = self._end = first
+        self._first = self._sent = self._end = first
 
     def _advance(self, end: int) -> None:
         if end <= self._end:
@@ -110,5 +112,5 @@ class LiveRing:
 
 
 def _plain(values: NDArray[np.float64]) -> tuple[float | None, ...]:
-    """Return numbers that JSON can hold: four digits are more than a terminal shows."""
+    """Return numbers that JSON can have, rounded to four digits: a terminal shows fewer."""
     return tuple(None if v != v else float(f"{v:.4g}") for v in values.tolist())

@@ -1,4 +1,4 @@
-"""A recording being begun, or taken up again where a recorder that was killed had left it."""
+"""Begins a recording, or resumes one that a killed recorder had left open."""
 
 from __future__ import annotations
 
@@ -19,38 +19,36 @@ from ..journal.segment import JournalFile, SyncedFile
 from ..journal.writer import JournalWriter
 from ..runlog.fold import fold
 from ..runlog.runlog import Code, RunLog
-from .fault_barrier import Guard
+from .fault_barrier import FaultBarrier
 from .orders import OrderError
 from .recording import Recording
 
 CreateFile = Callable[[Path], JournalFile]
 OWN_BENCH = (
-    "the recording that is taken up again goes on with its own bench.toml, not with the one in the "
-    "file: reload to take that over, or start a new recording"
+    "the resumed recording goes on with its own bench.toml, not with the one in the file: reload "
+    "to use that, or start a new recording"
 )
-NOT_RESUMED = "the last recording was not ended and cannot go on (%s): a new one is begun"
+NOT_RESUMED = "the last recording was not ended and cannot be resumed (%s): a new one is begun"
 
 _log = logging.getLogger("recorder")
 
 
 @dataclass(frozen=True, slots=True)
 class OpenRecording:
-    """An open recording."""
+    """A recording with its open journal."""
 
     identity: str
-    """Its name, as in every segment."""
+    """Its identity in every segment."""
     writer: JournalWriter
-    recorder: Recording
-    """`writer`, `recorder`: where its frames go; what is done with them."""
+    recording: Recording
     session: Path
     """Its session file."""
     before: tuple[Path, ...] = ()
-    """Segments of recorders that had it before."""
+    """Segments written by earlier recorders."""
 
     @property
     def segments(self) -> tuple[Path, ...]:
-        """All segments that are there, in order."""
-        # Room may have been made of the oldest.
+        """All existing segments, in order; the oldest may have been deleted."""
         return (*(path for path in self.before if path.exists()), *self.writer.paths)
 
     def end(self, why: str) -> None:
@@ -59,13 +57,13 @@ class OpenRecording:
         Raises
         ------
         OrderError
-            If the disk does not take what waits in memory: it would be lost.
+            If the disk refuses the frames that wait in memory: they would be lost.
         """
         if not self.writer.flush():
             disk = self.writer.status
             why_not = f"the disk refuses ({disk.failed}): {disk.held_frames} frames wait in memory"
             raise OrderError(f"{why_not}; make room first")
-        self.recorder.cut(why)
+        self.recording.cut(why)
         self.writer.close(ended=True)
 
 
@@ -74,18 +72,18 @@ def begin(
     bench: Bench,
     software: str,
     now: Now,
-    guard: Guard,
+    barrier: FaultBarrier,
     create: CreateFile = SyncedFile,
     tail: JournalTail | None = None,
 ) -> OpenRecording:
-    """Begin a recording, or take up the one that `tail` tells of.
+    """Begin a recording, or resume the one whose state is `tail`.
 
     Raises
     ------
     InputError
         If bench.toml and DBC do not fit together.
     JournalError
-        If there is no place for the journal.
+        If the journal cannot be written at all.
     """
     codec = bench_codec(bench)
     identity = tail.head.recording if tail else uuid.uuid4().hex
@@ -95,19 +93,19 @@ def begin(
         bench.text, bench.dbc_text, software, now.wall_ns, monotonic_ns, identity, first
     )
     writer = JournalWriter(journal, head, bench.recorder, create, tail)
-    book = fold(tail.events) if tail else RunLog()
-    recorder = Recording(bench, codec, writer, book, guard)
+    run_log = fold(tail.events) if tail else RunLog()
+    recording = Recording(bench, codec, writer, run_log, barrier)
     if tail is not None:
-        recorder.note(Code.RESUMED, float(tail.frames), software, now)
+        recording.note(Code.RESUMED, float(tail.frames), software, now)
     session = journal.parent / session_name(first)
-    return OpenRecording(identity, writer, recorder, session, tail.segments if tail else ())
+    return OpenRecording(identity, writer, recording, session, tail.segments if tail else ())
 
 
 def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | None:
-    """Return the recording in a folder that is to go on, and its bench; None if there is none.
+    """Return the recording in a folder that can be resumed, and its bench; None if there is none.
 
-    Its own bench.toml goes on with it, on the buses and within the limits that are given now: what
-    was changed during the recording is in the recording.  With another DBC it is another recording.
+    It goes on with its own bench.toml, which has the changes made during the recording, but with
+    the buses and limits given now.  With another DBC it cannot be resumed.
     """
     try:
         tail = last_recording(journal)
@@ -119,11 +117,11 @@ def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | None:
             return None
         if text != bench.text:
             _log.warning(OWN_BENCH)
-            own = parse_bench(text, "bench.toml in the journal", Path(), bench.dbc_text)
+            recorded = parse_bench(text, "bench.toml in the journal", Path(), bench.dbc_text)
             bench = replace(
-                own, buses=bench.buses, dbc_name=bench.dbc_name, recorder=bench.recorder
+                recorded, buses=bench.buses, dbc_name=bench.dbc_name, recorder=bench.recorder
             )
-    except (BumpbenchError, OSError) as error:  # the old one stays as it is
+    except (BumpbenchError, OSError) as error:  # the old recording stays as it is
         _log.warning(NOT_RESUMED, error)
         return None
     return tail, bench

@@ -1,4 +1,4 @@
-"""Orders as entries of the book: what can be refused is refused here, in one line for a person."""
+"""Converts orders to events of the run log, or refuses them in one line for a person."""
 
 from __future__ import annotations
 
@@ -25,19 +25,18 @@ class OrderError(Exception):
     """An order that cannot be carried out now; the text is one line for a person."""
 
 
-def order_event(order: Order, by: str, t_ns: int, book: RunLog, bench: Bench) -> Event | None:
-    """Return the entry that an order makes in the book; None if it makes none.
+def order_event(order: Order, by: str, t_ns: int, run_log: RunLog, bench: Bench) -> Event | None:
+    """Return the event of an order for the run log; None if it makes none.
 
     Parameters
     ----------
     order : Order
-        The order.
     by : str
-        Who gave it.
+        Name of its sender.
     t_ns : int
         Data time.
-    book, bench : Book, Bench
-        As they stand.
+    run_log, bench : RunLog, Bench
+        At present.
 
     Raises
     ------
@@ -46,64 +45,68 @@ def order_event(order: Order, by: str, t_ns: int, book: RunLog, bench: Bench) ->
     """
     match order:
         case Accept():
-            run = _found(book, order.label)
+            run = _found(run_log, order.label)
             if run.status is LoggedStatus.OPEN:
                 raise OrderError(f"{run.label} is being recorded: wait for its end")
             if run.status is LoggedStatus.ACCEPTED:
                 raise OrderError(f"{run.label} is accepted already")
             if not order.reason:
                 raise OrderError(f"{run.label} was rejected: say why it is to be used")
-            return entry(Code.ACCEPT, t_ns, label=run.label, by=by, reason=_said(order.reason))
+            return entry(Code.ACCEPT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
         case Reject():
-            run = _found(book, order.label)
+            run = _found(run_log, order.label)
             if run.status is LoggedStatus.REJECTED:
                 raise OrderError(f"{run.label} is rejected already")
-            return entry(Code.REJECT, t_ns, label=run.label, by=by, reason=_said(order.reason))
+            return entry(Code.REJECT, t_ns, label=run.label, by=by, reason=_clean(order.reason))
         case Undo():
-            if not book.done:
+            if not run_log.done:
                 raise OrderError("there is no verdict to undo")
             return Event(t_ns, Code.UNDO, text=by)
         case Redo():
-            if not book.undone:
+            if not run_log.undone:
                 raise OrderError("there is nothing to redo")
             return Event(t_ns, Code.REDO, text=by)
         case Choose():
-            return _choice(order, t_ns, book, bench)
+            return _choice(order, t_ns, run_log, bench)
         case Mark():
-            return Event(t_ns, Code.MARK, text=_said(order.text))
+            return Event(t_ns, Code.MARK, text=_clean(order.text))
         case Note():
             if order.label:
-                _found(book, order.label)
-            return entry(Code.NOTE, t_ns, text=_said(order.text), label=order.label, by=by)
+                _found(run_log, order.label)
+            return entry(Code.NOTE, t_ns, text=_clean(order.text), label=order.label, by=by)
         case OverrideWarning():
-            subject, reason = _said(order.subject), _said(order.reason)
+            subject, reason = _clean(order.subject), _clean(order.reason)
             return entry(Code.OVERRIDE, t_ns, subject=subject, reason=reason, by=by)
         case Configure():
             return Event(t_ns, Code.BENCH, text=order.bench_text)
     return None
 
 
-def _choice(order: Choose, t_ns: int, book: RunLog, bench: Bench) -> Event:
+def _choice(order: Choose, t_ns: int, run_log: RunLog, bench: Bench) -> Event:
     states = [state.name for state in bench.mass_states]
     if order.mass_state not in states:
         raise OrderError(f"{order.mass_state!r} is no mass state: {', '.join(states)}")
-    if book.open is not None:
-        raise OrderError(f"{book.open.label} is being recorded: wait for its end")
+    if run_log.open is not None:
+        raise OrderError(f"{run_log.open.label} is being recorded: wait for its end")
     kind = str(order.excitation)
     return entry(Code.CHOOSE, t_ns, mass_state=order.mass_state, excitation=kind)
 
 
-def _said(text: str) -> str:
-    """Return what a person wrote, line by line without control characters.
+def _clean(text: str) -> str:
+    """Return a person's text without control characters, line by line.
 
-    It goes to terminals, reports and session files, where they would do harm or be refused.
+    In terminals, reports and session files they would do harm or be refused.
     """
     return "\n".join(printable(line, len(text) * 10) for line in text.split("\n"))
 
 
-def _found(book: RunLog, label: str) -> LoggedRun:
-    """Return the run that is meant; without a label the one being recorded, or else the last."""
-    run = book.run(label) if label else book.open or (book.runs[-1] if book.runs else None)
+def _found(run_log: RunLog, label: str) -> LoggedRun:
+    """Return the run of a label; without a label the one being recorded, or else the last."""
+    run = (
+        run_log.run(label)
+        if label
+        else run_log.open or (run_log.runs[-1] if run_log.runs else None)
+    )
     if run is None:
         raise OrderError(f"there is no run {label!r}" if label else "there is no run yet")
     return run

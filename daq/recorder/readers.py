@@ -1,7 +1,7 @@
-"""The readers of a recording: a thread for each bus, and the queue between them and the writer.
+"""The reader threads, one for each bus, and the queue between them and the writer.
 
-Readers only read, stamp and hand over.  Whatever holds the writer up (a slow disk, a long decode)
-costs queue, not frames; if the queue is full, the frames that did not fit are counted.
+Readers only read, stamp and put into the queue.  A delay of the writer (a slow disk, a long decode)
+fills the queue and loses no frames; if the queue is full, the frames that do not fit are counted.
 """
 
 from __future__ import annotations
@@ -19,15 +19,18 @@ from ..bus.source import HopLosses, LinkFacts, SourceLosses
 from ..control.messages import QueueStatus
 
 READ_TIMEOUT_S = 0.1
+"""Longest wait for frames, s, before the counts are checked."""
 QUEUE_BLOCKS = 4096
-"""A reader hands over a block every 10 ms or 2048 frames: 10 s of four full buses."""
+"""Most blocks in the queue; a block every 10 ms or 2048 frames makes that 10 s of four buses."""
 QUEUE_BYTES = 128 << 20
+"""Most bytes in the queue."""
 _FRAME_BYTES = 16
+"""Bytes of a frame in addition to its payload."""
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """What a reader hands over: frames, when they came, and the counts up to and with them."""
+    """Frames of one reader, their time of arrival, and the counts including them."""
 
     reader: int
     frames: FrameBatch
@@ -37,7 +40,7 @@ class Piece:
 
     @property
     def counts(self) -> HopLosses:
-        """What this reader has lost."""
+        """All losses of this reader."""
         lost = self.losses
         return HopLosses(lost.dropped, lost.garbled, lost.restamped, self.dropped)
 
@@ -48,7 +51,7 @@ class Piece:
 
 
 class PieceQueue:
-    """Bounded in blocks and in bytes; putting never waits."""
+    """A queue that is bounded in blocks and in bytes; `put` never waits."""
 
     def __init__(self, blocks: int = QUEUE_BLOCKS, size: int = QUEUE_BYTES) -> None:
         self._most, self._most_bytes = blocks, size
@@ -69,7 +72,7 @@ class PieceQueue:
             return True
 
     def take(self, frames: int) -> list[Piece]:
-        """Return the oldest pieces, until they hold so many frames."""
+        """Return the oldest pieces, until they have at least `frames` frames."""
         taken: list[Piece] = []
         count = 0
         with self._lock:
@@ -82,7 +85,7 @@ class PieceQueue:
 
     @property
     def status(self) -> QueueStatus:
-        """How full it is."""
+        """Present, highest and largest number of blocks."""
         return QueueStatus(len(self._pieces), self._high, self._most)
 
 
@@ -99,30 +102,30 @@ class Reader(threading.Thread):
 
     def run(self) -> None:
         """Read until halted; the link never raises."""
-        told = (SourceLosses(), 0)
+        reported = (SourceLosses(), 0)
         while not self._halt.is_set():
             frames = self.link.read(READ_TIMEOUT_S)
             if self._left.is_set():
-                break  # it hung for too long: its bus may have another reader by now
+                break  # it hung: its bus may have another reader by now
             counts = (self.link.facts().losses, self.dropped)
-            if len(frames) or counts != told:
+            if len(frames) or counts != reported:
                 if self._pieces.put(self._piece(frames, counts[0])):
-                    told = counts
+                    reported = counts
                 else:
                     self.dropped += len(frames)
         self.link.close()
 
     def halt(self) -> None:
-        """Ask it to end."""
+        """Make it end after the present read."""
         self._halt.set()
         self.link.halt()
 
     def leave(self) -> None:
-        """Take nothing from it any more, should it ever come back."""
+        """Ignore its frames, should it ever go on."""
         self._left.set()
 
     def counts(self) -> Piece:
-        """Return the counts as they stand."""
+        """Return the present counts."""
         return self._piece(FrameBatch.empty(), self.link.facts().losses)
 
     def _piece(self, frames: FrameBatch, losses: SourceLosses) -> Piece:
@@ -130,13 +133,7 @@ class Reader(threading.Thread):
 
 
 class Readers:
-    """All readers of a recorder, and the sum of their counts.
-
-    Parameters
-    ----------
-    pieces : PieceQueue
-        Where they put what they read.
-    """
+    """All readers of a recorder, which put into one queue, and the sum of their counts."""
 
     def __init__(self, pieces: PieceQueue) -> None:
         self._pieces = pieces
@@ -151,7 +148,7 @@ class Readers:
             reader.start()
 
     def halt(self, within_s: float) -> None:
-        """End all readers; one that hangs in its driver is left behind."""
+        """End all readers; one that hangs in its driver is ignored from then on."""
         for reader in self._readers:
             reader.halt()
         deadline_s = time.monotonic() + within_s
@@ -160,22 +157,22 @@ class Readers:
             reader.leave()
 
     def take(self, frames: int) -> list[Piece]:
-        """Return what was read; `hops` has the counts up to it."""
+        """Return the pieces read; `hops` has the counts up to them."""
         taken = self._pieces.take(frames)
         self._counts.update((piece.reader, piece.counts) for piece in taken)
         return taken
 
     def settle(self) -> None:
-        """Bring the counts up to date, once all are halted and all was taken."""
+        """Update the counts, once all readers are halted and all pieces taken."""
         for reader in self._readers:
             self._counts[reader.number] = reader.counts().counts
         self._ended, self._counts, self._readers = self.hops(), {}, []
 
     def hops(self) -> HopLosses:
-        """Return what was lost up to what was taken last, over all readers."""
+        """Return the losses up to the pieces taken last, over all readers."""
         rows = [astuple(self._ended), *(astuple(counts) for counts in self._counts.values())]
         return HopLosses(*(sum(column) for column in zip(*rows, strict=True)))
 
     def facts(self) -> tuple[LinkFacts, ...]:
-        """Return how each link is doing."""
+        """Return the state of each link."""
         return tuple(reader.link.facts() for reader in self._readers)

@@ -1,4 +1,4 @@
-"""The last seconds, raw, decoded and lost: for the bench check, and for the verdict on a run."""
+"""Keeps frames, samples and losses of the last seconds for bench check and verdict."""
 
 from __future__ import annotations
 
@@ -14,10 +14,14 @@ from ..runs import Losses
 from ..samples.blocks import Column, SampleBlock
 
 CHECK_S = 10.0
+"""Age up to which raw frames are kept, s."""
 MOST_BLOCKS = 20_000
-"""Of a bus whose stamps stand still nothing would ever grow old; half an hour, ten a second."""
+"""Most blocks kept, half an hour at ten a second: if the stamps of a bus do not advance, no block
+grows old."""
 _SLACK_NS = 1_000_000_000
+"""Time for which samples and losses are kept in addition to a run, ns."""
 _MOST_BYTES = 64 << 20
+"""Most bytes of raw frames kept."""
 
 
 class RecentFrames:
@@ -28,12 +32,12 @@ class RecentFrames:
         self._bytes = 0
 
     def add(self, batch: FrameBatch) -> None:
-        """Take in a block, not empty."""
+        """Add a block, not empty."""
         latest_ns = int(batch.t_ns.max())
         self._batches.append((latest_ns, batch))
         self._bytes += _size(batch)
         horizon_ns = latest_ns - round(CHECK_S * 1e9)
-        # One of another time (the clock was set back) goes too: it would never grow old.
+        # A block of a later time (the clock was set back) is dropped, too: it would never grow old.
         while self._batches[0][0] < horizon_ns or self._bytes > _MOST_BYTES:
             self._bytes -= _size(self._batches.popleft()[1])
             if not self._batches:
@@ -51,22 +55,16 @@ class RecentFrames:
 
 
 class RecentSamples:
-    """Samples of all channels for as long as a run, and some more.
-
-    Parameters
-    ----------
-    kept_s : float
-        How long they are kept.
-    """
+    """Samples of all channels of the last `kept_s` and one second more."""
 
     def __init__(self, kept_s: float) -> None:
         self._kept_ns = round(kept_s * 1e9) + _SLACK_NS
         self._blocks: deque[tuple[int, SampleBlock]] = deque(maxlen=MOST_BLOCKS)
 
     def add(self, t_ns: int, block: SampleBlock) -> None:
-        """Take in a block whose latest stamp is `t_ns`."""
-        # The first block after a pause of the bus may end a run that lies before the pause: what
-        # is too old is told by the block before it.
+        """Add a block whose latest stamp is `t_ns`."""
+        # The first block after a pause of the bus may end a run that lies before the pause: the
+        # block before it decides which blocks are too old.
         last_ns = self._blocks[-1][0] if self._blocks else t_ns
         while self._blocks and (
             last_ns - self._blocks[0][0] > self._kept_ns or self._blocks[0][0] - t_ns > _SLACK_NS
@@ -85,8 +83,8 @@ class RecentSamples:
         for name, parts in pieces.items():
             t_ns = np.concatenate([part[0] for part in parts])
             value = np.concatenate([part[1] for part in parts])
-            own = (t_ns >= start_ns) & (t_ns < stop_ns)
-            found[name] = (t_ns[own], value[own])
+            within = (t_ns >= start_ns) & (t_ns < stop_ns)
+            found[name] = (t_ns[within], value[within])
         return found
 
 
@@ -98,20 +96,14 @@ class _Counted:
 
 
 class RecentLosses:
-    """Losses counted up to each block, for as long as a run, and some more.
-
-    Parameters
-    ----------
-    kept_s : float
-        How long they are kept.
-    """
+    """Losses counted up to each block of the last `kept_s` and one second more."""
 
     def __init__(self, kept_s: float) -> None:
         self._kept_ns = round(kept_s * 1e9) + _SLACK_NS
         self._blocks = deque([_Counted(0, 0, Losses())], MOST_BLOCKS)
 
     def add(self, first_ns: int, last_ns: int, losses: Losses) -> None:
-        """Take in the losses counted up to a block, and its earliest and latest stamp."""
+        """Add the losses counted up to a block, and its earliest and latest stamp."""
         before_ns = self._blocks[-1].last_ns  # as in `RecentSamples`, for a pause of the bus
         self._blocks.append(_Counted(first_ns, last_ns, losses))
         while len(self._blocks) > 1 and (
@@ -121,10 +113,10 @@ class RecentLosses:
             self._blocks.popleft()
 
     def between(self, start_ns: int, stop_ns: int) -> Losses:
-        """Return what was lost in a span, widened to whole blocks.
+        """Return the losses in a span, widened to whole blocks.
 
-        The first block after a pause of the bus tells of all that was missed in the pause: of
-        that, the span has the share that it has of the pause.
+        The first block after a pause of the bus has all losses of the pause: of these, the span
+        gets the share that it has of the pause.
         """
         blocks = list(self._blocks)
         earlier = [k for k, block in enumerate(blocks) if block.last_ns < start_ns]

@@ -1,8 +1,8 @@
-"""A recorder with its threads: a reader for each bus, a bounded queue, one writer to the disk.
+"""Runs a recorder: a reader thread for each bus, a bounded queue, one writer thread to the disk.
 
-The writer, in the caller's thread, gathers what the readers have read ten times a second, hands it
-to `Recording.step`, carries out orders between two blocks and tells where it stands.  It ends when
-it is told to, never because of a bus or a disk.
+Ten times a second the writer, in the caller's thread, passes the frames that were read to
+`Recording.step`, carries out orders and publishes the status.  It ends by an order or a signal,
+never because of a bus or a disk.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
@@ -23,7 +22,7 @@ from ..bus.link import Link, OpenSource
 from ..bus.source import HopLosses, LinkFacts
 from ..bus.steady_clock import STEADY_CLOCK
 from ..clocks import Now
-from ..control.heartbeat import Beats
+from ..control.heartbeat import Heartbeats
 from ..control.messages import DiskStatus, Live, Reply, Status
 from ..control.orders import (
     AskBench,
@@ -46,9 +45,10 @@ from ..samples.bench_mapping import bench_mapping
 from .bench_checks import configured
 from .checking import Checks
 from .derivation import Derivation
-from .fault_barrier import Guard
+from .fault_barrier import FaultBarrier
 from .frame_store import Nowhere
 from .open_recording import CreateFile, OpenRecording, begin, resumable, unfinished
+from .order_queue import OrderQueue
 from .orders import OrderError
 from .readers import PieceQueue, Readers
 from .recording import Recording
@@ -56,10 +56,11 @@ from .restart_measures import recall
 from .status import NO_DISK, Host
 
 BLOCK_S = 0.1
-"""The journal gets a block so often; what was not yet in one is lost to a power cut."""
+"""Seconds between two blocks of the journal; a power cut loses the frames since the last one."""
 BLOCK_FRAMES = 65_536
+"""Frames after which a block is full: after a stall the journal gets several blocks at once."""
 HALT_S = 2.0
-"""A reader that hangs in its driver is waited for so long at the end."""
+"""Seconds to wait at the end for a reader that hangs in its driver."""
 JOURNAL_FOLDER = "journal"
 
 Publish = Callable[[Status, Live | None], None]
@@ -68,24 +69,23 @@ _log = logging.getLogger("recorder")
 
 
 class Recorder:
-    """A recorder at work.
+    """A recorder of one bench in one folder.
 
     Parameters
     ----------
     bench : Bench
-        What is on the bench.
     folder : Path
-        Session files go there, segments into the folder `journal` in it.
+        For session files; segments are written to the folder `journal` in it.
     open_source : callable
-        Opens a bus, given its description and its number; may raise whatever it likes.
+        Opens a bus, given its description and its number; may raise any exception.
     software : str
         Name and version, for the journal.
     resume : bool
-        Take up the newest recording in the folder again if it was not ended.
+        Resume the newest recording in the folder if it was not ended.
     create : callable
         Creates a file of the journal.
     pieces : PieceQueue
-        Between readers and writer.
+        The queue between readers and writer.
 
     Raises
     ------
@@ -114,44 +114,42 @@ class Recorder:
         self._create = create
         self._pieces = pieces or PieceQueue()
         self._readers = Readers(self._pieces)
-        self._orders: deque[tuple[Order | Bench, str, Future[Reply]]] = deque()
-        self._wake = threading.Event()
-        self._lock = threading.Lock()
+        self._orders = OrderQueue()
         self._ended = False
-        self._guard = Guard()
+        self._barrier = FaultBarrier()
         self._derivation = Derivation()
         self._checks = Checks()
-        self._recording: OpenRecording | None = None
-        self._recorder = Recording(bench, bench_codec(bench), Nowhere(), guard=self._guard)
+        self._opened: OpenRecording | None = None
+        self._recording = Recording(bench, bench_codec(bench), Nowhere(), barrier=self._barrier)
         self._hops_before = HopLosses()
         self._idle_disk = NO_DISK
         self._lag_s = 0.0
         self._next_s = 0.0
-        self._beats = Beats((), time.monotonic(), 0.0)
+        self._heartbeats = Heartbeats((), time.monotonic(), 0.0)
 
     def submit(self, order: Order, by: str) -> Future[Reply]:
-        """Have an order carried out between two blocks; from any thread, never blocks.
+        """Queue an order to be carried out between two blocks; from any thread, never blocks.
 
         Returns
         -------
         Future of Reply
             Fails with `OrderError` if the order is refused.
         """
-        return self._put(order, by)
+        return self._orders.put(order, by)
 
     def reload(self, bench: Bench) -> Future[Reply]:
-        """Go on with a bench that was checked: as `Configure`, but buses and DBC may change."""
-        return self._put(bench, "reload")
+        """Queue a change to a bench that was checked: unlike `Configure` with its buses and DBC."""
+        return self._orders.put(bench, "reload")
 
-    def beats(self) -> Beats:
-        """Return when each part was last seen at work."""
-        return self._beats
+    def heartbeats(self) -> Heartbeats:
+        """Return the heartbeats of all threads."""
+        return self._heartbeats
 
     def run(self, stop: threading.Event, publish: Publish) -> None:
-        """Record until `stop` is set or the order comes to shut down.
+        """Record until `stop` is set or an order to shut down comes.
 
-        On return the readers have ended, all that they read is in the journal, and its file is
-        sealed; the recording can be taken up again unless it was stopped.
+        On return the readers have ended, all frames that they read are in the journal, and its
+        file is sealed; the recording can be resumed unless it was stopped.
 
         Parameters
         ----------
@@ -163,82 +161,80 @@ class Recorder:
         Raises
         ------
         JournalError
-            If there is no place for the journal.
+            If the journal cannot be written at all.
         """
         try:
-            self._open()
+            self._resume_or_begin()
             self._start_readers()
-            self._turn(publish)
+            self._cycle(publish)
             while not (stop.is_set() or self._ended):
-                self._turn(publish)
+                self._cycle(publish)
         finally:
             self._finish(publish)
 
     # The writer's thread -----------------------------------------------------------------------
 
-    def _turn(self, publish: Publish) -> None:
-        """Wait for the next block, store it, carry out orders, tell."""
+    def _cycle(self, publish: Publish) -> None:
+        """Wait for the next block, store it, carry out orders, publish the status."""
         if not self._pieces.status.blocks or self._next_s > time.monotonic():
-            self._wake.wait(max(self._next_s - time.monotonic(), 0.0))
-        self._wake.clear()
+            self._orders.arrived.wait(max(self._next_s - time.monotonic(), 0.0))
+        self._orders.arrived.clear()
         self._next_s = max(self._next_s + BLOCK_S, time.monotonic())
         self._store()
-        while self._orders:
-            self._carry_out(*self._orders.popleft())
+        while (pending := self._orders.take()) is not None:
+            self._carry_out(pending.order, pending.by, pending.answer)
         self._derivation.poll()
         self._publish(publish)
 
     def _store(self, links: Sequence[LinkFacts] | None = None) -> bool:
-        """Store what was read as one block; return whether there was anything."""
+        """Store the frames that were read as one block; return whether there were any."""
         now = _now()
         pieces = self._readers.take(BLOCK_FRAMES)
         batch = FrameBatch.concatenate([piece.frames for piece in pieces])
         facts, writer = links or self._readers.facts(), self._writer
         hops, queue = self._readers.hops().since(self._hops_before), self._pieces.status
-        self._recorder.step(batch, hops, now, facts, self._disk(), queue)
+        self._recording.step(batch, hops, now, facts, self._disk(), queue)
         if writer is not None:
             writer.maintain(now.monotonic_s)
         disk = self._disk()
         done_s = time.monotonic()
         self._lag_s = max((done_s - piece.received_s for piece in pieces), default=0.0)
         durable = not (disk.failed or disk.held_frames)
-        self._beats = Beats(
+        self._heartbeats = Heartbeats(
             tuple((link.name, link.heartbeat_s) for link in facts),
             done_s,
-            done_s if durable else self._beats.durable_s,
+            done_s if durable else self._heartbeats.durable_s,
         )
         return bool(pieces)
 
     def _publish(self, publish: Publish) -> None:
         now = _now()
-        live = self._guard.value("live", now, None, self._recorder.live)
-        self._guard.run("publish", now, lambda: publish(self._status(now), live))
+        live = self._barrier.value("live", now, None, self._recording.live)
+        self._barrier.run("publish", now, lambda: publish(self._status(now), live))
 
     def _status(self, now: Now) -> Status:
-        recording = self._recording
+        opened = self._opened
         disk = replace(self._disk(), lag_s=max(self._disk().lag_s, self._lag_s))
         host = Host(
-            recording.identity if recording else "",
+            opened.identity if opened else "",
             str(self._folder),
             self._software,
             disk,
             self._pieces.status,
             self._derivation.status,
         )
-        return self._recorder.status(now, host)
+        return self._recording.status(now, host)
 
     def _disk(self) -> DiskStatus:
-        if self._recording is not None:
-            self._idle_disk = replace(self._recording.writer.status, lag_s=0.0, failed="")
-            return self._recording.writer.status
+        if self._opened is not None:
+            self._idle_disk = replace(self._opened.writer.status, lag_s=0.0, failed="")
+            return self._opened.writer.status
         return self._idle_disk
 
     def _carry_out(self, order: Order | Bench, by: str, answer: Future[Reply]) -> None:
-        if not answer.set_running_or_notify_cancel():
-            return
         try:
             reply = self._answer(order, by, answer)
-        except Exception as error:  # the one who asked is to hear of it; the recording goes on
+        except Exception as error:  # any exception is reported to the client; the recording goes on
             answer.set_exception(error)
             return
         if reply is not None:
@@ -251,58 +247,58 @@ class Recorder:
             case Hello() | AskStatus():
                 pass
             case AskHistory():
-                return Reply(0, live=self._recorder.history(order.seconds))
+                return Reply(0, live=self._recording.history(order.seconds))
             case AskBench():
-                return Reply(0, bench_text=self._recorder.bench.text)
+                return Reply(0, bench_text=self._recording.bench.text)
             case AskCheck():
-                frames = self._recorder.recent(order.seconds)
-                self._checks.begin(self._recorder.bench, frames, answer)
+                frames = self._recording.recent(order.seconds)
+                self._checks.begin(self._recording.bench, frames, answer)
                 return None
             case Start():
-                bench = configured(self._bench, order.bench_text or self._recorder.bench.text)
+                bench = configured(self._bench, order.bench_text or self._recording.bench.text)
                 self._end("a new recording was begun")
                 self._begin(bench, now)
             case Stop():
                 self._required()
                 self._end("the recording was ended")
             case Build():
-                recording = self._required()
-                recording.writer.cut()
-                self._derive(recording)
+                opened = self._required()
+                opened.writer.cut()
+                self._derive(opened)
             case ShutDown():
                 self._ended = True
             case Bench():
                 self._reload(order, now)
             case _:
-                recording = self._required()
-                self._recorder.carry_out(order, by, now)
-                recording.writer.limits = self._recorder.bench.recorder
+                opened = self._required()
+                self._recording.carry_out(order, by, now)
+                opened.writer.limits = self._recording.bench.recorder
         return Reply(0, status=self._status(now))
 
     # Recordings --------------------------------------------------------------------------------
 
     @property
     def _writer(self) -> JournalWriter | None:
-        return self._recording.writer if self._recording else None
+        return self._opened.writer if self._opened else None
 
     def _required(self) -> OpenRecording:
-        if self._recording is None:
+        if self._opened is None:
             raise OrderError("nothing is being recorded: start a recording first")
-        return self._recording
+        return self._opened
 
-    def _open(self) -> None:
-        """Take up the last recording, or see to its session file and begin a new one."""
+    def _resume_or_begin(self) -> None:
+        """Resume the last recording, or build its session file if necessary and begin a new one."""
         now = _now()
         found = resumable(self._journal, self._bench) if self._resume else None
         if found is not None:
             tail, bench = found
             STEADY_CLOCK.begin(tail.t_ns)
-            recording = self._opened(bench, now, tail)
-            self._use(recording)
-            revision = built_revision(self._journal, recording.identity)
+            opened = self._open_recording(bench, now, tail)
+            self._use(opened)
+            revision = built_revision(self._journal, opened.identity)
             if revision is not None:
-                self._derivation.recall(recording.session, recording.identity, revision)
-            recall(tail, bench, self._recorder.measures.update)
+                self._derivation.recall(opened.session, opened.identity, revision)
+            recall(tail, bench, self._recording.measures.update)
             return
         if (left := unfinished(self._journal)) is not None:
             session, last = left
@@ -311,53 +307,55 @@ class Recorder:
         self._begin(self._bench, now)
 
     def _begin(self, bench: Bench, now: Now) -> None:
-        STEADY_CLOCK.begin()  # within a recording no clock that is set may move the axis
-        self._use(self._opened(bench, now))
+        STEADY_CLOCK.begin()  # only here: within a recording, setting a clock must not move time
+        self._use(self._open_recording(bench, now))
 
-    def _use(self, recording: OpenRecording) -> None:
-        self._recording, self._recorder = recording, recording.recorder
-        self._bench = recording.recorder.bench
-        self._hops_before = self._readers.hops()  # what was lost before is not lost from this one
+    def _use(self, opened: OpenRecording) -> None:
+        self._opened, self._recording = opened, opened.recording
+        self._bench = opened.recording.bench
+        self._hops_before = self._readers.hops()  # earlier losses are not losses of this recording
 
-    def _opened(self, bench: Bench, now: Now, tail: JournalTail | None = None) -> OpenRecording:
-        return begin(self._journal, bench, self._software, now, self._guard, self._create, tail)
+    def _open_recording(
+        self, bench: Bench, now: Now, tail: JournalTail | None = None
+    ) -> OpenRecording:
+        return begin(self._journal, bench, self._software, now, self._barrier, self._create, tail)
 
     def _end(self, why: str) -> None:
-        """End the recording and have its session file built."""
-        recording = self._recording
-        if recording is None:
+        """End the recording and start building its session file."""
+        opened = self._opened
+        if opened is None:
             return
         self._store()
-        recording.end(why)
-        self._recording = None
-        bench = recording.recorder.bench
-        self._recorder = Recording(bench, bench_codec(bench), Nowhere(), guard=self._guard)
+        opened.end(why)
+        self._opened = None
+        bench = opened.recording.bench
+        self._recording = Recording(bench, bench_codec(bench), Nowhere(), barrier=self._barrier)
         self._hops_before = self._readers.hops()
-        self._derive(recording)
+        self._derive(opened)
 
-    def _derive(self, recording: OpenRecording) -> None:
-        revision = recording.recorder.revision
-        self._derivation.begin(recording.session, recording.segments, recording.identity, revision)
+    def _derive(self, opened: OpenRecording) -> None:
+        revision = opened.recording.revision
+        self._derivation.begin(opened.session, opened.segments, opened.identity, revision)
 
     def _reload(self, bench: Bench, now: Now) -> None:
         bench_mapping(bench, bench_codec(bench))
-        if self._recorder.running:
-            raise OrderError(f"{self._recorder.running} is being recorded: try again")
-        before = self._recorder.bench
+        if self._recording.running:
+            raise OrderError(f"{self._recording.running} is being recorded: try again")
+        before = self._recording.bench
         rewired = bench.buses != before.buses
         if rewired:
             self._stop_readers()
         try:
-            if bench.dbc_text != before.dbc_text and self._recording is not None:
+            if bench.dbc_text != before.dbc_text and self._opened is not None:
                 self._end("the DBC was changed")
                 self._begin(bench, now)
             else:
-                self._recorder.reconfigure(bench, now)
+                self._recording.reconfigure(bench, now)
             if self._writer is not None:
                 self._writer.limits = bench.recorder
             self._bench = bench
         finally:
-            if rewired:  # the old ones, if the new bench could not be taken over
+            if rewired:  # with the old bench, if the new one could not be adopted
                 self._start_readers()
 
     # Readers -----------------------------------------------------------------------------------
@@ -367,8 +365,8 @@ class Recorder:
         self._readers.start([Link(bus, n, self._open_source) for n, bus in buses])
 
     def _stop_readers(self) -> None:
-        """End the readers and store all that they have read."""
-        links = self._readers.facts()  # that they end now is no fault of theirs
+        """End the readers and store all frames that they have read."""
+        links = self._readers.facts()  # from before they end, which is not a fault
         self._readers.halt(HALT_S)
         while self._store(links):
             pass
@@ -376,11 +374,9 @@ class Recorder:
         self._store(links)
 
     def _finish(self, publish: Publish) -> None:
-        with self._lock:
-            self._ended = True
+        self._orders.close()
         self._stop_readers()
-        while self._orders:
-            self._orders.popleft()[2].cancel()
+        self._orders.cancel()
         if self._writer is not None:
             self._writer.close()
             if held := self._writer.status.held_frames:
@@ -389,16 +385,6 @@ class Recorder:
         self._publish(publish)
         self._derivation.close()
         self._checks.close()
-
-    def _put(self, order: Order | Bench, by: str) -> Future[Reply]:
-        answer: Future[Reply] = Future()
-        with self._lock:
-            if self._ended:
-                answer.set_exception(OrderError("the recorder is ending"))
-                return answer
-            self._orders.append((order, by, answer))
-        self._wake.set()
-        return answer
 
 
 def _now() -> Now:

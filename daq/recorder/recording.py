@@ -1,8 +1,8 @@
-"""The engine of a recording: journal first, then decode, watch, find the bumps, judge them.
+"""One recording: journal first, then decode, watch, find the bumps, judge them.
 
 `Recording.step` does all of it for one block, without threads and without a clock;
-`daq.recorder.recorder` feeds it.  Whatever fails after the journal costs no frame: it is
-told as `consumer_failed`.
+`daq.recorder.recorder` calls it.  A failure after the journal costs no frame: the event
+`consumer_failed` reports it.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from ..samples.bench_mapping import bench_mapping
 from ..verdict import RunMeasure
 from . import run_loop
 from .bench_checks import configured
-from .fault_barrier import Guard
+from .fault_barrier import FaultBarrier
 from .frame_store import FrameStore
 from .judging import UNJUDGED, Judge
 from .live import LiveRing
 from .orders import OrderError, order_event
 from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings
-from .status import NO_DISK, NO_QUEUE, Host, due, redo_text, tallies, told_runs, undo_text
+from .status import NO_DISK, NO_QUEUE, Host, State, build_status
 
 RESTAMPED = "restamped"
 
@@ -49,15 +49,14 @@ class Recording:
     Parameters
     ----------
     bench : Bench
-        Channels, campaign, trigger and procedure.
     codec : Codec
         The bench's DBC.
     store : FrameStore
-        Where everything goes; the caller closes it.
-    book : Book
-        Of a recording that is taken up again.
-    guard : Guard
-        Told of whatever fails behind the journal.
+        For frames and events; the caller closes it.
+    run_log : RunLog, optional
+        Of a recording that is resumed.
+    barrier : FaultBarrier, optional
+        Runs the consumers.
 
     Raises
     ------
@@ -70,15 +69,15 @@ class Recording:
         bench: Bench,
         codec: Codec,
         store: FrameStore,
-        book: RunLog | None = None,
-        guard: Guard | None = None,
+        run_log: RunLog | None = None,
+        barrier: FaultBarrier | None = None,
     ) -> None:
         self._store = store
-        self._book = book or RunLog()
+        self._run_log = run_log or RunLog()
         self._hops = HopLosses()
         self._loop = LoopState()
         self._health = health.HealthState()
-        self._guard = guard or Guard()
+        self._barrier = barrier or FaultBarrier()
         self._frames = 0
         self._t_ns = self._first_ns = 0
         self._bump_ns = 0
@@ -101,7 +100,7 @@ class Recording:
         self._judge = Judge(bench, codec, self.measures)
         self._trigger = trigger.TriggerState()
         self._alarms = reconfigured(self._alarms)
-        # One that was killed behind the last run, or that now plans fewer of them, is complete.
+        # If it was killed after the last run, or plans fewer runs now, it is complete.
         self._loop = run_loop.decided(self._loop, self._surroundings(self._t_ns))
 
     @property
@@ -110,9 +109,9 @@ class Recording:
         return self._bench
 
     @property
-    def book(self) -> RunLog:
-        """The runs and what was decided."""
-        return self._book
+    def run_log(self) -> RunLog:
+        """The runs and the verdicts on them."""
+        return self._run_log
 
     @property
     def running(self) -> str:
@@ -121,17 +120,17 @@ class Recording:
 
     @property
     def complete(self) -> bool:
-        """Whether every planned run is accepted and the operator's time to reject is over."""
+        """True if every planned run is accepted and the operator's time to reject is over."""
         return self._loop.phase is Phase.COMPLETE
 
     @property
     def revision(self) -> int:
-        """Of the book: changes so far of what a session file is made of."""
-        return self._book.revision
+        """Revision of the run log."""
+        return self._run_log.revision
 
     @property
     def losses(self) -> Losses:
-        """What was lost so far, at all hops."""
+        """The losses until now, at all hops."""
         hops = Losses(
             bus_dropped=self._hops.bus_dropped,
             bus_garbled=self._hops.bus_garbled,
@@ -148,7 +147,7 @@ class Recording:
         disk: DiskStatus = NO_DISK,
         queue: QueueStatus = NO_QUEUE,
     ) -> tuple[Event, ...]:
-        """Take in one block of frames; to be called in silence, too, for the alarms.
+        """Process one block of frames; called without frames, too, for the alarms.
 
         Parameters
         ----------
@@ -159,17 +158,17 @@ class Recording:
         now : Now
             The host's clocks.
         links, disk, queue : sequence of LinkFacts, DiskStatus, QueueStatus
-            As they stand.
+            Their present state.
 
         Returns
         -------
         tuple of Event
-            What happened, as stored: `bump` and `run_end` carry the label of their run.
+            The events stored: `bump` and `run_end` have the label of their run.
 
         Raises
         ------
         JournalError
-            If the store raises it.  Nothing else has been done with the block then.
+            If the store raises it; nothing else is done with the block then.
         """
         if len(batch) or hops != self._hops:
             self._store.append(batch, hops)
@@ -183,26 +182,26 @@ class Recording:
             self._raw.add(batch)
         if restamped:
             text = "time stamps of another epoch: frames are stamped on arrival"
-            self._tell(Event(self._t_ns, RESTAMPED, hops.restamped, text), events)
+            self._log_event(Event(self._t_ns, RESTAMPED, hops.restamped, text), events)
         turn = Turn(now, batch, None, self._health, links, hops, disk, queue)
-        turn = self._guard.value("decode", now, turn, lambda: self._decoded(turn))
+        turn = self._barrier.value("decode", now, turn, lambda: self._decoded(turn))
         if turn.decoded is not None:
-            self._guard.run("samples", now, lambda: self._take(turn, events))
-        self._guard.run("run loop", now, self._pass_time)
-        self._guard.run("alarms", now, lambda: self._watch(turn, events))
-        for event in self._guard.events(now, self._t_ns or now.wall_ns):
-            self._tell(event, events)
+            self._barrier.run("samples", now, lambda: self._take(turn, events))
+        self._barrier.run("run loop", now, self._pass_time)
+        self._barrier.run("alarms", now, lambda: self._watch(turn, events))
+        for event in self._barrier.events(now, self._t_ns or now.wall_ns):
+            self._log_event(event, events)
         return tuple(events)
 
     def carry_out(self, order: Order, by: str, now: Now) -> None:
-        """Carry out an order of the run loop or of the book; its event is stored first.
+        """Carry out an order of the run loop or of the run log; its event is stored first.
 
         Parameters
         ----------
         order : Order
-            Not one of those that begin or end a recording.
+            Not one that begins or ends a recording.
         by : str
-            Who gave it.
+            Name of its sender.
         now : Now
             The host's clocks.
 
@@ -212,28 +211,28 @@ class Recording:
             If it makes no sense now; nothing has changed then.
         """
         t_ns = self._t_ns or now.wall_ns
-        event = order_event(order, by, t_ns, self._book, self._bench)
+        event = order_event(order, by, t_ns, self._run_log, self._bench)
         if isinstance(order, Arm) and self._due is None:
             raise OrderError("the campaign is complete: choose a run first")
         bench = self._configured(order.bench_text) if isinstance(order, Configure) else None
         if event is not None:
-            self._tell(event, [])
+            self._log_event(event, [])
         if bench is not None:
             self.adopt(bench, bench_codec(bench))
-        here = self._surroundings(self._t_ns)
+        surroundings = self._surroundings(self._t_ns)
         match order:
             case Arm():
-                self._loop = run_loop.armed(self._loop, order.until, here)
-                self._tell(Event(t_ns, "arm", text=f"{order.until} {by}"), [])
+                self._loop = run_loop.armed(self._loop, order.until, surroundings)
+                self._log_event(Event(t_ns, "arm", text=f"{order.until} {by}"), [])
             case Pause():
-                self._loop = run_loop.paused(self._loop, here)
-                self._tell(Event(t_ns, "pause", text=by), [])
+                self._loop = run_loop.paused(self._loop, surroundings)
+                self._log_event(Event(t_ns, "pause", text=by), [])
             case Choose():
-                self._loop = run_loop.chosen(self._loop, here)
+                self._loop = run_loop.chosen(self._loop, surroundings)
             case Acknowledge():
                 self._alarms = acknowledged(self._alarms)
             case _:
-                self._loop = run_loop.decided(self._loop, here)
+                self._loop = run_loop.decided(self._loop, surroundings)
 
     def reconfigure(self, bench: Bench, now: Now) -> None:
         """Go on with a bench that was checked, and store its text."""
@@ -241,56 +240,30 @@ class Recording:
         self.adopt(bench, bench_codec(bench))
 
     def cut(self, why: str) -> None:
-        """End the run that is being recorded, if any: it cannot be brought to its end."""
+        """Reject the run that is being recorded, if any, because it cannot be finished."""
         if not self.running:
             return
         finding = Finding("cut", Severity.ERROR, f"cut: {why}", advice="bump again")
-        self._tell(verdict_entry(self._t_ns, self.running, [finding]), [])
+        self._log_event(verdict_entry(self._t_ns, self.running, [finding]), [])
         self._loop = run_loop.judged(self._loop, self._surroundings(self._t_ns))
 
     def note(self, code: str, value: float, text: str, now: Now) -> None:
-        """Store an event that is not in the frames, at the time of the latest one."""
-        self._tell(Event(self._t_ns or now.wall_ns, code, value, text), [])
+        """Store an event of the recorder, at the time of the latest frame."""
+        self._log_event(Event(self._t_ns or now.wall_ns, code, value, text), [])
 
     def status(self, now: Now, host: Host) -> Status:
-        """Return where the recording stands."""
-        bench, book, loop = self._bench, self._book, self._loop
-        waiting: tuple[str, ...] = ()
-        if loop.phase is Phase.WAITING:
-            waiting = trigger.not_at_rest(bench.trigger, self._trigger)
-        return Status(
-            wall_ns=now.wall_ns,
-            t_ns=self._t_ns,
-            recording=host.recording,
-            folder=host.folder,
-            vehicle=bench.vehicle.name,
-            bench_crc32=zlib.crc32(bench.text.encode()),
-            phase=loop.phase,
-            phase_s=max(self._t_ns - loop.since_ns, 0) * 1e-9,
-            countdown_s=loop.countdown_s(self._t_ns, bench.procedure.accept_after_s),
-            not_at_rest=waiting,
-            bump_ns=self._bump_ns,
-            peak_left=self._guard.value("verdict", now, None, self._peak_left),
-            halted=loop.halted,
-            due=due(bench, book),
-            tallies=tallies(bench, book),
-            runs=told_runs(book),
-            notes=book.notes,
-            overrides=book.overrides,
-            undo=undo_text(book),
-            redo=redo_text(book),
-            alarms=self._alarms.alarms,
-            overloaded=self._alarms.overloaded,
-            buses=self._alarms.buses,
-            sensors_alive=self._alarms.sensors_alive,
-            sensors_expected=self._alarms.sensors_expected,
-            losses=self.losses,
-            disk=host.disk,
-            queue=host.queue,
-            session=host.session,
-            software=host.software,
-            revision=book.revision,
+        """Return the status of the recording."""
+        state = State(
+            self._t_ns,
+            self._bump_ns,
+            zlib.crc32(self._bench.text.encode()),
+            self._loop,
+            trigger.not_at_rest(self._bench.trigger, self._trigger),
+            self._barrier.value("verdict", now, None, self._peak_left),
+            self._alarms,
+            self.losses,
         )
+        return build_status(now, host, self._bench, self._run_log, state)
 
     def recent(self, seconds: float) -> FrameBatch:
         """Return the raw frames of the last seconds, at most ten."""
@@ -306,17 +279,17 @@ class Recording:
 
     @property
     def _due(self) -> Step | None:
-        return next_step(self._bench.campaign, self._book)
+        return next_step(self._bench.campaign, self._run_log)
 
     def _configured(self, text: str) -> Bench:
         if self.running:
             raise OrderError(f"{self.running} is being recorded: wait for its end")
         return configured(self._bench, text)
 
-    def _tell(self, event: Event, events: list[Event]) -> None:
-        """Store an event, then let the book have it."""
+    def _log_event(self, event: Event, events: list[Event]) -> None:
+        """Store an event, then add it to the run log."""
         self._store.append_events([event])
-        self._book = advance(self._book, event)
+        self._run_log = advance(self._run_log, event)
         events.append(event)
 
     def _surroundings(self, t_ns: int, ready: bool | None = None) -> Surroundings:
@@ -327,7 +300,7 @@ class Recording:
         return Surroundings(
             t_ns,
             ready and full,
-            self._book,
+            self._run_log,
             self._due,
             bench.bump_s,
             bench.procedure.accept_after_s,
@@ -341,7 +314,7 @@ class Recording:
         return replace(turn, decoded=decoded, health=self._health)
 
     def _take(self, turn: Turn, events: list[Event]) -> None:
-        """Keep the samples, and go through the bumps found in them."""
+        """Keep the samples, and process the bumps found in them."""
         assert turn.decoded is not None  # held by the caller
         block = {
             m.channel.name: (samples.t_ns, m.values(samples))
@@ -350,8 +323,8 @@ class Recording:
         }
         self._judge.add(int(turn.batch.t_ns.min()), self._t_ns, block, self.losses)
         self._live.add(block)
-        own = {name: piece for name, piece in block.items() if name in self._triggers}
-        self._trigger, found = trigger.advance(self._bench.trigger, self._trigger, own)
+        trigger_block = {name: piece for name, piece in block.items() if name in self._triggers}
+        self._trigger, found = trigger.advance(self._bench.trigger, self._trigger, trigger_block)
         for event in found:
             match event.code:
                 case trigger.BUMP:
@@ -359,37 +332,37 @@ class Recording:
                 case trigger.RUN_END:
                     self._ended(event, turn, events)
                 case _:
-                    self._tell(event, events)
+                    self._log_event(event, events)
                     if event.code == trigger.CLOCK_STEP:
                         self._first_ns = event.t_ns
                         self.cut("the time stamps fell back")
 
     def _bumped(self, event: Event, events: list[Event]) -> None:
-        here = self._surroundings(event.t_ns, ready=True)  # it was
-        self._loop = run_loop.turned(self._loop, here)
+        surroundings = self._surroundings(event.t_ns, ready=True)  # as of the bump
+        self._loop = run_loop.turned(self._loop, surroundings)
         due = self._due
         if due is None or not self._loop.takes_bumps:
-            self._tell(replace(event, code=trigger.UNPLANNED + event.code), events)
+            self._log_event(replace(event, code=trigger.UNPLANNED + event.code), events)
             return
-        self._tell(replace(event, text=due.label), events)
+        self._log_event(replace(event, text=due.label), events)
         self._loop = run_loop.bumped(self._loop, due.label, event.t_ns)
         self._bump_ns = event.t_ns
 
     def _ended(self, event: Event, turn: Turn, events: list[Event]) -> None:
         if not self._loop.running:
-            self._tell(replace(event, code=trigger.UNPLANNED + event.code), events)
+            self._log_event(replace(event, code=trigger.UNPLANNED + event.code), events)
             return
         label = self._loop.label
-        self._tell(replace(event, text=label), events)
-        findings = self._guard.value("verdict", turn.now, UNJUDGED, lambda: self._findings(label))
-        self._tell(verdict_entry(event.t_ns, label, findings), events)
+        self._log_event(replace(event, text=label), events)
+        findings = self._barrier.value("verdict", turn.now, UNJUDGED, lambda: self._findings(label))
+        self._log_event(verdict_entry(event.t_ns, label, findings), events)
         seen_ns = max(event.t_ns, int(turn.batch.t_ns[0]))  # a bus may have paused meanwhile
         self._loop = run_loop.judged(self._loop, self._surroundings(seen_ns))
 
     def _findings(self, label: str) -> Sequence[Finding]:
         step = parse_label(label)
         assert step is not None  # the recorder gave it
-        return self._judge.verdict(step, self._bump_ns, self._book)
+        return self._judge.verdict(step, self._bump_ns, self._run_log)
 
     def _peak_left(self) -> float | None:
         if self._loop.phase is not Phase.DECAY:
@@ -400,11 +373,11 @@ class Recording:
         self._loop = run_loop.turned(self._loop, self._surroundings(self._t_ns))
 
     def _watch(self, turn: Turn, events: list[Event]) -> None:
-        turn = replace(turn, failed=self._guard.failed(turn.now))
-        self._alarms, told = watch(
+        turn = replace(turn, failed=self._barrier.failed(turn.now))
+        self._alarms, alarm_events = watch(
             self._bench.recorder, self._codec, self._mapped, self._alarms, turn
         )
         at_end = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
         self._judge.saw_saturated(self._t_ns, at_end)
-        for event in told:
-            self._tell(event, events)
+        for event in alarm_events:
+            self._log_event(event, events)

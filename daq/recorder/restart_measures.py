@@ -1,7 +1,7 @@
-"""What was measured of the runs of a recording that is taken up again, from its journal.
+"""Measures the earlier runs of a resumed recording again, from its journal.
 
-Later runs are compared with it.  Reading may take seconds, in which a recorder must be recording
-already, so it is done beside.
+Later runs are compared with them.  Reading may take seconds, in which the recorder must record
+already, so it is done in a separate thread.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from ..runlog.runlog import LoggedRun, LoggedStatus
 from ..samples.mapping import MappedChannel, map_channels
 from ..verdict import RunMeasure, RunWindow, judge
 
-Remember = Callable[[Mapping[str, RunMeasure]], object]
+PassOn = Callable[[Mapping[str, RunMeasure]], object]
 
 _log = logging.getLogger("recorder")
 
 
-def recall(tail: JournalTail, bench: Bench, remember: Remember) -> threading.Thread:
-    """Measure anew in a thread beside, and have the result remembered; never raises."""
+def recall(tail: JournalTail, bench: Bench, pass_on: PassOn) -> threading.Thread:
+    """Measure the runs in a separate thread, which passes on the result; never raises."""
     thread = threading.Thread(
-        target=_recall, args=(tail, bench, remember), name="recall", daemon=True
+        target=_recall, args=(tail, bench, pass_on), name="recall", daemon=True
     )
     thread.start()
     return thread
 
 
-def _recall(tail: JournalTail, bench: Bench, remember: Remember) -> None:
+def _recall(tail: JournalTail, bench: Bench, pass_on: PassOn) -> None:
     try:
-        remember(remeasured(tail, bench, bench_codec(bench)))
-    except Exception as error:  # whatever it was: later runs are not compared, no more than that
-        _log.warning("earlier runs cannot be measured anew: %s", printable(str(error)))
+        pass_on(remeasured(tail, bench, bench_codec(bench)))
+    except Exception as error:  # any exception: later runs are just not compared
+        _log.warning("earlier runs cannot be measured again: %s", printable(str(error)))
 
 
 def remeasured(tail: JournalTail, bench: Bench, codec: Codec) -> Mapping[str, RunMeasure]:
-    """Return what was measured of the accepted runs, by label.
+    """Return the measures of the accepted runs, by label.
 
     Raises
     ------

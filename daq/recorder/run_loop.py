@@ -1,7 +1,7 @@
-"""The run loop: armed, bump, decay, verdict, and on to the next, as a fold without any clock.
+"""The run loop: armed, bump, decay, verdict, and on to the next run, as a fold without a clock.
 
-Time is that of the frames: a replay at twenty times the speed goes through the same phases.  What
-was decided is in the book; the loop only knows where it stands and how far an order to arm carries.
+Time is that of the frames: a replay at twenty times the speed goes through the same phases.  The
+verdicts are in the run log; the loop has only its phase and the limit of the last order to arm.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..runlog.runlog import LoggedRun, LoggedStatus, RunLog
 from ..runs import Excitation
 
 LIKE_REJECTS = 3
-"""After so many runs in a row that failed for the same reason, a person has to look."""
+"""Consecutive runs rejected for the same reason after which the loop stops for a person."""
 
 _RUNNING = (Phase.TRIGGERED, Phase.DECAY)
 _JUDGED = (Phase.ACCEPTED, Phase.REJECTED)
@@ -23,31 +23,30 @@ _JUDGED = (Phase.ACCEPTED, Phase.REJECTED)
 
 @dataclass(frozen=True, slots=True)
 class LoopState:
-    """Where the run loop stands; the default is that of a new recording."""
+    """State of the run loop; the default is that of a new recording."""
 
     phase: Phase = Phase.IDLE
-    """Where it is."""
     since_ns: int = 0
-    """Data time since when."""
+    """Data time at which the phase began."""
     until: Until | None = None
-    """How far the order to arm carries; None if it does not carry any further."""
+    """Limit of the order to arm; None if it is reached."""
     kind: tuple[str, Excitation] | None = None
     """Mass state and excitation that were due when it was armed."""
     runs_before: int = 0
-    """Runs in the book when it was armed: earlier rejects do not halt it."""
+    """Number of runs when it was armed: earlier rejects do not halt it."""
     label: str = ""
-    """The run that is recorded, or was just judged."""
+    """Label of the run being recorded, or just judged."""
     halted: str = ""
-    """The failing code of the like rejects that stopped it."""
+    """Code of the finding for which it stopped; empty if it did not."""
 
     @property
     def running(self) -> bool:
-        """Whether a run is being recorded."""
+        """True while a run is being recorded."""
         return self.phase in _RUNNING
 
     @property
     def takes_bumps(self) -> bool:
-        """Whether the next bump is a run."""
+        """True if the next bump is a run."""
         return self.phase is Phase.ARMED
 
     def countdown_s(self, t_ns: int, accept_after_s: float) -> float | None:
@@ -59,27 +58,27 @@ class LoopState:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What the loop has to know of the rest of the recorder at a time."""
+    """State of the rest of the recorder that the loop depends on."""
 
     t_ns: int
     """Data time."""
     ready: bool
-    """The car is at rest and the pre-trigger is full."""
-    book: RunLog
-    """The runs so far."""
+    """True if the car is at rest and the pre-trigger is full."""
+    run_log: RunLog
     due: Step | None
-    """`daq.runlog.runlog.next_step`."""
+    """Next step of the campaign; None if it is complete."""
     bump_s: float
+    """Duration of a bump."""
     accept_after_s: float
-    """`bump_s`, `accept_after_s`: duration of a bump; the operator's time to reject."""
+    """The operator's time to reject a run."""
 
 
 def armed(state: LoopState, until: Until, now: Surroundings) -> LoopState:
-    """Return the loop after an order to arm; one during a run or a countdown only carries on."""
+    """Return the loop after an order to arm, which does not interrupt a run or a countdown."""
     if now.due is None:
         return replace(state, phase=Phase.COMPLETE, until=None, halted="")
     kind = (now.due.mass_state, now.due.excitation)
-    state = replace(state, until=until, kind=kind, runs_before=len(now.book.runs), halted="")
+    state = replace(state, until=until, kind=kind, runs_before=len(now.run_log.runs), halted="")
     if state.running or state.phase in (Phase.WAITING, Phase.ARMED):
         return state
     return _entered(replace(state, label=""), Phase.WAITING, now.t_ns)
@@ -95,7 +94,7 @@ def chosen(state: LoopState, now: Surroundings) -> LoopState:
     """Return the loop after the choice of a step."""
     if state.phase is Phase.COMPLETE:
         return _entered(state, Phase.IDLE, now.t_ns)
-    return _stopped_if_strayed(state, now)
+    return _stopped_if_other_kind(state, now)
 
 
 def turned(state: LoopState, now: Surroundings) -> LoopState:
@@ -121,11 +120,11 @@ def bumped(state: LoopState, label: str, bump_ns: int) -> LoopState:
 
 def judged(state: LoopState, now: Surroundings) -> LoopState:
     """Return the loop after the verdict on the run that was being recorded."""
-    run = now.book.run(state.label)
+    run = now.run_log.run(state.label)
     accepted = run is not None and run.status is LoggedStatus.ACCEPTED
     state = _entered(state, Phase.ACCEPTED if accepted else Phase.REJECTED, now.t_ns)
     if state.until is not Until.COMPLETE:
-        code = like_rejects(now.book.runs[state.runs_before :])
+        code = like_rejects(now.run_log.runs[state.runs_before :])
         if code:
             return replace(_entered(state, Phase.IDLE, now.t_ns), until=None, halted=code)
     return state
@@ -134,10 +133,10 @@ def judged(state: LoopState, now: Surroundings) -> LoopState:
 def decided(state: LoopState, now: Surroundings) -> LoopState:
     """Return the loop after a person's verdict, or one that was undone or redone.
 
-    One on the run just judged begins the countdown anew.  When the last run of a complete campaign
-    is rejected after all, the campaign is no longer complete.
+    A verdict on the run just judged restarts the countdown.  If the last run of a complete campaign
+    is rejected, the campaign is not complete any more.
     """
-    run = now.book.run(state.label)
+    run = now.run_log.run(state.label)
     if state.phase in _JUDGED and run is not None:
         accepted = run.status is LoggedStatus.ACCEPTED
         phase = Phase.ACCEPTED if accepted else Phase.REJECTED
@@ -146,11 +145,11 @@ def decided(state: LoopState, now: Surroundings) -> LoopState:
         return _entered(state, Phase.IDLE, now.t_ns)
     if now.due is None and not state.running:
         return _entered(replace(state, until=None), Phase.COMPLETE, now.t_ns)
-    return _stopped_if_strayed(state, now)
+    return _stopped_if_other_kind(state, now)
 
 
 def like_rejects(runs: tuple[LoggedRun, ...]) -> str:
-    """Return the code for which the last runs were all rejected; empty if they were not."""
+    """Return the code for which the last three runs were rejected; empty if there is none."""
     last = runs[-LIKE_REJECTS:]
     codes = {_failing(run) for run in last}
     return codes.pop() if len(last) == LIKE_REJECTS and len(codes) == 1 else ""
@@ -170,13 +169,13 @@ def _after(state: LoopState, now: Surroundings) -> LoopState:
         return _entered(state, Phase.PAUSED, now.t_ns)
     if state.until is Until.RUN:
         return _entered(replace(state, until=None), Phase.IDLE, now.t_ns)
-    return _stopped_if_strayed(_entered(state, Phase.WAITING, now.t_ns), now)
+    return _stopped_if_other_kind(_entered(state, Phase.WAITING, now.t_ns), now)
 
 
-def _stopped_if_strayed(state: LoopState, now: Surroundings) -> LoopState:
-    """Return the loop stopped if another kind of bump is due than the one it was armed for.
+def _stopped_if_other_kind(state: LoopState, now: Surroundings) -> LoopState:
+    """Return the loop, stopped if another kind of bump is due than the one it was armed for.
 
-    The boards have to be moved for it, and only a person can tell when they are.
+    A person has to move the boards first, and to arm again.
     """
     kind = (now.due.mass_state, now.due.excitation) if now.due else None
     armed_for_all = state.until is Until.COMPLETE

@@ -15,7 +15,7 @@ from daq.journal.segment import SyncedFile
 from dbc.frames import FrameBatch
 
 from .crash_frames import RATE_HZ, block, read_numbers
-from .engine_run import Running, sources
+from .recorder_run import Running, sources
 from .small_campaign import small_bench
 
 _READ_S = 0.01

@@ -17,7 +17,7 @@ from daq.recorder import judging
 from daq.verdict import RunMeasure
 from dbc import FrameBatch
 
-from .engine_run import Script
+from .recorder_run import Script
 
 CAN0, CAN1 = (BusConfig("test", f"can{n}", 1_000_000) for n in range(2))
 

@@ -19,7 +19,7 @@ from daq.journal.folder import segments_in
 from daq.journal.reader import read_journal
 from dbc.frames import FrameFlag
 
-from ..daq.engine_run import Running
+from ..daq.recorder_run import Running
 
 STEP_NS = 3600 * 10**9
 CHANNELS = ("vcan0", "vcan1", "can0")

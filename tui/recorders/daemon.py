@@ -218,7 +218,7 @@ class _Daemon:
             self._told = status
         if now_s - self._told_s >= TOLD_EVERY_S:
             self._told_s = now_s
-            if hanging := self._systemd.turn(self._engine.beats(), status, now_s):
+            if hanging := self._systemd.notify(self._engine.heartbeats(), status, now_s):
                 self._log.line(hanging, "hanging")
         if self._habits.figures and now_s - self._figures_s >= FIGURES_S:
             from daq.control.figures_file import write_figures

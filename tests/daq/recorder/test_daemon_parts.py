@@ -16,7 +16,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from daq.control.figures_file import write_figures
-from daq.control.heartbeat import DISK_S, STILL_S, Beats, standstill
+from daq.control.heartbeat import DISK_S, STILL_S, Heartbeats, standstill
 from daq.control.lock import lone_recorder
 from daq.control.messages import Alarm
 from daq.control.systemd import Systemd, status_line
@@ -24,7 +24,7 @@ from daq.errors import FolderLockedError, InputError
 
 from ..a_status import a_status
 
-WELL = Beats((("can0", 100.0), ("can1", 100.1)), 100.0, 100.0)
+WELL = Heartbeats((("can0", 100.0), ("can1", 100.1)), 100.0, 100.0)
 
 
 @contextmanager
@@ -87,10 +87,10 @@ def _a_file(tmp_path: Path) -> None:
         (replace(WELL, readers=(("can0", 103.0), ("can1", 0.0))), 103.0, "the writer"),
         (replace(WELL, readers=(), writer_s=159.9), 160.0, ""),
         (replace(WELL, readers=(), writer_s=160.1), 100.1 + DISK_S, "nothing has reached the disk"),
-        (Beats((("can0", 0.0),), 100.0, 0.0), 100.0, ""),  # not begun yet: not hanging
+        (Heartbeats((("can0", 0.0),), 100.0, 0.0), 100.0, ""),  # not begun yet: not hanging
     ],
 )
-def test_what_hangs_is_named(beats: Beats, now_s: float, said: str) -> None:
+def test_what_hangs_is_named(beats: Heartbeats, now_s: float, said: str) -> None:
     assert standstill(beats, now_s).startswith(said)
     assert bool(standstill(beats, now_s)) == bool(said)
 
@@ -102,14 +102,14 @@ def test_systemd_hears_only_what_was_checked(
         systemd = Systemd()
         status = a_status()
         # Not ready: a bus has not been tried; then: nothing is on the disk.
-        systemd.turn(replace(WELL, readers=(("can0", 100.0), ("can1", 0.0))), status, 100.0)
-        systemd.turn(replace(WELL, durable_s=0.0), status, 100.0)
+        systemd.notify(replace(WELL, readers=(("can0", 100.0), ("can1", 0.0))), status, 100.0)
+        systemd.notify(replace(WELL, durable_s=0.0), status, 100.0)
         lines = heard(listener)
         assert "READY=1" not in lines
         assert "STATUS=2/3 buses, 12,031 frames/s, lag 40 ms, 212 GB free, 4 frames lost" in lines
-        systemd.turn(WELL, status, 100.0)
+        systemd.notify(WELL, status, 100.0)
         assert heard(listener) == ["WATCHDOG=1", "READY=1"]
-        systemd.turn(WELL, status, 101.0)
+        systemd.notify(WELL, status, 101.0)
         assert heard(listener) == ["WATCHDOG=1"]
 
         # A frozen reader, a frozen writer, a dead disk: the watchdog starves.
@@ -118,26 +118,26 @@ def test_systemd_hears_only_what_was_checked(
             replace(WELL, writer_s=97.0),
             replace(WELL, durable_s=100.0 - DISK_S - 1.0),
         ):
-            assert systemd.turn(frozen, status, 100.0)
+            assert systemd.notify(frozen, status, 100.0)
             assert not [line for line in heard(listener) if line.startswith("WATCHDOG")]
-        assert systemd.turn(WELL, status, 100.0) == ""
+        assert systemd.notify(WELL, status, 100.0) == ""
         assert "WATCHDOG=1" in heard(listener)
 
         systemd.reloading()
-        systemd.turn(WELL, status, 100.0)
+        systemd.notify(WELL, status, 100.0)
         systemd.stopping()
         assert heard(listener) == ["RELOADING=1", "WATCHDOG=1", "READY=1", "STOPPING=1"]
 
         # A socket that nobody empties holds nothing up.
         for i in range(2000):
-            systemd.turn(WELL, replace(status, sensors_alive=i), 100.0)
+            systemd.notify(WELL, replace(status, sensors_alive=i), 100.0)
         systemd.close()
 
 
 def test_without_systemd_nothing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
     systemd = Systemd()
-    assert systemd.turn(WELL, a_status(), 100.0) == ""
+    assert systemd.notify(WELL, a_status(), 100.0) == ""
     systemd.close()
 
 

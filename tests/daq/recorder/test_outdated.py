@@ -1,4 +1,4 @@
-"""Is the session file still that of the recording?  The revision of the book tells, always."""
+"""Is the session file still that of the recording?  The revision of the run_log tells, always."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from daq.runlog.runlog import Code
 from daq.runs import Event
 from dbc import Codec
 
-from ..engine_run import ENDED, Running, Script, sources
 from ..quick_bench import quick as quick  # a fixture
+from ..recorder_run import ENDED, Running, Script, sources
 from ..small_campaign import blocks, bumps
 
 RUN = "baseline_bounce_1"

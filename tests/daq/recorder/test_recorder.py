@@ -1,416 +1,377 @@
-"""The recorder block by block, without threads: what is stored, labelled, judged and refused."""
+"""The recorder with its threads: several buses, stalls, full queues, orders, ends."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+import os
+import threading
+import time
 from dataclasses import replace
+from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
-from daq.bench.config import Bench
-from daq.bench.procedure import Procedure
-from daq.bus.source import HopLosses, LinkFacts, SourceLosses
-from daq.channels import Quantity
-from daq.clocks import Now
-from daq.control.messages import Phase, QueueStatus, SessionStatus, Status
+from daq import read_session
+from daq.bench.config import Bench, BusConfig
+from daq.bus.interfaces import open_bus, open_source
+from daq.bus.slcan.adapter import SlcanSource, open_slcan
+from daq.bus.source import FrameSource, SourceLosses
+from daq.control.heartbeat import standstill
+from daq.control.messages import BusState, Phase, SessionState, Status
 from daq.control.orders import (
-    Accept,
-    Acknowledge,
     Arm,
-    Choose,
+    AskBench,
+    AskCheck,
+    AskHistory,
+    AskStatus,
+    Build,
     Configure,
     Mark,
-    Note,
-    OverrideWarning,
-    Pause,
-    Redo,
-    Reject,
-    Undo,
+    ShutDown,
+    Start,
+    Stop,
     Until,
 )
-from daq.errors import InputError
-from daq.journal.reader import read_journal
-from daq.journal.writer import JournalError, JournalWriter
-from daq.recorder import judging
+from daq.errors import BusError, InputError
+from daq.journal.folder import last_recording
+from daq.journal.segment import SyncedFile
 from daq.recorder.orders import OrderError
-from daq.recorder.recording import Recording
-from daq.recorder.status import NO_DISK, Host
-from daq.runlog.fold import fold
-from daq.runlog.runlog import LoggedStatus
-from daq.runs import Event, Excitation, Losses
-from daq.verdict import RunMeasure
-from dbc import Codec, FrameBatch, FrameFlag
+from daq.recorder.readers import Piece, PieceQueue
+from daq.runs import Event
+from dbc import Codec, FrameBatch
 
-from ..small_campaign import CAMPAIGN, LABELS, PERIOD_S, PLANNED, START_NS, blocks, bumps, codes
+from ..pty_pair import pty_pair
+from ..quick_bench import CAN0, Gated, quick, stored, two
+from ..recorder_run import ENDED, PATIENCE_S, Running, Script, on_bus, sources
+from ..small_campaign import LABELS, PLANNED, START_NS, blocks, bumps, codes
 
-HOST = Host("id", "folder", "test", NO_DISK, QueueStatus(0, 0, 1), SessionStatus())
-LINK = LinkFacts("can0", 1_000_000, True, "", "", 0.0, 0, SourceLosses())
+__all__ = ["quick", "two"]  # fixtures
 
 
-@pytest.fixture
-def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    """Return a bench whose runs come thick and fast; its judge lets everything pass."""
-    monkeypatch.setattr(judging, "judge", lambda *_: ((), RunMeasure()))
-    return replace(bench, procedure=Procedure(accept_after_s=0.1))
-
-
-def now(block: FrameBatch | None = None) -> Now:
-    t_ns = int(block.t_ns[-1]) if block is not None and len(block) else START_NS
-    return Now(t_ns, 100.0 + (t_ns - START_NS) * 1e-9)
-
-
-def feed(recorder: Recording, given: Sequence[FrameBatch]) -> list[Event]:
-    return [
-        event for block in given for event in recorder.step(block, HopLosses(), now(block), [LINK])
-    ]
-
-
-def runs_of(events: Sequence[Event]) -> list[tuple[str, str]]:
+def planned(events: tuple[Event, ...]) -> list[tuple[str, str]]:
     return [pair for pair in codes(events) if pair[0] in ("bump", "run_end")]
 
 
-def status(recorder: Recording) -> Status:
-    return recorder.status(now(), HOST)
+def test_a_campaign_becomes_a_session_file(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    gate = threading.Event()
+    frames = bumps(codec, len(LABELS))
+    with Running(quick, tmp_path, sources(Gated(gate, blocks(frames)))) as running:
+        assert running.order(Arm(Until.COMPLETE)).status is not None
+        gate.set()
+        running.until(lambda s: s.phase is Phase.COMPLETE)
+        assert running.order(Stop()).status is not None
+        told = running.until(lambda s: s.session.state in ENDED)
+    assert (told.session.state, told.session.text) == (SessionState.READY, "")
+    assert (told.recording, told.phase) == ("", Phase.IDLE)
+    contents = stored(tmp_path)
+    np.testing.assert_array_equal(contents.frames.t_ns, frames.t_ns)
+    assert planned(contents.events) == PLANNED
+    assert contents.events[-1].code == "ended"
+    session = read_session(told.session.path)
+    assert [run.label for run in session.runs] == LABELS
+    assert Path(told.session.path).name == "session_0001.h5"
+    recorded = [s.disk.recorded_frames for s in running.told]
+    assert recorded == sorted(recorded)
+    assert recorded[-1] == len(frames)
 
 
-def armed(
-    bench: Bench, codec: Codec, store: JournalWriter, until: Until = Until.COMPLETE
-) -> Recording:
-    recorder = Recording(bench, codec, store)
-    recorder.carry_out(Arm(until), "Ann", now())
-    return recorder
-
-
-@pytest.mark.parametrize("size", [100, 37, 100_000])
-def test_runs_are_labelled_in_the_order_of_the_campaign_and_stored(
-    quick: Bench, codec: Codec, journal: JournalWriter, size: int
+def test_a_bus_fails_and_comes_back_while_the_other_goes_on(
+    two: Bench, codec: Codec, tmp_path: Path
 ) -> None:
-    recorder = armed(quick, codec, journal)
-    assert status(recorder).phase is Phase.WAITING
-    events = feed(recorder, blocks(bumps(codec, len(LABELS)), size))
-    assert runs_of(events) == PLANNED
-    for k, event in enumerate(e for e in events if e.code == "bump"):
-        assert event.t_ns == START_NS + round((k * PERIOD_S + 0.501) * 1e9)
-    assert recorder.complete
-    assert recorder.losses == Losses()
-    journal.close()
-    contents = read_journal(journal.paths)
-    assert contents.events[-len(events) :] == tuple(events)
-    assert len(contents.frames) == len(LABELS) * 1200
-    # The book is what the journal says, and nothing else.
-    assert fold(contents.events) == recorder.book
-    assert {run.status for run in recorder.book.runs} == {LoggedStatus.ACCEPTED}
-
-
-def test_a_bump_that_nobody_waits_for_is_told_and_consumes_nothing(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recorder = Recording(quick, codec, journal)
-    events = feed(recorder, blocks(bumps(codec, 1)))
-    unplanned = ["unplanned_bump", "unplanned_run_end"]
-    assert [e.code for e in events if "alarm" not in e.code] == unplanned
-    assert recorder.book.runs == ()
-    recorder.carry_out(Arm(), "Ann", now())
-    recorder.carry_out(Pause(), "Ann", now())
-    later = replace(bumps(codec, 1), t_ns=bumps(codec, 1).t_ns + 1_200_000_000)
-    assert [e.code for e in feed(recorder, blocks(later)) if "alarm" not in e.code] == unplanned
-    assert status(recorder).phase is Phase.PAUSED
-
-
-def test_the_status_says_what_is_due_and_what_is_going_on(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recorder = armed(quick, codec, journal)
-    frames = bumps(codec, 1)
-    feed(recorder, blocks(frames.select(slice(0, 700))))
-    told = status(recorder)
-    assert told.phase is Phase.TRIGGERED
-    assert told.due is not None
-    assert told.due.step == CAMPAIGN.steps[0]
-    assert (told.due.accepted, told.due.planned, told.due.rejected) == (0, 1, 0)
-    assert "40 mm" in told.due.instruction
-    assert told.t_ns == frames.t_ns[699]
-    assert (told.bump_ns - START_NS) * 1e-9 == pytest.approx(0.501)
-    assert [(run.label, run.status) for run in told.runs] == [(LABELS[0], LoggedStatus.OPEN)]
-    assert [bus.frames for bus in told.buses] == [700]
-    feed(recorder, blocks(frames.select(slice(700, 1020))))
-    told = status(recorder)
-    assert (told.phase, told.undo, told.redo) == (Phase.ACCEPTED, f"{LABELS[0]} accepted", "")
-    assert told.countdown_s == pytest.approx(0.1, abs=0.02)
-    assert told.due is not None
-    assert told.due.step == CAMPAIGN.steps[1]
-    assert [tally.accepted for tally in told.tallies] == [1, 0, 0, 0]
-
-
-def test_live_samples_are_told_once_and_kept_for_those_who_come_later(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recorder = Recording(quick, codec, journal)
-    frames = bumps(codec, 1)
-    bins: dict[int, float | None] = {}
-    for block in blocks(frames):
-        feed(recorder, [block])
-        live = recorder.live()
-        if live is not None:
-            lane = next(lane for lane in live.lanes if lane.channel == "hub_acc_fl")
-            new = dict(enumerate(lane.high, live.first_bin))
-            assert not bins.keys() & new.keys()
-            bins |= new
-    in_bump = [bins[k] for k in bins if 0.53 < k * 0.02 - START_NS * 1e-9 < 0.66]
-    assert in_bump == [pytest.approx(20.0, abs=0.05)] * len(in_bump)
-    assert len(in_bump) >= 6
-    history = recorder.history(0.5)
-    lane = next(lane for lane in history.lanes if lane.channel == "hub_acc_fl")
-    assert len(lane.high) == 25
-    assert dict(enumerate(lane.high, history.first_bin)).items() <= bins.items()
-    other = next(lane for lane in history.lanes if lane.channel == "pitch_rate")
-    assert set(other.high) == {None}
-
-
-def test_losses_of_every_hop_add_up(bench: Bench, codec: Codec, journal: JournalWriter) -> None:
-    frames = bumps(codec, 1)
-    data = frames.data.copy()
-    data[10, 0] ^= 1  # checksum
-    can_id = frames.can_id.copy()
-    can_id[20] = 0x7F0  # unknown; leaves a gap in the counter
-    flags = frames.flags.copy()
-    flags[30] |= FrameFlag.ERROR
-    flags[40] |= FrameFlag.REMOTE
-    length = frames.length.copy()
-    length[-1] = 2
-    frames = replace(frames, data=data, can_id=can_id, flags=flags, length=length)
-    frames = frames.select(np.delete(np.arange(len(frames)), [50, 51]))
-
-    recorder = Recording(bench, codec, journal)
-    for block in blocks(frames):
-        hops = HopLosses(bus_dropped=1, bus_garbled=2, queue_dropped=3)
-        recorder.step(block, hops, now(block), [LINK])
-
-    assert recorder.losses == Losses(
-        bus_dropped=1,
-        bus_garbled=2,
-        queue_dropped=3,
-        counter_gaps=5,  # 20, 30, 40, 50, 51
-        crc_bad=1,
-        wrong_length=1,
-        unknown_id=1,
-        error_frames=1,
-        remote_frames=1,
-    )
-
-
-def test_a_block_that_cannot_be_stored_is_not_used(bench: Bench, codec: Codec) -> None:
-    class Full(JournalWriter):
-        def __init__(self) -> None:
-            pass
-
-        def append(self, frames: FrameBatch, losses: HopLosses) -> None:
-            raise JournalError("x", "is full", "make room")
-
-    recorder = Recording(bench, codec, Full())
-    with pytest.raises(JournalError):
-        recorder.step(bumps(codec, 1), HopLosses(), now())
-    assert status(recorder).t_ns == 0
-
-
-def test_stamps_of_another_epoch_are_told_once(
-    bench: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recorder = Recording(bench, codec, journal)
-    first = recorder.step(FrameBatch.empty(), HopLosses(restamped=5), now())
-    again = recorder.step(FrameBatch.empty(), HopLosses(restamped=9), now())
-    assert [event.code for event in first] == ["restamped"]
-    assert again == ()
-
-
-def test_a_bench_that_cannot_trigger_or_does_not_fit_its_dbc_is_refused(
-    bench: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    mute = tuple(c for c in bench.channels if c.quantity is Quantity.PITCH_RATE)
-    with pytest.raises(InputError, match="no channel that can trigger"):
-        Recording(replace(bench, channels=mute), codec, journal)
-    wrong = (replace(bench.channels[0], signal="HUB_Front.nothing"), *bench.channels[1:])
-    with pytest.raises(InputError, match=r"no signal 'HUB_Front\.nothing'"):
-        Recording(replace(bench, channels=wrong), codec, journal)
-
-
-def test_a_consumer_that_fails_costs_no_frame_and_is_named_once_a_second(
-    quick: Bench, codec: Codec, journal: JournalWriter, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(*_: object) -> None:
-        raise RuntimeError("no luck\x1b")
-
-    recorder = Recording(quick, codec, journal)
-    monkeypatch.setattr(Codec, "decode", broken)
-    events = feed(recorder, blocks(bumps(codec, 2)))  # 2.4 s
-    told = [event for event in events if event.code == "consumer_failed"]
-    assert [event.text for event in told] == ["decode: RuntimeError('no luck\\x1b')"] * 3
-    assert sum(event.value for event in told) >= 21
-    assert "consumer_failed" in {alarm.code for alarm in status(recorder).alarms}
-    monkeypatch.undo()
-    later = [replace(b, t_ns=b.t_ns + 2_400_000_000) for b in blocks(bumps(codec, 6))]
-    feed(recorder, later)
-    assert "consumer_failed" not in {alarm.code for alarm in status(recorder).alarms}
-    journal.close()
-    assert len(read_journal(journal.paths).frames) == 8 * 1200
-
-
-def test_a_verdict_that_fails_does_not_throw_the_bump_away(
-    quick: Bench, codec: Codec, journal: JournalWriter, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(*_: object) -> None:
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(judging, "judge", broken)
-    recorder = armed(quick, codec, journal)
-    events = feed(recorder, blocks(bumps(codec, 1)))
-    assert "consumer_failed" in [event.code for event in events]
-    (run,) = recorder.book.runs
-    assert run.status is LoggedStatus.ACCEPTED
-    assert [finding.code for finding in run.findings] == ["unjudged"]
-
-
-def test_stamps_that_fall_back_cut_the_run(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recorder = armed(quick, codec, journal)
-    frames = bumps(codec, 2)
-    feed(recorder, blocks(frames.select(slice(0, 700))))
-    back = replace(frames, t_ns=frames.t_ns - 3600 * 10**9)
-    events = feed(recorder, blocks(back))
-    assert recorder.book.runs[0].reasons == ("cut: the time stamps fell back",)
-    assert runs_of(events)[0] == ("bump", "baseline_bounce_2")
-
-
-def test_orders_are_written_down_and_those_that_make_no_sense_refused(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recorder = armed(quick, codec, journal)
-    for order, why in (
-        (Undo(), "no verdict to undo"),
-        (Redo(), "nothing to redo"),
-        (Reject(), "no run yet"),
-        (Accept("baseline_bounce_1"), "no run 'baseline_bounce_1'"),
-        (Choose("loaded", Excitation.ROLL), "'loaded' is no mass state"),
-        (Note("x", "y"), "no run 'y'"),
-    ):
-        with pytest.raises(OrderError, match=why):
-            recorder.carry_out(order, "Ann", now())
-    frames = bumps(codec, 1)
-    feed(recorder, blocks(frames.select(slice(0, 700))))
-    with pytest.raises(OrderError, match="is being recorded"):
-        recorder.carry_out(Configure(quick.text), "Ann", now())
-    feed(recorder, blocks(frames.select(slice(700, None))))
-    recorder.carry_out(Reject(reason="foot"), "Ann", now())
-    with pytest.raises(OrderError, match="rejected already"):
-        recorder.carry_out(Reject("baseline_bounce_1"), "Ann", now())
-    with pytest.raises(OrderError, match="say why"):
-        recorder.carry_out(Accept("baseline_bounce_1"), "Ann", now())
-    recorder.carry_out(Undo(), "Ann", now())
-    recorder.carry_out(Redo(), "Ann", now())
-    recorder.carry_out(Accept("baseline_bounce_1", "it was mine"), "Bob", now())
-    recorder.carry_out(Mark("here"), "Bob", now())
-    recorder.carry_out(Note("wet", "baseline_bounce_1"), "Bob", now())
-    recorder.carry_out(OverrideWarning("bus", "known"), "Bob", now())
-    recorder.carry_out(Acknowledge(), "Bob", now())
-    recorder.carry_out(Choose("added", Excitation.WARP), "Bob", now())
-    told = status(recorder)
-    assert told.due is not None
-    assert told.due.step.label == "added_warp_1"
-    assert [(note.text, note.label) for note in told.notes] == [
-        ("here", ""),
-        ("wet", "baseline_bounce_1"),
+    front, rear = bumps(codec, 2), on_bus(bumps(codec, 2, "HUB_Rear"), 1)
+    half = len(rear) // 2
+    unplugged = BusError("can1", "has gone", "plug it in")
+    opened: list[Script | Exception] = [
+        Script(blocks(rear.select(slice(0, half))), unplugged, 0.001, SourceLosses(garbled=1)),
+        OSError(19, "No such device"),
+        NameError("name 'canlib' is not defined"),
+        Script(blocks(rear.select(slice(half, None))), None, 0.001, SourceLosses(dropped=2)),
     ]
-    assert [(one.subject, one.by) for one in told.overrides] == [("bus", "Bob")]
-    (run,) = told.runs
-    assert (run.status, run.by, run.reason) == (LoggedStatus.ACCEPTED, "Bob", "it was mine")
-    journal.close()
-    events = read_journal(journal.paths).events
-    assert fold(events) == recorder.book
-    assert {e.t_ns for e in events if e.code == "mark"} == {int(frames.t_ns[-1])}
+    lasting = Script(blocks(front, 10), None, 0.01)
+
+    def open_next(_: BusConfig, number: int) -> FrameSource:
+        if number == 0:
+            return lasting
+        found = opened.pop(0)
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    with Running(two, tmp_path, open_next) as running:
+        running.until(lambda s: bool(s.buses) and s.buses[1].state is BusState.DISCONNECTED)
+        gone_s = time.monotonic()
+        told = running.until(lambda s: s.buses[1].reopened == 1)
+        assert time.monotonic() - gone_s < 5.0
+        assert told.buses[0].state is BusState.OK
+        running.until(lambda s: s.disk.recorded_frames == len(front) + len(rear))
+    assert "disconnected" in {alarm.code for s in running.told for alarm in s.alarms}
+    contents = stored(tmp_path)
+    for number, frames in enumerate((front, rear)):
+        own = contents.frames.select(contents.frames.bus == number)
+        np.testing.assert_array_equal(own.data, frames.data)
+    lost = running.last.losses
+    assert (lost.bus_garbled, lost.bus_dropped, lost.queue_dropped) == (1, 2, 0)
 
 
-def test_bench_toml_may_change_within_a_recording(
-    quick: Bench, codec: Codec, journal: JournalWriter
+def test_a_bus_that_cannot_be_opened_is_degraded_and_tried_for_ever(
+    quick: Bench, codec: Codec, tmp_path: Path
 ) -> None:
-    recorder = Recording(quick, codec, journal)
-    for changed, why in (
-        ("[[[", "is not TOML"),
-        (quick.text.replace("bitrate = 1000000", "bitrate = 500000"), "other buses"),
-        (quick.text.replace('dbc = ""', 'dbc = "my.dbc"'), "another DBC"),
-        (quick.text.replace("repeats = 2", "repeats = -2"), "repeats"),
-    ):
-        with pytest.raises(OrderError, match=why):
-            recorder.carry_out(Configure(changed), "Ann", now())
-    assert recorder.bench == quick
-    other = quick.text.replace('name = "Ford Granada"', 'name = "Other"')
-    recorder.carry_out(Configure(other), "Ann", now())
-    assert status(recorder).vehicle == "Other"
-    journal.close()
-    assert [(e.code, e.text) for e in read_journal(journal.paths).events] == [("bench", other)]
+    tries: list[int] = []
+
+    def later(_: BusConfig, number: int) -> FrameSource:
+        tries.append(number)
+        if len(tries) < 4:
+            raise BusError("can0", "cannot be opened: no such device", "see `ip link`")
+        return Script(blocks(bumps(codec, 1)))
+
+    with Running(quick, tmp_path, later) as running:
+        told = running.until(lambda s: any(a.code == "disconnected" for a in s.alarms))
+        (alarm,) = (a for a in told.alarms if a.code == "disconnected")
+        assert ("no such device" in alarm.text, alarm.advice) == (True, "see `ip link`")
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+        assert running.last.buses[0].reopened == 0
+    assert len(tries) == 4
 
 
-def test_what_was_lost_before_bench_toml_changed_is_no_news(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recorder = Recording(quick, codec, journal)
-    frames = bumps(codec, 1)
-    whole = frames.select(np.delete(np.arange(len(frames)), [50, 51]))
-    given, lost = blocks(whole), HopLosses(queue_dropped=9)
-    for block in given[: len(given) // 2]:
-        recorder.step(block, lost, now(block), [LINK])
-    recorder.carry_out(Configure(quick.text), "Ann", now())
-    told = [
-        event.text.partition(":")[0]
-        for block in given[len(given) // 2 :]
-        for event in recorder.step(block, lost, now(block), [LINK])
-        if event.code == "alarm"
-    ]
-    assert not {"queue_dropped", "counter_gap HUB_Front"} & set(told), told
-    assert status(recorder).buses[0].frames == len(whole)
-
-
-def test_the_end_of_a_recording_cuts_the_run(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recorder = armed(quick, codec, journal)
-    feed(recorder, blocks(bumps(codec, 1).select(slice(0, 700))))
-    recorder.cut("the recording was ended")
-    assert recorder.book.runs[0].reasons == ("cut: the recording was ended",)
-    verdict = json.loads(next(e.text for e in _events(journal) if e.code == "verdict"))
-    assert (verdict["label"], verdict["accepted"]) == (LABELS[0], False)
-
-
-def _events(journal: JournalWriter) -> tuple[Event, ...]:
-    journal.close()
-    return read_journal(journal.paths).events
-
-
-def test_the_last_seconds_are_at_hand_for_the_check(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recorder = Recording(quick, codec, journal)
-    frames = bumps(codec, 12)  # 14.4 s
-    feed(recorder, blocks(frames))
-    np.testing.assert_array_equal(recorder.recent(5.0).t_ns, frames.t_ns[-5001:])
-    assert len(recorder.recent(10.0)) == 10_001
-    # After the clock was set back only the new frames are recent.
-    feed(recorder, [replace(b, t_ns=b.t_ns - 10**12) for b in blocks(bumps(codec, 1))])
-    assert len(recorder.recent(10.0)) == 1200
-
-
-def test_frames_that_a_pause_cost_after_a_run_are_not_lost_from_it(
-    bench: Bench, codec: Codec, journal: JournalWriter
+def test_a_stall_of_the_writer_costs_queue_and_no_frame(
+    quick: Bench, codec: Codec, tmp_path: Path
 ) -> None:
     frames = bumps(codec, 3)
-    seconds = (frames.t_ns - frames.t_ns[0]) * 1e-9
-    before, after = frames.select(seconds < 0.998), frames.select(seconds > 2.3)
-    recorder = Recording(bench, codec, journal)
-    recorder.carry_out(Arm(Until.COMPLETE), "Ann", now())
-    for block in [*blocks(before), *blocks(after)]:  # the run ends at 1.0 s
-        recorder.step(block, HopLosses(), now(block), [LINK])
-    assert recorder.losses.counter_gaps > 1_000
-    (lost,) = (f for f in recorder.book.runs[0].findings if f.code == "lost_frames")
-    assert lost.passed, lost.text
+    script = Script(blocks(frames, 5), None, 0.003)  # 720 blocks in more than two seconds
+    stalled = threading.Event()
+
+    class Stalls(SyncedFile):
+        def sync(self) -> None:
+            super().sync()
+            if not stalled.is_set() and script.given and len(script.given) < 700:
+                stalled.set()
+                assert script.exhausted.wait(PATIENCE_S)
+
+    with Running(quick, tmp_path, sources(script), create=Stalls) as running:
+        told = running.until(lambda s: s.disk.recorded_frames == len(frames))
+    assert stalled.is_set()
+    assert told.queue.high > 500
+    assert max(s.disk.lag_s for s in running.told) > 1.0
+    assert told.losses.queue_dropped == 0
+    np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
+
+
+@pytest.mark.parametrize("limits", [(50, 1 << 30), (100_000, 5_000)])
+def test_what_does_not_fit_in_the_queue_is_counted_to_the_frame(
+    quick: Bench, codec: Codec, tmp_path: Path, limits: tuple[int, int]
+) -> None:
+    frames = bumps(codec, 1)
+    script = Script(blocks(frames, 3))
+    begun = threading.Event()
+
+    class Stalls(SyncedFile):
+        def sync(self) -> None:
+            super().sync()
+            if begun.is_set():
+                script.exhausted.wait(PATIENCE_S)
+            begun.set()  # the head of the first segment
+
+    pieces = PieceQueue(*limits)
+    with Running(quick, tmp_path, sources(script), create=Stalls, pieces=pieces) as running:
+        lost = running.until(lambda s: s.losses.queue_dropped > 0 and script.exhausted.is_set())
+        running.until(lambda s: s.disk.recorded_frames + s.losses.queue_dropped == len(frames))
+    contents = stored(tmp_path)
+    dropped = running.last.losses.queue_dropped
+    assert 0 < lost.losses.queue_dropped <= dropped
+    assert len(contents.frames) + dropped == len(frames)
+    assert contents.hops.counts[-1, -1] == dropped
+    assert "queue_dropped" in {alarm.code for s in running.told for alarm in s.alarms}
+
+
+def test_the_queue_is_bounded_in_blocks_and_bytes() -> None:
+    frames = FrameBatch.empty()
+    piece = Piece(0, frames, SourceLosses(), 0, 0.0)
+    short = PieceQueue(2, 1000)
+    assert [short.put(piece) for _ in range(3)] == [True, True, False]
+    assert (short.status.blocks, short.status.high, short.status.room) == (2, 2, 2)
+    assert len(short.take(10)) == 2
+    assert short.put(piece)
+
+
+def test_orders_are_carried_out_between_blocks(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    script = Script(blocks(bumps(codec, 6), 20), None, 0.002)
+    with Running(quick, tmp_path, sources(script)) as running:
+        running.until(lambda s: s.t_ns > 0)
+        reply = running.order(Mark("here"))
+        assert reply.status is not None
+        assert reply.status.notes[0].text == "here"
+        with pytest.raises(OrderError, match="is not TOML"):
+            running.order(Configure("nonsense"))
+        assert running.order(AskBench()).bench_text == quick.text
+        status = running.order(AskStatus()).status
+        assert status is not None
+        assert status.folder == str(tmp_path)
+        check = running.order(AskCheck(1.0)).check
+        assert [item.verdict for item in check if item.subject == "message HUB_Rear"] == ["FAIL"]
+        running.until(lambda s: s.disk.recorded_frames == 7200)
+        live = running.order(AskHistory(1.0)).live
+        assert live is not None
+        assert len(live.lanes[0].high) == 50
+    assert len(stored(tmp_path).frames) == 7200
+    bins = [
+        k
+        for each in running.live
+        for k in range(each.first_bin, each.first_bin + len(each.lanes[0].low))
+    ]
+    assert bins == list(range(bins[0], bins[0] + len(bins)))
+
+
+def test_recordings_follow_each_other_in_one_process(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    script = Script(blocks(bumps(codec, 2), 2), None, 0.002)
+    with Running(quick, tmp_path, sources(script)) as running:
+        first = running.until(lambda s: s.disk.recorded_frames > 0).recording
+        other = quick.text.replace('name = "Ford Granada"', 'name = "Other"')
+        started = running.order(Start(other)).status
+        assert started is not None
+        assert started.vehicle == "Other"
+        assert started.recording not in ("", first)
+        running.until(lambda s: s.disk.recorded_frames > 0)
+        assert running.order(Build()).status is not None
+        running.until(lambda s: s.session.state is SessionState.READY)
+        running.order(Stop())
+        for order in (Arm(), Mark("x"), Stop(), Build()):
+            with pytest.raises(OrderError, match="nothing is being recorded"):
+                running.order(order)
+        running.until(lambda s: s.session.state is SessionState.READY)
+    assert {path.name for path in tmp_path.glob("*.h5")} == {"session_0001.h5", "session_0002.h5"}
+    assert read_session(tmp_path / "session_0002.h5").vehicle.name == "Other"
+
+
+def test_the_order_to_shut_down_ends_it_and_later_orders_are_refused(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    script = Script(blocks(bumps(codec, 1)))
+    running = Running(quick, tmp_path, sources(script))
+    with running:
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+        running.order(ShutDown())
+        running._thread.join(PATIENCE_S)
+    assert script.closed.is_set()
+    with pytest.raises(OrderError, match="is ending"):
+        running.order(Mark("late"))
+
+
+def test_a_publisher_that_fails_stops_nothing(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    script = Script(blocks(bumps(codec, 1), 20), None, 0.005)
+    calls: list[Status] = []
+
+    class Deaf(Running):
+        def _publish(self, status: Status, live: object) -> None:
+            calls.append(status)
+            super()._publish(status, None)
+            raise RuntimeError("nobody listens")
+
+    with Deaf(quick, tmp_path, sources(script)) as running:
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+    failed = [e for e in stored(tmp_path).events if e.code == "consumer_failed"]
+    assert failed[0].text == "publish: RuntimeError('nobody listens')"
+
+
+def test_beats_tell_that_all_parts_are_at_work(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    held = threading.Event()
+
+    class Hangs(Script):
+        def read(self, timeout_s: float) -> FrameBatch:
+            if not self.given:
+                held.wait(PATIENCE_S)
+            return super().read(timeout_s)
+
+    with Running(quick, tmp_path, sources(Hangs(blocks(bumps(codec, 1))))) as running:
+        running.until(lambda s: s.disk.recorded_frames == 1200)
+        beats = running.recorder.heartbeats()
+        assert beats.durable_s > 0
+        assert standstill(beats, time.monotonic()) == ""
+        late_s = beats.readers[0][1] + 2.5
+        assert "the reader of test can0 has not turned" in standstill(beats, late_s)
+        held.set()
+
+
+def test_a_reload_may_change_buses_and_dbc(two: Bench, codec: Codec, tmp_path: Path) -> None:
+    one = replace(two, buses=(CAN0,))
+    opened: list[str] = []
+
+    def open_one(config: BusConfig, number: int) -> FrameSource:
+        opened.append(config.channel)
+        return Script(blocks(on_bus(bumps(codec, 1), number)))
+
+    with Running(one, tmp_path, open_one) as running:
+        first = running.until(lambda s: s.disk.recorded_frames == 1200).recording
+        assert running.recorder.reload(two).result(PATIENCE_S).error == ""
+        told = running.until(lambda s: s.disk.recorded_frames == 3600)
+        assert [bus.name for bus in told.buses] == ["test can0", "test can1"]
+        assert told.recording == first
+        other = two.dbc_text.replace("IMU_Accel", "IMU_Acc")
+        with pytest.raises(InputError):
+            running.recorder.reload(replace(two, dbc_text=other)).result(PATIENCE_S)
+        other = two.dbc_text + "\n"
+        running.recorder.reload(replace(one, dbc_text=other)).result(PATIENCE_S)
+        told = running.until(lambda s: s.disk.recorded_frames == 1200)
+        assert told.recording != first
+        assert len(told.buses) == 1
+    assert opened == ["can0", "can0", "can1", "can0"]
+    tail = last_recording(tmp_path / "journal")
+    assert tail is not None
+    assert tail.head.dbc_text == other
+
+
+def test_a_folder_that_cannot_hold_a_journal_is_refused(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    (tmp_path / "journal").write_text("a file")
+    script = Script(blocks(bumps(codec, 1)))
+    running = Running(quick, tmp_path, sources(script))
+    with pytest.raises(OSError, match="cannot write the journal"), running:
+        running._thread.join(PATIENCE_S)
+
+
+def messages(frames: FrameBatch) -> list[can.Message]:
+    columns = (frames.t_ns, frames.can_id, frames.length, frames.data)
+    return [
+        can.Message(int(t_ns) / 10**9, int(can_id), False, data=row[:length].tobytes())
+        for t_ns, can_id, length, row in zip(*columns, strict=True)
+    ]
+
+
+def test_a_campaign_over_a_virtual_bus_arrives_whole(
+    quick: Bench, codec: Codec, tmp_path: Path
+) -> None:
+    config = BusConfig("virtual", f"test_engine_{os.getpid()}", 1_000_000)
+    frames = bumps(codec, len(LABELS))
+    frames = replace(frames, t_ns=frames.t_ns - START_NS + time.time_ns())
+    with Running(replace(quick, buses=(config,)), tmp_path, open_source) as running:
+        running.order(Arm(Until.COMPLETE))
+        running.until(lambda s: bool(s.buses) and s.buses[0].state is not BusState.DISCONNECTED)
+        with open_bus(config) as bus:
+            for message in messages(frames):
+                bus.send(message)
+        running.until(lambda s: s.disk.recorded_frames == len(frames))
+        running.until(lambda s: s.phase is Phase.COMPLETE)
+    contents = stored(tmp_path)
+    assert planned(contents.events) == PLANNED
+    np.testing.assert_array_equal(contents.frames.data, frames.data)
+    assert np.abs(contents.frames.t_ns - frames.t_ns).max() <= 120
+
+
+def test_a_bench_on_a_serial_line_is_recorded(quick: Bench, codec: Codec, tmp_path: Path) -> None:
+    frames = bumps(codec, 1)
+    with pty_pair() as (near, far):
+
+        def open_line(_: BusConfig, number: int) -> SlcanSource:
+            return open_slcan(near, 1_000_000, number)
+
+        with Running(quick, tmp_path, open_line) as running:
+            running.until(lambda s: bool(s.buses) and s.buses[0].state is not BusState.DISCONNECTED)
+            line = can.Bus(interface="slcan", channel=far, sleep_after_open=0, ignore_config=True)
+            with line as bus:
+                for message in messages(frames):
+                    bus.send(message)
+            running.until(lambda s: s.disk.recorded_frames == len(frames))
+    np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)

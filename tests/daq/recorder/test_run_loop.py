@@ -28,17 +28,17 @@ def _finding(code: str) -> Finding:
 
 @dataclass
 class Bench:
-    """A book, a loop and a time that a test moves on."""
+    """A run_log, a loop and a time that a test moves on."""
 
     loop: LoopState = field(default_factory=LoopState)
-    book: RunLog = field(default_factory=RunLog)
+    run_log: RunLog = field(default_factory=RunLog)
     t_ns: int = 1000 * S
     ready: bool = True
 
     @property
     def now(self) -> Surroundings:
-        due = next_step(CAMPAIGN, self.book)
-        return Surroundings(self.t_ns, self.ready, self.book, due, 0.2, 3.0)
+        due = next_step(CAMPAIGN, self.run_log)
+        return Surroundings(self.t_ns, self.ready, self.run_log, due, 0.2, 3.0)
 
     def arm(self, until: Until = Until.EXCITATION) -> Bench:
         self.loop = run_loop.armed(self.loop, until, self.now)
@@ -50,7 +50,7 @@ class Bench:
         return self
 
     def bump(self) -> str:
-        step = next_step(CAMPAIGN, self.book)
+        step = next_step(CAMPAIGN, self.run_log)
         assert self.loop.takes_bumps
         assert step is not None
         self.tell(Event(self.t_ns, Code.BUMP, 9.0, step.label))
@@ -70,7 +70,7 @@ class Bench:
         return self.end(*codes).turn(3.0)
 
     def tell(self, event: Event) -> Bench:
-        self.book = advance(self.book, event)
+        self.run_log = advance(self.run_log, event)
         return self
 
     def decide(self, code: Code, label: str = "") -> Bench:
@@ -114,7 +114,7 @@ def test_an_excitation_is_armed_until_its_repeats_are_accepted() -> None:
     assert bench.phase == Phase.ARMED
     bench.run()
     assert bench.phase == Phase.IDLE
-    assert [run.label for run in bench.book.runs] == [f"baseline_bounce_{n}" for n in (1, 2, 3)]
+    assert [run.label for run in bench.run_log.runs] == [f"baseline_bounce_{n}" for n in (1, 2, 3)]
     assert bench.arm().run().phase == Phase.ARMED
     assert bench.run().phase == Phase.COMPLETE
 
@@ -207,7 +207,7 @@ def test_the_choice_of_another_bump_waits_for_a_person() -> None:
     bench.loop = run_loop.chosen(bench.loop, bench.now)
     assert bench.phase == Phase.IDLE
     bench.arm(Until.EXCITATION).run()
-    assert bench.book.runs[-1].excitation is ROLL
+    assert bench.run_log.runs[-1].excitation is ROLL
     # Now a bounce is due again, as the campaign has it; the boards still lie as for a roll.
     assert bench.phase == Phase.IDLE
     # The same kind as was armed changes nothing; without anybody there it goes on, too.
@@ -252,7 +252,7 @@ def test_like_rejects_need_the_same_first_reason() -> None:
     bench = Bench().arm(Until.COMPLETE)
     for codes in (("a", "b"), ("a",), ("b", "a")):
         bench.run(*codes)
-    assert run_loop.like_rejects(bench.book.runs) == ""
-    assert run_loop.like_rejects(bench.book.runs[:2]) == ""
-    same = tuple(replace(run, findings=(_finding("c"),)) for run in bench.book.runs)
+    assert run_loop.like_rejects(bench.run_log.runs) == ""
+    assert run_loop.like_rejects(bench.run_log.runs[:2]) == ""
+    same = tuple(replace(run, findings=(_finding("c"),)) for run in bench.run_log.runs)
     assert run_loop.like_rejects(same) == "c"

@@ -1,4 +1,4 @@
-"""A recorder in the same process: the real book and orders, phases turned by hand, no clock."""
+"""A recorder in the same process: the real run_log and orders, phases turned by hand, no clock."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class FakeRecorder:
     ) -> None:
         self.bench_text = bench_text or default_bench_text()
         self.in_control, self.check = in_control, check
-        self.book = RunLog()
+        self.run_log = RunLog()
         self.orders: list[Order] = []
         self.refuse = ""
         self.changes: dict[str, object] = {}
@@ -148,7 +148,7 @@ class FakeRecorder:
             case Accept(label, reason):
                 self._enter(entry(Code.ACCEPT, self.t_ns, label=label, by=by, reason=reason))
             case Reject(label, reason):
-                last = label or self.book.runs[-1].label
+                last = label or self.run_log.runs[-1].label
                 self._enter(entry(Code.REJECT, self.t_ns, label=last, by=by, reason=reason))
             case Undo():
                 self._enter(Event(self.t_ns, Code.UNDO))
@@ -163,7 +163,7 @@ class FakeRecorder:
             case Configure(text):
                 self.bench_text = text
             case Start(text):
-                self.bench_text, self.book = text or self.bench_text, RunLog()
+                self.bench_text, self.run_log = text or self.bench_text, RunLog()
             case Acknowledge():
                 self.changes.pop("overloaded", None)
             case Stop() | Build():
@@ -189,7 +189,7 @@ class FakeRecorder:
 
     def bump(self) -> str:
         """Let the bump come that is due; return its label."""
-        step = next_step(self.campaign, self.book)
+        step = next_step(self.campaign, self.run_log)
         assert step is not None
         self.t_ns += 12_000_000_000
         self.bump_ns = self.t_ns
@@ -199,17 +199,17 @@ class FakeRecorder:
 
     def judge(self, *findings: Finding) -> None:
         """End the run with a verdict."""
-        run = self.book.open
+        run = self.run_log.open
         assert run is not None
         self._enter(verdict_entry(self.t_ns, run.label, findings or (GOOD,)))
-        after = self.book.run(run.label)
+        after = self.run_log.run(run.label)
         assert after is not None
         accepted = after.status is LoggedStatus.ACCEPTED
         self.turn(Phase.ACCEPTED if accepted else Phase.REJECTED)
 
     def finish(self, mass_state: str) -> None:
         """Accept every planned run of a mass state."""
-        while (step := next_step(self.campaign, self.book)) and step.mass_state == mass_state:
+        while (step := next_step(self.campaign, self.run_log)) and step.mass_state == mass_state:
             self.bump()
             self.judge()
         self.turn(Phase.IDLE if step else Phase.COMPLETE)
@@ -249,15 +249,15 @@ class FakeRecorder:
 
     @property
     def status(self) -> Status:
-        bench, book = self.bench, self.book
-        step = next_step(bench.campaign, book)
+        bench, run_log = self.bench, self.run_log
+        step = next_step(bench.campaign, run_log)
         kinds = dict.fromkeys((s.mass_state, s.excitation) for s in bench.campaign.steps)
         tallies = tuple(
             Tally(
                 *kind,
-                accepted=book.accepted(*kind),
+                accepted=run_log.accepted(*kind),
                 planned=bench.campaign.repeats,
-                rejected=sum(r.status is LoggedStatus.REJECTED for r in book.of(*kind)),
+                rejected=sum(r.status is LoggedStatus.REJECTED for r in run_log.of(*kind)),
             )
             for kind in kinds
         )
@@ -287,11 +287,11 @@ class FakeRecorder:
             halted="",
             due=due,
             tallies=tallies,
-            runs=book.runs,
-            notes=book.notes,
-            overrides=book.overrides,
-            undo=f"verdict on {book.done[-1].after.label}" if book.done else "",
-            redo=f"verdict on {book.undone[-1].after.label}" if book.undone else "",
+            runs=run_log.runs,
+            notes=run_log.notes,
+            overrides=run_log.overrides,
+            undo=f"verdict on {run_log.done[-1].after.label}" if run_log.done else "",
+            redo=f"verdict on {run_log.undone[-1].after.label}" if run_log.undone else "",
             alarms=(),
             overloaded=(),
             buses=(BusStatus("can0", BusState.OK, 0.38, 4000.0, 160_000, 0, 0),),
@@ -302,9 +302,9 @@ class FakeRecorder:
             queue=QueueStatus(0, 2, 64),
             session=SessionStatus(),
             controller="MK",
-            revision=book.revision,
+            revision=run_log.revision,
         )
         return replace(told, **self.changes)  # type: ignore[arg-type]
 
     def _enter(self, event: Event) -> None:
-        self.book = advance(self.book, event)
+        self.run_log = advance(self.run_log, event)

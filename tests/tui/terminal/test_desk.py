@@ -311,7 +311,7 @@ def test_a_note_outlives_the_dialog_and_a_refusal(make_app: MakeApp, snapshot: S
         recorder.refuse = ""
         await pilot.press("ctrl+r", "ctrl+s")
         await pilot.pause()
-        last = recorder.book.runs[-1].label
+        last = recorder.run_log.runs[-1].label
         assert Note("wet [b] 7", last) in recorder.orders
         await pilot.press("n")
         await pilot.pause()

@@ -91,7 +91,7 @@ async def test_reject_undo_redo_pause_and_on(make_app: MakeApp) -> None:
         await _press(pilot, "backspace", "u", "r", "escape")
         kinds = [type(order) for order in recorder.orders if not hasattr(order, "seconds")]
         assert kinds[-4:] == [Reject, Undo, Redo, Pause]
-        run = recorder.book.run(label)
+        run = recorder.run_log.run(label)
         assert run is not None
         assert run.status.value == "rejected"
         assert recorder.phase is Phase.PAUSED

@@ -48,7 +48,7 @@ def test_a_step_that_was_done_is_due_again_until_that_is_undone() -> None:
     recorder = _done()
     recorder.mark("identify", "report")
     assert progress(recorder.status).due is BenchStep.REPORT
-    label = recorder.book.runs[-1].label
+    label = recorder.run_log.runs[-1].label
     recorder._carry_out(Reject(label, "door slammed"))
     told = progress(recorder.status)
     assert not told.done & {BenchStep.IDENTIFY, BenchStep.REPORT}
@@ -67,7 +67,7 @@ async def test_a_report_of_runs_that_have_changed_leads_to_step_6(make_app: Make
         assert isinstance(app.screen, ReportScreen)
         assert "SPACE = write the report" in screen_text(app)
         assert "Write again" not in _footer(app)  # nothing was written yet
-        recorder._carry_out(Reject(recorder.book.runs[-1].label, "door slammed"))
+        recorder._carry_out(Reject(recorder.run_log.runs[-1].label, "door slammed"))
         recorder.tell()
         await _settle(pilot)
         assert OUTDATED in screen_text(app)
@@ -88,7 +88,7 @@ async def test_results_that_are_behind_are_built_anew(make_app: MakeApp) -> None
         screen.work = replace(LongWork(Stage.DONE, outcome().session), share=1.0)
         screen.draw()
         assert "SPACE = results" in screen_text(app)
-        recorder._carry_out(Reject(recorder.book.runs[-1].label, "door slammed"))
+        recorder._carry_out(Reject(recorder.run_log.runs[-1].label, "door slammed"))
         recorder.tell()
         await _settle(pilot)
         assert OUTDATED in screen_text(app)
@@ -110,7 +110,7 @@ async def test_results_that_are_behind_say_so_and_end_no_step(make_app: MakeApp)
         await _settle(pilot)
         assert isinstance(app.screen, ResultsScreen)
         assert "SPACE = step 7 Report" in screen_text(app)
-        recorder._carry_out(Reject(recorder.book.runs[-1].label, "door slammed"))
+        recorder._carry_out(Reject(recorder.run_log.runs[-1].label, "door slammed"))
         recorder.tell()
         await _settle(pilot)
         assert OUTDATED in screen_text(app)

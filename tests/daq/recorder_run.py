@@ -87,7 +87,7 @@ class Running:
         open_source: Callable[[BusConfig, int], FrameSource],
         **options: Any,
     ) -> None:
-        self.engine = Recorder(bench, folder, open_source, software="test", **options)
+        self.recorder = Recorder(bench, folder, open_source, software="test", **options)
         self.folder = folder
         self.told: list[Status] = []
         self.live: list[Live] = []
@@ -117,7 +117,7 @@ class Running:
             raise self.failure
 
     def order(self, order: Order, by: str = "Ann") -> Reply:
-        return self.engine.submit(order, by).result(PATIENCE_S)
+        return self.recorder.submit(order, by).result(PATIENCE_S)
 
     def until(self, what: Callable[[Status], bool]) -> Status:
         """Wait for a status."""
@@ -135,7 +135,7 @@ class Running:
 
     def _run(self) -> None:
         try:
-            self.engine.run(self._stop, self._publish)
+            self.recorder.run(self._stop, self._publish)
         except BaseException as error:
             self.failure = error
 

@@ -51,7 +51,7 @@ def record(folder: Path) -> Recording:
 
 def test_runs_are_measured_anew_as_they_were(tmp_path: Path) -> None:
     recorder = record(tmp_path)
-    assert [run.status for run in recorder.book.runs] == [LoggedStatus.ACCEPTED] * 2
+    assert [run.status for run in recorder.run_log.runs] == [LoggedStatus.ACCEPTED] * 2
     tail = last_recording(tmp_path)
     assert tail is not None
     assert len(tail.segments) > 2

@@ -39,8 +39,8 @@ from daq.session import read_session
 from dbc import Codec, FrameBatch
 
 from ..crash_frames import block
-from ..engine_run import ENDED, PATIENCE_S, Running, Script, sources
 from ..quick_bench import CAN0, CAN1, Gated, quick, stored
+from ..recorder_run import ENDED, PATIENCE_S, Running, Script, sources
 from ..small_campaign import LABELS, blocks, bumps
 
 __all__ = ["quick"]
@@ -149,7 +149,7 @@ def test_a_session_is_built_of_what_retention_has_left(
         running.order(Arm(Until.COMPLETE))
         gate.set()
         running.until(lambda s: s.disk.recorded_frames == 2400)
-        writer = running.engine._writer
+        writer = running.recorder._writer
         assert writer is not None
         gone = writer.paths[1]
         writer._ledger.forget(gone)  # as retention does
@@ -218,7 +218,7 @@ def test_whose_bench_toml_holds_is_said(
     with Running(changed, tmp_path, sources(Script([]))) as running:
         told = running.until(lambda s: s.recording != "")
         assert (told.recording, told.vehicle) == (first.recording, "Ford Granada")
-        writer = running.engine._writer
+        writer = running.recorder._writer
         assert writer is not None
         assert writer.limits == limits  # the disk is the host's affair
     assert "goes on with its own bench.toml" in caplog.text
@@ -290,7 +290,7 @@ def test_a_reload_that_fails_leaves_the_buses_read(
         running.order(Mark("waits"))
         other = replace(quick, buses=(CAN0, CAN1), dbc_text=quick.dbc_text + "\n")
         with pytest.raises(OrderError, match="the disk refuses"):
-            running.engine.reload(other).result(PATIENCE_S)
+            running.recorder.reload(other).result(PATIENCE_S)
         disk.refuses.clear()
         running.until(lambda s: s.disk.recorded_frames == 2400)
         assert [bus.name for bus in running.last.buses] == ["test can0"]
@@ -300,10 +300,10 @@ def test_a_reload_that_fails_leaves_the_buses_read(
 def test_limits_of_the_disk_can_be_changed_while_it_records(quick: Bench, tmp_path: Path) -> None:
     with Running(quick, tmp_path, sources(Script([]))) as running:
         running.until(lambda s: s.recording != "")
-        writer = running.engine._writer
+        writer = running.recorder._writer
         assert writer is not None
         changed = replace(quick, recorder=replace(quick.recorder, keep_bytes=1e9))
-        running.engine.reload(changed).result(PATIENCE_S)
+        running.recorder.reload(changed).result(PATIENCE_S)
         assert writer.limits.keep_bytes == 1e9
         running.order(Configure(quick.text))
         assert writer.limits == quick.recorder
@@ -329,7 +329,7 @@ def test_a_run_rejected_while_it_is_recorded_can_be_neither_configured_nor_lost(
         with pytest.raises(OrderError, match="baseline_bounce_1 is being recorded"):
             running.order(Configure(quick.text))
         with pytest.raises(OrderError, match="baseline_bounce_1 is being recorded"):
-            running.engine.reload(quick).result(PATIENCE_S)
+            running.recorder.reload(quick).result(PATIENCE_S)
         told = running.order(Undo()).status
         assert told is not None
         assert [str(run.status) for run in told.runs] == ["open"]
@@ -345,7 +345,7 @@ def test_checks_do_not_pile_up(
     busy = threading.Event()
     monkeypatch.setattr(checking, "check_bench", lambda *_: busy.wait(PATIENCE_S))
     with Running(quick, tmp_path, sources(Script([]))) as running:
-        waiting = [running.engine.submit(AskCheck(1.0), "Ann") for _ in range(checking.MOST)]
+        waiting = [running.recorder.submit(AskCheck(1.0), "Ann") for _ in range(checking.MOST)]
         with pytest.raises(OrderError, match="other checks"):
             running.order(AskCheck(1.0))
         busy.set()
@@ -362,7 +362,7 @@ def test_a_status_that_fails_stops_nothing(
         with monkeypatch.context() as patch:
             patch.setattr(engine_module, "Host", lambda *_: 1 / 0)
             deadline_s = time.monotonic() + PATIENCE_S
-            while "publish" not in running.engine._guard._failed:
+            while "publish" not in running.recorder._guard._failed:
                 assert time.monotonic() < deadline_s
                 time.sleep(0.01)
         running.until(lambda s: s.disk.recorded_frames == 1200)

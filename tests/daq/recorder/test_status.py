@@ -1,11 +1,11 @@
-"""What a status tells of a book, also of one that is weeks long."""
+"""What a status tells of a run_log, also of one that is weeks long."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from daq.control.messages import STATUS
-from daq.recorder.status import told_runs
+from daq.recorder.status import status_runs
 from daq.runlog.entries import verdict_entry
 from daq.runlog.fold import fold
 from daq.runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
@@ -19,8 +19,8 @@ WEAK = replace(FINE, severity=Severity.ERROR, text="1 of 2 m/s2", advice="bump h
 CAMPAIGN, WEEKS = 60, 3000
 
 
-def _book(runs: int) -> RunLog:
-    """Return a book in which every tenth run is rejected."""
+def _run_log(runs: int) -> RunLog:
+    """Return a run_log in which every tenth run is rejected."""
     events = []
     for k in range(1, runs + 1):
         label = f"baseline_bounce_{k}"
@@ -35,15 +35,15 @@ def _size(runs: tuple[LoggedRun, ...]) -> int:
 
 
 def test_a_campaign_is_told_whole() -> None:
-    book = _book(CAMPAIGN)
-    assert told_runs(book) == book.runs
+    run_log = _run_log(CAMPAIGN)
+    assert status_runs(run_log) == run_log.runs
 
 
 def test_of_weeks_all_runs_are_told_with_what_stood_against_them() -> None:
-    book = _book(WEEKS)
-    told = told_runs(book)
-    assert [run.label for run in told] == [run.label for run in book.runs]
-    assert [run.reasons for run in told] == [run.reasons for run in book.runs]
+    run_log = _run_log(WEEKS)
+    told = status_runs(run_log)
+    assert [run.label for run in told] == [run.label for run in run_log.runs]
+    assert [run.reasons for run in told] == [run.reasons for run in run_log.runs]
     assert sum(run.status is LoggedStatus.REJECTED for run in told) == WEEKS // 10
-    assert told[-CAMPAIGN:] == book.runs[-CAMPAIGN:]
-    assert _size(told) < _size(book.runs) / 5
+    assert told[-CAMPAIGN:] == run_log.runs[-CAMPAIGN:]
+    assert _size(told) < _size(run_log.runs) / 5

@@ -22,8 +22,8 @@ from daq.journal.segment import SyncedFile
 from daq.runlog.runlog import LoggedStatus
 from dbc import Codec, FrameBatch
 
-from ..engine_run import ENDED, PATIENCE_S, Running, Script, sources
 from ..quick_bench import Gated, quick, stored
+from ..recorder_run import ENDED, PATIENCE_S, Running, Script, sources
 from ..small_campaign import blocks, bumps
 
 __all__ = ["quick"]  # a fixture

@@ -1,4 +1,4 @@
-"""The book of a recording: verdicts of persons and of the recorder, in whatever order they come."""
+"""The run log: verdicts of persons and of the recorder, in any order."""
 
 from __future__ import annotations
 
@@ -67,23 +67,23 @@ def test_no_run_is_open_after_a_restart_whatever_is_undone() -> None:
 
 def test_a_value_that_is_no_number_can_be_told_to_clients() -> None:
     odd = Finding("wrong_mode", Severity.NOTE, "no ratio", "", "", float("nan"), float("inf"), "")
-    book = fold([BUMP, verdict_entry(2, RUN, [odd])])
+    run_log = fold([BUMP, verdict_entry(2, RUN, [odd])])
     from dataclasses import replace
 
-    status = replace(a_status(1), runs=book.runs)
-    assert STATUS.validate_json(STATUS.dump_json(status)).runs == book.runs
+    status = replace(a_status(1), runs=run_log.runs)
+    assert STATUS.validate_json(STATUS.dump_json(status)).runs == run_log.runs
 
 
 def test_what_persons_write_carries_no_control_character(bench: Bench) -> None:
     foul, clean = "a\x00b\x1b[31m\u202ec", "a\\x00b\\x1b[31m\\u202ec"
-    book = fold([BUMP, verdict_entry(2, RUN, [WEAK])])
+    run_log = fold([BUMP, verdict_entry(2, RUN, [WEAK])])
     for order, key in (
         (Accept(RUN, foul), "reason"),
         (Reject(RUN, foul), "reason"),
         (Note(f"{foul}\n{foul}"), "text"),
         (OverrideWarning("bus", foul), "reason"),
     ):
-        held = fold([BUMP]) if isinstance(order, Reject) else book
+        held = fold([BUMP]) if isinstance(order, Reject) else run_log
         event = order_event(order, "Ann", 3, held, bench)
         assert event is not None
         assert json.loads(event.text)[key] in (clean, f"{clean}\n{clean}")
