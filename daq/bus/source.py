@@ -62,7 +62,7 @@ class LinkFacts:
     error: str
     """Why none is open; empty while connected."""
     advice: str
-    """What to do about it; empty while connected."""
+    """Advice for the operator; empty while connected."""
     heartbeat_s: float
     """Monotonic time of the reader's last cycle, s; before the first, of its creation."""
     reopened: int

@@ -83,7 +83,7 @@ class Alarm:
     text: str
     """The fault in words, with the numbers."""
     advice: str
-    """What to do."""
+    """Advice for the operator."""
     since_ns: int
     """Wall clock, ns since 1970."""
     count: int = 0

@@ -159,7 +159,7 @@ class JournalContents:
     hops: HopCounts
     """Losses on the way to the journal."""
     lost: JournalLoss
-    """What the files themselves have lost."""
+    """The losses of the files themselves."""
 
     @property
     def bench_text(self) -> str:

@@ -120,9 +120,9 @@ class RecentLosses:
         """
         blocks = list(self._blocks)
         earlier = [k for k, block in enumerate(blocks) if block.last_ns < start_ns]
-        own = blocks[earlier[-1] if earlier else 0 :]
+        within = blocks[earlier[-1] if earlier else 0 :]
         total = np.zeros(len(fields(Losses)))
-        for before, block in pairwise(own):
+        for before, block in pairwise(within):
             share = 1.0
             if block.first_ns >= stop_ns:
                 pause_ns = max(block.first_ns - before.last_ns, 1)

@@ -70,7 +70,7 @@ def slow_disk(folder: Path, seconds: int) -> Slow:
     frames = seconds * RATE_HZ
     bench = replace(small_bench(), buses=(BusConfig("test", "full", 1_000_000),))
     with Running(bench, folder, sources(_Bus(frames)), create=_SlowFile) as running:
-        told = running.until(lambda status: status.disk.recorded_frames == frames)
-    assert told.losses.queue_dropped == 0
+        status = running.until(lambda s: s.disk.recorded_frames == frames)
+    assert status.losses.queue_dropped == 0
     assert np.array_equal(read_numbers(segments_in(folder / "journal")), np.arange(frames))
-    return Slow(frames, max(s.queue.high for s in running.told), told.queue.room)
+    return Slow(frames, max(s.queue.high for s in running.published), status.queue.room)

@@ -46,7 +46,7 @@ class Script:
         self.given = list(given)
         self.error = error
         self.pause_s = pause_s
-        self.told = losses or SourceLosses()
+        self.published = losses or SourceLosses()
         self.exhausted = threading.Event()
         self.closed = threading.Event()
 
@@ -62,7 +62,7 @@ class Script:
         return FrameBatch.empty()
 
     def losses(self) -> SourceLosses:
-        return self.told
+        return self.published
 
     def close(self) -> None:
         self.closed.set()
@@ -78,7 +78,7 @@ def sources(*scripts: FrameSource) -> Callable[[BusConfig, int], FrameSource]:
 
 
 class Running:
-    """An engine at work until the end of a `with`; keeps all that it told."""
+    """An engine at work until the end of a `with`; keeps all that it status."""
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class Running:
     ) -> None:
         self.recorder = Recorder(bench, folder, open_source, software="test", **options)
         self.folder = folder
-        self.told: list[Status] = []
+        self.published: list[Status] = []
         self.live: list[Live] = []
         self.failure: BaseException | None = None
         self._news = threading.Condition()
@@ -123,15 +123,15 @@ class Running:
         """Wait for a status."""
         deadline_s = time.monotonic() + PATIENCE_S
         with self._news:
-            while not (self.told and what(self.told[-1])):
+            while not (self.published and what(self.published[-1])):
                 left_s = deadline_s - time.monotonic()
-                assert left_s > 0, self.told[-1:]
+                assert left_s > 0, self.published[-1:]
                 self._news.wait(left_s)
-            return self.told[-1]
+            return self.published[-1]
 
     @property
     def last(self) -> Status:
-        return self.told[-1]
+        return self.published[-1]
 
     def _run(self) -> None:
         try:
@@ -141,7 +141,7 @@ class Running:
 
     def _publish(self, status: Status, live: Live | None) -> None:
         with self._news:
-            self.told.append(status)
+            self.published.append(status)
             if live is not None:
                 self.live.append(live)
             self._news.notify_all()

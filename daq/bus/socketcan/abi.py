@@ -115,7 +115,7 @@ class Datagrams:
     """Datagrams read from a socket."""
 
     frames: NDArray[np.void]
-    """Of each, only the first `size` bytes are new."""
+    """Only the first `size` bytes of each are new."""
     size: NDArray[np.uint32]
     """Bytes of each, shape (n,)."""
     marks: NDArray[np.int32]

@@ -1,4 +1,4 @@
-"""Recorder and clients over real sockets, with an engine that only remembers what it was told."""
+"""Recorder and clients over real sockets, with a recorder that only keeps the orders it gets."""
 
 from __future__ import annotations
 
@@ -107,15 +107,15 @@ def test_one_controller_many_viewers(server: Server, engine: Engine, address: Ad
     live = Live(7, 0.01, (Lane("hub", (0.5, None), (1.5, None)),))
     server.publish(a_status(2), None)
     until(lambda: viewers[0].ask(AskStatus()).status is not None)
-    told: list[Status | Live | None] = []
+    messages: list[Status | Live | None] = []
     for viewer in viewers:
         received: list[Status | Live | None] = []
         while live not in received:  # a subscription takes a moment
             server.publish(a_status(3), live)
             received.append(viewer.news(0.1))
         assert a_status(3) not in received  # it carries who is there
-        told += received
-    statuses = [status for status in told if isinstance(status, Status)]
+        messages += received
+    statuses = [status for status in messages if isinstance(status, Status)]
     assert {(s.controller, s.viewers, s.t_ns) for s in statuses} <= {
         ("Anna", 2, 2),
         ("Anna", 2, 3),
@@ -319,7 +319,7 @@ def test_a_client_that_never_reads_holds_nobody_up(
             server.publish(a_status(), None)
         question = {"client": "f", "number": 1, "order": {"order": "bench"}}
         engine.answer = lambda future: future.set_result(Reply(0, bench_text="x" * 100_000))
-        for _ in range(200):  # 20 MB of replies that nobody reads
+        for _ in range(200):  # 20 MB of replies that are not read
             orders.send(json.dumps(question).encode())
         longest_s = 0.0
         live = Live(0, 0.01, (Lane("hub", (0.5,) * 1000, (1.5,) * 1000),))
@@ -332,8 +332,8 @@ def test_a_client_that_never_reads_holds_nobody_up(
 
         def told_of_the_last() -> bool:
             server.publish(a_status(77_777), None)
-            told = viewer.news(0.1)
-            return isinstance(told, Status) and told.t_ns == 77_777
+            message = viewer.news(0.1)
+            return isinstance(message, Status) and message.t_ns == 77_777
 
         until(told_of_the_last)  # the viewer did not listen either, and does now
         assert viewer.ask(AskStatus()).status is not None

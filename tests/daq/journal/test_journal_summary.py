@@ -43,12 +43,12 @@ def record(folder: Path, ended: bool = False) -> tuple[Path, ...]:
 def test_a_sealed_segment_tells_what_walking_through_it_finds(tmp_path: Path) -> None:
     for path in record(tmp_path):
         whole = path.read_bytes()
-        told = scan(path)
-        assert told is not None
-        assert told.sealed
+        summarised = scan(path)
+        assert summarised is not None
+        assert summarised.sealed
         path.write_bytes(whole[:-1])  # without its proper end it is walked through
         walked = scan(path)
-        assert walked == replace(told, bytes=told.bytes - 1)
+        assert walked == replace(summarised, bytes=summarised.bytes - 1)
         path.write_bytes(whole)
 
 
@@ -83,7 +83,7 @@ def test_a_changed_byte_of_the_summary_is_never_believed(tmp_path: Path) -> None
     path = record(tmp_path)[0]
     whole = path.read_bytes()
     begin = whole.index(b"bumpbench_summary")
-    told = scan(path)
+    summarised = scan(path)
     for at in range(begin, len(whole)):
         changed = bytearray(whole)
         changed[at] ^= 0x10
@@ -92,9 +92,9 @@ def test_a_changed_byte_of_the_summary_is_never_believed(tmp_path: Path) -> None
             summary = read_summary(file.fileno(), len(whole))
         found = scan(path)
         assert found is not None
-        assert told is not None
-        assert summary is None or found == told, at
-        assert replace(found, sealed=True) == told, at
+        assert summarised is not None
+        assert summary is None or found == summarised, at
+        assert replace(found, sealed=True) == summarised, at
     path.write_bytes(whole)
     assert read_journal([path]).lost.text == ""
 

@@ -67,7 +67,7 @@ def test_a_second_recorder_is_told_who_has_the_folder(tmp_path: Path) -> None:
         with lone_recorder(tmp_path / "elsewhere"):
             pass
         other.kill()
-    with lone_recorder(folder):  # what a killed one leaves behind holds nobody up
+    with lone_recorder(folder):  # what a killed one leaves behind blocks no other
         assert (folder / "recorder.pid").read_text() == f"{os.getpid()}\n"
     with pytest.raises(InputError, match="Not a directory"), lone_recorder(tmp_path / "f" / "x"):
         pass
@@ -128,7 +128,7 @@ def test_systemd_hears_only_what_was_checked(
         systemd.stopping()
         assert heard(listener) == ["RELOADING=1", "WATCHDOG=1", "READY=1", "STOPPING=1"]
 
-        # A socket that nobody empties holds nothing up.
+        # A socket that is not emptied blocks nothing.
         for i in range(2000):
             systemd.notify(WELL, replace(status, sensors_alive=i), 100.0)
         systemd.close()

@@ -62,7 +62,7 @@ def test_a_process_that_hangs_is_ended_and_the_next_one_has_its_turn(
         pause.wait(0.01)
         if under_way.status != seen[-1]:
             seen.append(under_way.status)
-    assert [told.state for told in seen] == [SessionState.BUILDING, SessionState.READY]
+    assert [status.state for status in seen] == [SessionState.BUILDING, SessionState.READY]
     assert second.exists()
 
 

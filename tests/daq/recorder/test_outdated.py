@@ -1,4 +1,4 @@
-"""Is the session file still that of the recording?  The revision of the run_log tells, always."""
+"""The revision of the run log shows whether the session file is that of the recording."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ def test_a_session_file_is_outdated_by_what_it_is_made_of(
     with Running(quick, tmp_path, sources(script)) as running:
         running.order(Arm(Until.COMPLETE))
         running.until(lambda s: s.disk.recorded_frames == 2400)
-        told = _built(running)
-        assert told.session.state is SessionState.READY
-        assert not told.outdated
-        assert len(told.runs) == 2
-        revision = told.revision
+        status = _built(running)
+        assert status.session.state is SessionState.READY
+        assert not status.outdated
+        assert len(status.runs) == 2
+        revision = status.revision
         running.order(Mark("step identify done"))
         running.order(Note("windy", ""))
-        told = running.until(lambda s: len(s.notes) == 2)
-        assert not told.outdated  # words are not what is identified
-        assert {note.revision for note in told.notes} == {revision}
+        status = running.until(lambda s: len(s.notes) == 2)
+        assert not status.outdated  # words are not what is identified
+        assert {note.revision for note in status.notes} == {revision}
         running.order(Reject(RUN, "door slammed"))
         assert running.until(lambda s: s.revision > revision).outdated
         assert not _built(running).outdated
@@ -52,17 +52,20 @@ def test_a_session_file_is_outdated_by_what_it_is_made_of(
 
     # A recorder that takes the recording up knows it as well as the one before.
     with Running(quick, tmp_path, sources(Script([]))) as running:
-        told = running.until(lambda s: s.recording == before.recording)
-        assert (told.session.state, told.session.path) == (SessionState.READY, before.session.path)
-        assert told.outdated
+        status = running.until(lambda s: s.recording == before.recording)
+        assert (status.session.state, status.session.path) == (
+            SessionState.READY,
+            before.session.path,
+        )
+        assert status.outdated
         assert not _built(running).outdated
     with Running(quick, tmp_path, sources(Script([]))) as running:
-        told = running.until(lambda s: s.recording == before.recording)
-        assert told.session.state is SessionState.READY
-        assert not told.outdated
+        status = running.until(lambda s: s.recording == before.recording)
+        assert status.session.state is SessionState.READY
+        assert not status.outdated
         running.order(Start())
-        told = running.until(lambda s: s.recording not in ("", before.recording))
-        assert not told.outdated  # it is whole, and of the recording before
+        status = running.until(lambda s: s.recording not in ("", before.recording))
+        assert not status.outdated  # it is whole, and of the recording before
 
 
 @pytest.mark.parametrize("lost", ["derived", "session"])
@@ -72,12 +75,12 @@ def test_a_session_file_that_is_not_there_is_not_recalled(
     with Running(quick, tmp_path, sources(Script(blocks(bumps(codec, 1))))) as running:
         running.order(Arm(Until.COMPLETE))
         running.until(lambda s: s.disk.recorded_frames == 1200)
-        told = _built(running)
-    gone = Path(told.session.path) if lost == "session" else None
+        status = _built(running)
+    gone = Path(status.session.path) if lost == "session" else None
     for path in [gone] if gone else (tmp_path / "journal").glob("derived_*.json"):
         path.unlink()
     with Running(quick, tmp_path, sources(Script([]))) as running:
-        again = running.until(lambda s: s.recording == told.recording)
+        again = running.until(lambda s: s.recording == status.recording)
         assert again.session.state is SessionState.NONE
 
 

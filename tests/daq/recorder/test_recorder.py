@@ -61,17 +61,17 @@ def test_a_campaign_becomes_a_session_file(quick: Bench, codec: Codec, tmp_path:
         gate.set()
         running.until(lambda s: s.phase is Phase.COMPLETE)
         assert running.order(Stop()).status is not None
-        told = running.until(lambda s: s.session.state in ENDED)
-    assert (told.session.state, told.session.text) == (SessionState.READY, "")
-    assert (told.recording, told.phase) == ("", Phase.IDLE)
+        status = running.until(lambda s: s.session.state in ENDED)
+    assert (status.session.state, status.session.text) == (SessionState.READY, "")
+    assert (status.recording, status.phase) == ("", Phase.IDLE)
     contents = stored(tmp_path)
     np.testing.assert_array_equal(contents.frames.t_ns, frames.t_ns)
     assert planned(contents.events) == PLANNED
     assert contents.events[-1].code == "ended"
-    session = read_session(told.session.path)
+    session = read_session(status.session.path)
     assert [run.label for run in session.runs] == LABELS
-    assert Path(told.session.path).name == "session_0001.h5"
-    recorded = [s.disk.recorded_frames for s in running.told]
+    assert Path(status.session.path).name == "session_0001.h5"
+    recorded = [s.disk.recorded_frames for s in running.published]
     assert recorded == sorted(recorded)
     assert recorded[-1] == len(frames)
 
@@ -101,11 +101,11 @@ def test_a_bus_fails_and_comes_back_while_the_other_goes_on(
     with Running(two, tmp_path, open_next) as running:
         running.until(lambda s: bool(s.buses) and s.buses[1].state is BusState.DISCONNECTED)
         gone_s = time.monotonic()
-        told = running.until(lambda s: s.buses[1].reopened == 1)
+        status = running.until(lambda s: s.buses[1].reopened == 1)
         assert time.monotonic() - gone_s < 5.0
-        assert told.buses[0].state is BusState.OK
+        assert status.buses[0].state is BusState.OK
         running.until(lambda s: s.disk.recorded_frames == len(front) + len(rear))
-    assert "disconnected" in {alarm.code for s in running.told for alarm in s.alarms}
+    assert "disconnected" in {alarm.code for s in running.published for alarm in s.alarms}
     contents = stored(tmp_path)
     for number, frames in enumerate((front, rear)):
         own = contents.frames.select(contents.frames.bus == number)
@@ -126,8 +126,8 @@ def test_a_bus_that_cannot_be_opened_is_degraded_and_tried_for_ever(
         return Script(blocks(bumps(codec, 1)))
 
     with Running(quick, tmp_path, later) as running:
-        told = running.until(lambda s: any(a.code == "disconnected" for a in s.alarms))
-        (alarm,) = (a for a in told.alarms if a.code == "disconnected")
+        status = running.until(lambda s: any(a.code == "disconnected" for a in s.alarms))
+        (alarm,) = (a for a in status.alarms if a.code == "disconnected")
         assert ("no such device" in alarm.text, alarm.advice) == (True, "see `ip link`")
         running.until(lambda s: s.disk.recorded_frames == 1200)
         assert running.last.buses[0].reopened == 0
@@ -149,11 +149,11 @@ def test_a_stall_of_the_writer_costs_queue_and_no_frame(
                 assert script.exhausted.wait(PATIENCE_S)
 
     with Running(quick, tmp_path, sources(script), create=Stalls) as running:
-        told = running.until(lambda s: s.disk.recorded_frames == len(frames))
+        status = running.until(lambda s: s.disk.recorded_frames == len(frames))
     assert stalled.is_set()
-    assert told.queue.high > 500
-    assert max(s.disk.lag_s for s in running.told) > 1.0
-    assert told.losses.queue_dropped == 0
+    assert status.queue.high > 500
+    assert max(s.disk.lag_s for s in running.published) > 1.0
+    assert status.losses.queue_dropped == 0
     np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
 
 
@@ -181,7 +181,7 @@ def test_what_does_not_fit_in_the_queue_is_counted_to_the_frame(
     assert 0 < lost.losses.queue_dropped <= dropped
     assert len(contents.frames) + dropped == len(frames)
     assert contents.hops.counts[-1, -1] == dropped
-    assert "queue_dropped" in {alarm.code for s in running.told for alarm in s.alarms}
+    assert "queue_dropped" in {alarm.code for s in running.published for alarm in s.alarms}
 
 
 def test_the_queue_is_bounded_in_blocks_and_bytes() -> None:
@@ -267,12 +267,12 @@ def test_a_publisher_that_fails_stops_nothing(quick: Bench, codec: Codec, tmp_pa
         def _publish(self, status: Status, live: object) -> None:
             calls.append(status)
             super()._publish(status, None)
-            raise RuntimeError("nobody listens")
+            raise RuntimeError("no client listens")
 
     with Deaf(quick, tmp_path, sources(script)) as running:
         running.until(lambda s: s.disk.recorded_frames == 1200)
     failed = [e for e in stored(tmp_path).events if e.code == "consumer_failed"]
-    assert failed[0].text == "publish: RuntimeError('nobody listens')"
+    assert failed[0].text == "publish: RuntimeError('no client listens')"
 
 
 def test_beats_tell_that_all_parts_are_at_work(quick: Bench, codec: Codec, tmp_path: Path) -> None:
@@ -305,17 +305,17 @@ def test_a_reload_may_change_buses_and_dbc(two: Bench, codec: Codec, tmp_path: P
     with Running(one, tmp_path, open_one) as running:
         first = running.until(lambda s: s.disk.recorded_frames == 1200).recording
         assert running.recorder.reload(two).result(PATIENCE_S).error == ""
-        told = running.until(lambda s: s.disk.recorded_frames == 3600)
-        assert [bus.name for bus in told.buses] == ["test can0", "test can1"]
-        assert told.recording == first
+        status = running.until(lambda s: s.disk.recorded_frames == 3600)
+        assert [bus.name for bus in status.buses] == ["test can0", "test can1"]
+        assert status.recording == first
         other = two.dbc_text.replace("IMU_Accel", "IMU_Acc")
         with pytest.raises(InputError):
             running.recorder.reload(replace(two, dbc_text=other)).result(PATIENCE_S)
         other = two.dbc_text + "\n"
         running.recorder.reload(replace(one, dbc_text=other)).result(PATIENCE_S)
-        told = running.until(lambda s: s.disk.recorded_frames == 1200)
-        assert told.recording != first
-        assert len(told.buses) == 1
+        status = running.until(lambda s: s.disk.recorded_frames == 1200)
+        assert status.recording != first
+        assert len(status.buses) == 1
     assert opened == ["can0", "can0", "can1", "can0"]
     tail = last_recording(tmp_path / "journal")
     assert tail is not None

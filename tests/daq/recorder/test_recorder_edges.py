@@ -47,7 +47,7 @@ __all__ = ["quick"]
 
 
 class Disk:
-    """A disk that refuses while it is told to."""
+    """A disk that refuses while it is status to."""
 
     def __init__(self) -> None:
         self.refuses = threading.Event()
@@ -134,8 +134,8 @@ def test_a_session_built_in_mid_recording_reads_no_file_that_is_written(
             sealed = [read_journal([path]).lost.segments_unclosed for path in given[-1]]
             assert sealed == [0] * len(given[-1])
         running.until(lambda s: s.disk.recorded_frames == 2400)
-        told = running.until(lambda s: s.session.state in ENDED)
-        assert (told.session.state, told.session.text) == (SessionState.READY, "")
+        status = running.until(lambda s: s.session.state in ENDED)
+        assert (status.session.state, status.session.text) == (SessionState.READY, "")
     assert not stored(tmp_path).lost.any
     assert [path.name for path in tmp_path.glob("*.h5")] == ["session_0001.h5"]
 
@@ -155,8 +155,8 @@ def test_a_session_is_built_of_what_retention_has_left(
         writer._ledger.forget(gone)  # as retention does
         gone.unlink()
         running.order(Stop())
-        told = running.until(lambda s: s.session.state in ENDED)
-    assert told.session.state is SessionState.READY, told.session.text
+        status = running.until(lambda s: s.session.state in ENDED)
+    assert status.session.state is SessionState.READY, status.session.text
 
 
 def test_a_recording_keeps_its_session_file_when_its_first_segment_has_gone(
@@ -171,9 +171,9 @@ def test_a_recording_keeps_its_session_file_when_its_first_segment_has_gone(
         with Running(small, tmp_path, sources(Script([]))) as running:
             assert running.until(lambda s: s.recording != "").recording == first.recording
     with Running(small, tmp_path, sources(Script([]))) as running:
-        told = running.order(Stop()).status
-    assert told is not None
-    assert Path(told.session.path).name == "session_0001.h5"
+        status = running.order(Stop()).status
+    assert status is not None
+    assert Path(status.session.path).name == "session_0001.h5"
     (info,) = recordings(journal)  # by which `recover` and the terminal go
     assert (info.recording, info.session_name) == (first.recording, "session_0001.h5")
 
@@ -185,9 +185,9 @@ def test_losses_before_a_recording_are_not_its_own(
     with Running(quick, tmp_path, sources(script)) as running:
         running.until(lambda s: s.losses.bus_dropped == 7)
         running.order(Start())
-        told = running.until(lambda s: s.disk.recorded_frames > 0)
-        assert told.losses.bus_dropped == 0
-        script.told = SourceLosses(dropped=9)
+        status = running.until(lambda s: s.disk.recorded_frames > 0)
+        assert status.losses.bus_dropped == 0
+        script.published = SourceLosses(dropped=9)
         running.until(lambda s: s.losses.bus_dropped == 2)
         running.order(Stop())
         assert running.until(lambda s: s.recording == "").losses.bus_dropped == 0
@@ -216,8 +216,8 @@ def test_whose_bench_toml_holds_is_said(
     limits = replace(quick.recorder, keep_bytes=5e9)
     changed = replace(quick, text=text, recorder=limits)
     with Running(changed, tmp_path, sources(Script([]))) as running:
-        told = running.until(lambda s: s.recording != "")
-        assert (told.recording, told.vehicle) == (first.recording, "Ford Granada")
+        status = running.until(lambda s: s.recording != "")
+        assert (status.recording, status.vehicle) == (first.recording, "Ford Granada")
         writer = running.recorder._writer
         assert writer is not None
         assert writer.limits == limits  # the disk is the host's affair
@@ -226,7 +226,7 @@ def test_whose_bench_toml_holds_is_said(
     other = replace(quick, dbc_text=quick.dbc_text + "\n")
     with Running(other, tmp_path, sources(Script([]))) as running:
         assert running.until(lambda s: s.recording != "").recording != first.recording
-    assert "cannot go on (it is of another DBC): a new one is begun" in caplog.text
+    assert "cannot be resumed (it is of another DBC): a new one is begun" in caplog.text
 
 
 def test_a_session_file_older_than_its_recording_is_built_anew(
@@ -244,8 +244,8 @@ def test_a_session_file_older_than_its_recording_is_built_anew(
             running.order(Stop())
     before = len(read_session(tmp_path / "session_0001.h5").runs)
     with Running(quick, tmp_path, sources(Script([]))) as running:
-        told = running.until(lambda s: s.session.state is SessionState.READY)
-    assert Path(told.session.path).name == "session_0001.h5"
+        status = running.until(lambda s: s.session.state is SessionState.READY)
+    assert Path(status.session.path).name == "session_0001.h5"
     assert len(read_session(tmp_path / "session_0001.h5").runs) == 2 >= before
     with Running(quick, tmp_path, sources(Script([]))) as running:
         running.until(lambda s: s.recording != "")
@@ -330,9 +330,9 @@ def test_a_run_rejected_while_it_is_recorded_can_be_neither_configured_nor_lost(
             running.order(Configure(quick.text))
         with pytest.raises(OrderError, match="baseline_bounce_1 is being recorded"):
             running.recorder.reload(quick).result(PATIENCE_S)
-        told = running.order(Undo()).status
-        assert told is not None
-        assert [str(run.status) for run in told.runs] == ["open"]
+        status = running.order(Undo()).status
+        assert status is not None
+        assert [str(run.status) for run in status.runs] == ["open"]
         running.order(Reject())
         rest.set()
         running.until(lambda s: len(s.runs) == 2 and s.runs[1].status != "open")
@@ -362,7 +362,7 @@ def test_a_status_that_fails_stops_nothing(
         with monkeypatch.context() as patch:
             patch.setattr(engine_module, "Host", lambda *_: 1 / 0)
             deadline_s = time.monotonic() + PATIENCE_S
-            while "publish" not in running.recorder._guard._failed:
+            while "publish" not in running.recorder._barrier._failed:
                 assert time.monotonic() < deadline_s
                 time.sleep(0.01)
         running.until(lambda s: s.disk.recorded_frames == 1200)

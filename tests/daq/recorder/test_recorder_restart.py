@@ -81,8 +81,8 @@ def test_a_disk_that_refuses_is_waited_for(quick: Bench, codec: Codec, tmp_path:
     with Running(quick, tmp_path, sources(script), create=Full) as running:
         running.until(lambda s: s.disk.recorded_frames > 0)
         full.set()
-        told = running.until(lambda s: any(a.code == "journal_failed" for a in s.alarms))
-        assert "No space left" in told.disk.failed
+        status = running.until(lambda s: any(a.code == "journal_failed" for a in s.alarms))
+        assert "No space left" in status.disk.failed
         full.clear()
         running.until(lambda s: s.disk.recorded_frames == len(frames))
     np.testing.assert_array_equal(stored(tmp_path).frames.data, frames.data)
@@ -95,8 +95,8 @@ def test_a_killed_recorder_is_taken_up_again(quick: Bench, codec: Codec, tmp_pat
         quick, tmp_path, sources(Gated(gate, blocks(frames.select(slice(0, 1900)), 50)))
     )
     os_gone = threading.Event()
-    finish = killed.engine._finish
-    killed.engine._finish = lambda publish: None  # type: ignore[method-assign]  # as SIGKILL does
+    finish = killed.recorder._finish
+    killed.recorder._finish = lambda publish: None  # type: ignore[method-assign]  # as SIGKILL does
     with killed:
         killed.order(Arm(Until.COMPLETE))
         killed.order(Configure(quick.text.replace('name = "Ford Granada"', 'name = "Mine"')))
@@ -106,15 +106,15 @@ def test_a_killed_recorder_is_taken_up_again(quick: Bench, codec: Codec, tmp_pat
 
     rest = Gated(os_gone, blocks(frames.select(slice(1900, None)), 50))
     with Running(quick, tmp_path, sources(rest)) as running:
-        told = running.until(lambda s: s.recording != "")
-        assert told.recording == before.recording
-        assert told.vehicle == "Mine"
-        assert [(run.label, run.status) for run in told.runs] == [
+        status = running.until(lambda s: s.recording != "")
+        assert status.recording == before.recording
+        assert status.vehicle == "Mine"
+        assert [(run.label, run.status) for run in status.runs] == [
             ("baseline_bounce_1", LoggedStatus.ACCEPTED),
             ("baseline_roll_1", LoggedStatus.REJECTED),
         ]
-        assert told.runs[1].reasons == ("cut: the recorder was stopped in mid-run",)
-        assert told.phase is Phase.IDLE
+        assert status.runs[1].reasons == ("cut: the recorder was stopped in mid-run",)
+        assert status.phase is Phase.IDLE
         running.order(Arm(Until.COMPLETE))
         os_gone.set()
         running.until(lambda s: s.disk.recorded_frames == len(frames))

@@ -61,9 +61,9 @@ def now(block: FrameBatch | None = None) -> Now:
     return Now(t_ns, 100.0 + (t_ns - START_NS) * 1e-9)
 
 
-def feed(recorder: Recording, given: Sequence[FrameBatch]) -> list[Event]:
+def feed(recording: Recording, given: Sequence[FrameBatch]) -> list[Event]:
     return [
-        event for block in given for event in recorder.step(block, HopLosses(), now(block), [LINK])
+        event for block in given for event in recording.step(block, HopLosses(), now(block), [LINK])
     ]
 
 
@@ -71,88 +71,88 @@ def runs_of(events: Sequence[Event]) -> list[tuple[str, str]]:
     return [pair for pair in codes(events) if pair[0] in ("bump", "run_end")]
 
 
-def status(recorder: Recording) -> Status:
-    return recorder.status(now(), HOST)
+def status_of(recording: Recording) -> Status:
+    return recording.status(now(), HOST)
 
 
 def armed(
     bench: Bench, codec: Codec, store: JournalWriter, until: Until = Until.COMPLETE
 ) -> Recording:
-    recorder = Recording(bench, codec, store)
-    recorder.carry_out(Arm(until), "Ann", now())
-    return recorder
+    recording = Recording(bench, codec, store)
+    recording.carry_out(Arm(until), "Ann", now())
+    return recording
 
 
 @pytest.mark.parametrize("size", [100, 37, 100_000])
 def test_runs_are_labelled_in_the_order_of_the_campaign_and_stored(
     quick: Bench, codec: Codec, journal: JournalWriter, size: int
 ) -> None:
-    recorder = armed(quick, codec, journal)
-    assert status(recorder).phase is Phase.WAITING
-    events = feed(recorder, blocks(bumps(codec, len(LABELS)), size))
+    recording = armed(quick, codec, journal)
+    assert status_of(recording).phase is Phase.WAITING
+    events = feed(recording, blocks(bumps(codec, len(LABELS)), size))
     assert runs_of(events) == PLANNED
     for k, event in enumerate(e for e in events if e.code == "bump"):
         assert event.t_ns == START_NS + round((k * PERIOD_S + 0.501) * 1e9)
-    assert recorder.complete
-    assert recorder.losses == Losses()
+    assert recording.complete
+    assert recording.losses == Losses()
     journal.close()
     contents = read_journal(journal.paths)
     assert contents.events[-len(events) :] == tuple(events)
     assert len(contents.frames) == len(LABELS) * 1200
     # The run_log is what the journal says, and nothing else.
-    assert fold(contents.events) == recorder.run_log
-    assert {run.status for run in recorder.run_log.runs} == {LoggedStatus.ACCEPTED}
+    assert fold(contents.events) == recording.run_log
+    assert {run.status for run in recording.run_log.runs} == {LoggedStatus.ACCEPTED}
 
 
 def test_a_bump_that_nobody_waits_for_is_told_and_consumes_nothing(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recorder = Recording(quick, codec, journal)
-    events = feed(recorder, blocks(bumps(codec, 1)))
+    recording = Recording(quick, codec, journal)
+    events = feed(recording, blocks(bumps(codec, 1)))
     unplanned = ["unplanned_bump", "unplanned_run_end"]
     assert [e.code for e in events if "alarm" not in e.code] == unplanned
-    assert recorder.run_log.runs == ()
-    recorder.carry_out(Arm(), "Ann", now())
-    recorder.carry_out(Pause(), "Ann", now())
+    assert recording.run_log.runs == ()
+    recording.carry_out(Arm(), "Ann", now())
+    recording.carry_out(Pause(), "Ann", now())
     later = replace(bumps(codec, 1), t_ns=bumps(codec, 1).t_ns + 1_200_000_000)
-    assert [e.code for e in feed(recorder, blocks(later)) if "alarm" not in e.code] == unplanned
-    assert status(recorder).phase is Phase.PAUSED
+    assert [e.code for e in feed(recording, blocks(later)) if "alarm" not in e.code] == unplanned
+    assert status_of(recording).phase is Phase.PAUSED
 
 
 def test_the_status_says_what_is_due_and_what_is_going_on(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recorder = armed(quick, codec, journal)
+    recording = armed(quick, codec, journal)
     frames = bumps(codec, 1)
-    feed(recorder, blocks(frames.select(slice(0, 700))))
-    told = status(recorder)
-    assert told.phase is Phase.TRIGGERED
-    assert told.due is not None
-    assert told.due.step == CAMPAIGN.steps[0]
-    assert (told.due.accepted, told.due.planned, told.due.rejected) == (0, 1, 0)
-    assert "40 mm" in told.due.instruction
-    assert told.t_ns == frames.t_ns[699]
-    assert (told.bump_ns - START_NS) * 1e-9 == pytest.approx(0.501)
-    assert [(run.label, run.status) for run in told.runs] == [(LABELS[0], LoggedStatus.OPEN)]
-    assert [bus.frames for bus in told.buses] == [700]
-    feed(recorder, blocks(frames.select(slice(700, 1020))))
-    told = status(recorder)
-    assert (told.phase, told.undo, told.redo) == (Phase.ACCEPTED, f"{LABELS[0]} accepted", "")
-    assert told.countdown_s == pytest.approx(0.1, abs=0.02)
-    assert told.due is not None
-    assert told.due.step == CAMPAIGN.steps[1]
-    assert [tally.accepted for tally in told.tallies] == [1, 0, 0, 0]
+    feed(recording, blocks(frames.select(slice(0, 700))))
+    status = status_of(recording)
+    assert status.phase is Phase.TRIGGERED
+    assert status.due is not None
+    assert status.due.step == CAMPAIGN.steps[0]
+    assert (status.due.accepted, status.due.planned, status.due.rejected) == (0, 1, 0)
+    assert "40 mm" in status.due.instruction
+    assert status.t_ns == frames.t_ns[699]
+    assert (status.bump_ns - START_NS) * 1e-9 == pytest.approx(0.501)
+    assert [(run.label, run.status) for run in status.runs] == [(LABELS[0], LoggedStatus.OPEN)]
+    assert [bus.frames for bus in status.buses] == [700]
+    feed(recording, blocks(frames.select(slice(700, 1020))))
+    status = status_of(recording)
+    assert (status.phase, status.undo, status.redo) == (Phase.ACCEPTED, f"{LABELS[0]} accepted", "")
+    assert status.countdown_s == pytest.approx(0.1, abs=0.02)
+    assert status.due is not None
+    assert status.due.step == CAMPAIGN.steps[1]
+    assert [tally.accepted for tally in status.tallies] == [1, 0, 0, 0]
 
 
 def test_live_samples_are_told_once_and_kept_for_those_who_come_later(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recorder = Recording(quick, codec, journal)
+    recording = Recording(quick, codec, journal)
     frames = bumps(codec, 1)
     bins: dict[int, float | None] = {}
     for block in blocks(frames):
-        feed(recorder, [block])
-        live = recorder.live()
+        feed(recording, [block])
+        live = recording.live()
         if live is not None:
             lane = next(lane for lane in live.lanes if lane.channel == "hub_acc_fl")
             new = dict(enumerate(lane.high, live.first_bin))
@@ -161,7 +161,7 @@ def test_live_samples_are_told_once_and_kept_for_those_who_come_later(
     in_bump = [bins[k] for k in bins if 0.53 < k * 0.02 - START_NS * 1e-9 < 0.66]
     assert in_bump == [pytest.approx(20.0, abs=0.05)] * len(in_bump)
     assert len(in_bump) >= 6
-    history = recorder.history(0.5)
+    history = recording.history(0.5)
     lane = next(lane for lane in history.lanes if lane.channel == "hub_acc_fl")
     assert len(lane.high) == 25
     assert dict(enumerate(lane.high, history.first_bin)).items() <= bins.items()
@@ -183,12 +183,12 @@ def test_losses_of_every_hop_add_up(bench: Bench, codec: Codec, journal: Journal
     frames = replace(frames, data=data, can_id=can_id, flags=flags, length=length)
     frames = frames.select(np.delete(np.arange(len(frames)), [50, 51]))
 
-    recorder = Recording(bench, codec, journal)
+    recording = Recording(bench, codec, journal)
     for block in blocks(frames):
         hops = HopLosses(bus_dropped=1, bus_garbled=2, queue_dropped=3)
-        recorder.step(block, hops, now(block), [LINK])
+        recording.step(block, hops, now(block), [LINK])
 
-    assert recorder.losses == Losses(
+    assert recording.losses == Losses(
         bus_dropped=1,
         bus_garbled=2,
         queue_dropped=3,
@@ -209,18 +209,18 @@ def test_a_block_that_cannot_be_stored_is_not_used(bench: Bench, codec: Codec) -
         def append(self, frames: FrameBatch, losses: HopLosses) -> None:
             raise JournalError("x", "is full", "make room")
 
-    recorder = Recording(bench, codec, Full())
+    recording = Recording(bench, codec, Full())
     with pytest.raises(JournalError):
-        recorder.step(bumps(codec, 1), HopLosses(), now())
-    assert status(recorder).t_ns == 0
+        recording.step(bumps(codec, 1), HopLosses(), now())
+    assert status_of(recording).t_ns == 0
 
 
 def test_stamps_of_another_epoch_are_told_once(
     bench: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recorder = Recording(bench, codec, journal)
-    first = recorder.step(FrameBatch.empty(), HopLosses(restamped=5), now())
-    again = recorder.step(FrameBatch.empty(), HopLosses(restamped=9), now())
+    recording = Recording(bench, codec, journal)
+    first = recording.step(FrameBatch.empty(), HopLosses(restamped=5), now())
+    again = recording.step(FrameBatch.empty(), HopLosses(restamped=9), now())
     assert [event.code for event in first] == ["restamped"]
     assert again == ()
 
@@ -242,17 +242,17 @@ def test_a_consumer_that_fails_costs_no_frame_and_is_named_once_a_second(
     def broken(*_: object) -> None:
         raise RuntimeError("no luck\x1b")
 
-    recorder = Recording(quick, codec, journal)
+    recording = Recording(quick, codec, journal)
     monkeypatch.setattr(Codec, "decode", broken)
-    events = feed(recorder, blocks(bumps(codec, 2)))  # 2.4 s
-    told = [event for event in events if event.code == "consumer_failed"]
-    assert [event.text for event in told] == ["decode: RuntimeError('no luck\\x1b')"] * 3
-    assert sum(event.value for event in told) >= 21
-    assert "consumer_failed" in {alarm.code for alarm in status(recorder).alarms}
+    events = feed(recording, blocks(bumps(codec, 2)))  # 2.4 s
+    status = [event for event in events if event.code == "consumer_failed"]
+    assert [event.text for event in status] == ["decode: RuntimeError('no luck\\x1b')"] * 3
+    assert sum(event.value for event in status) >= 21
+    assert "consumer_failed" in {alarm.code for alarm in status_of(recording).alarms}
     monkeypatch.undo()
     later = [replace(b, t_ns=b.t_ns + 2_400_000_000) for b in blocks(bumps(codec, 6))]
-    feed(recorder, later)
-    assert "consumer_failed" not in {alarm.code for alarm in status(recorder).alarms}
+    feed(recording, later)
+    assert "consumer_failed" not in {alarm.code for alarm in status_of(recording).alarms}
     journal.close()
     assert len(read_journal(journal.paths).frames) == 8 * 1200
 
@@ -264,10 +264,10 @@ def test_a_verdict_that_fails_does_not_throw_the_bump_away(
         raise ZeroDivisionError
 
     monkeypatch.setattr(judging, "judge", broken)
-    recorder = armed(quick, codec, journal)
-    events = feed(recorder, blocks(bumps(codec, 1)))
+    recording = armed(quick, codec, journal)
+    events = feed(recording, blocks(bumps(codec, 1)))
     assert "consumer_failed" in [event.code for event in events]
-    (run,) = recorder.run_log.runs
+    (run,) = recording.run_log.runs
     assert run.status is LoggedStatus.ACCEPTED
     assert [finding.code for finding in run.findings] == ["unjudged"]
 
@@ -275,19 +275,19 @@ def test_a_verdict_that_fails_does_not_throw_the_bump_away(
 def test_stamps_that_fall_back_cut_the_run(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recorder = armed(quick, codec, journal)
+    recording = armed(quick, codec, journal)
     frames = bumps(codec, 2)
-    feed(recorder, blocks(frames.select(slice(0, 700))))
+    feed(recording, blocks(frames.select(slice(0, 700))))
     back = replace(frames, t_ns=frames.t_ns - 3600 * 10**9)
-    events = feed(recorder, blocks(back))
-    assert recorder.run_log.runs[0].reasons == ("cut: the time stamps fell back",)
+    events = feed(recording, blocks(back))
+    assert recording.run_log.runs[0].reasons == ("cut: the time stamps fell back",)
     assert runs_of(events)[0] == ("bump", "baseline_bounce_2")
 
 
 def test_orders_are_written_down_and_those_that_make_no_sense_refused(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recorder = armed(quick, codec, journal)
+    recording = armed(quick, codec, journal)
     for order, why in (
         (Undo(), "no verdict to undo"),
         (Redo(), "nothing to redo"),
@@ -297,45 +297,45 @@ def test_orders_are_written_down_and_those_that_make_no_sense_refused(
         (Note("x", "y"), "no run 'y'"),
     ):
         with pytest.raises(OrderError, match=why):
-            recorder.carry_out(order, "Ann", now())
+            recording.carry_out(order, "Ann", now())
     frames = bumps(codec, 1)
-    feed(recorder, blocks(frames.select(slice(0, 700))))
+    feed(recording, blocks(frames.select(slice(0, 700))))
     with pytest.raises(OrderError, match="is being recorded"):
-        recorder.carry_out(Configure(quick.text), "Ann", now())
-    feed(recorder, blocks(frames.select(slice(700, None))))
-    recorder.carry_out(Reject(reason="foot"), "Ann", now())
+        recording.carry_out(Configure(quick.text), "Ann", now())
+    feed(recording, blocks(frames.select(slice(700, None))))
+    recording.carry_out(Reject(reason="foot"), "Ann", now())
     with pytest.raises(OrderError, match="rejected already"):
-        recorder.carry_out(Reject("baseline_bounce_1"), "Ann", now())
+        recording.carry_out(Reject("baseline_bounce_1"), "Ann", now())
     with pytest.raises(OrderError, match="say why"):
-        recorder.carry_out(Accept("baseline_bounce_1"), "Ann", now())
-    recorder.carry_out(Undo(), "Ann", now())
-    recorder.carry_out(Redo(), "Ann", now())
-    recorder.carry_out(Accept("baseline_bounce_1", "it was mine"), "Bob", now())
-    recorder.carry_out(Mark("here"), "Bob", now())
-    recorder.carry_out(Note("wet", "baseline_bounce_1"), "Bob", now())
-    recorder.carry_out(OverrideWarning("bus", "known"), "Bob", now())
-    recorder.carry_out(Acknowledge(), "Bob", now())
-    recorder.carry_out(Choose("added", Excitation.WARP), "Bob", now())
-    told = status(recorder)
-    assert told.due is not None
-    assert told.due.step.label == "added_warp_1"
-    assert [(note.text, note.label) for note in told.notes] == [
+        recording.carry_out(Accept("baseline_bounce_1"), "Ann", now())
+    recording.carry_out(Undo(), "Ann", now())
+    recording.carry_out(Redo(), "Ann", now())
+    recording.carry_out(Accept("baseline_bounce_1", "it was mine"), "Bob", now())
+    recording.carry_out(Mark("here"), "Bob", now())
+    recording.carry_out(Note("wet", "baseline_bounce_1"), "Bob", now())
+    recording.carry_out(OverrideWarning("bus", "known"), "Bob", now())
+    recording.carry_out(Acknowledge(), "Bob", now())
+    recording.carry_out(Choose("added", Excitation.WARP), "Bob", now())
+    status = status_of(recording)
+    assert status.due is not None
+    assert status.due.step.label == "added_warp_1"
+    assert [(note.text, note.label) for note in status.notes] == [
         ("here", ""),
         ("wet", "baseline_bounce_1"),
     ]
-    assert [(one.subject, one.by) for one in told.overrides] == [("bus", "Bob")]
-    (run,) = told.runs
+    assert [(one.subject, one.by) for one in status.overrides] == [("bus", "Bob")]
+    (run,) = status.runs
     assert (run.status, run.by, run.reason) == (LoggedStatus.ACCEPTED, "Bob", "it was mine")
     journal.close()
     events = read_journal(journal.paths).events
-    assert fold(events) == recorder.run_log
+    assert fold(events) == recording.run_log
     assert {e.t_ns for e in events if e.code == "mark"} == {int(frames.t_ns[-1])}
 
 
 def test_bench_toml_may_change_within_a_recording(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recorder = Recording(quick, codec, journal)
+    recording = Recording(quick, codec, journal)
     for changed, why in (
         ("[[[", "is not TOML"),
         (quick.text.replace("bitrate = 1000000", "bitrate = 500000"), "other buses"),
@@ -343,11 +343,11 @@ def test_bench_toml_may_change_within_a_recording(
         (quick.text.replace("repeats = 2", "repeats = -2"), "repeats"),
     ):
         with pytest.raises(OrderError, match=why):
-            recorder.carry_out(Configure(changed), "Ann", now())
-    assert recorder.bench == quick
+            recording.carry_out(Configure(changed), "Ann", now())
+    assert recording.bench == quick
     other = quick.text.replace('name = "Ford Granada"', 'name = "Other"')
-    recorder.carry_out(Configure(other), "Ann", now())
-    assert status(recorder).vehicle == "Other"
+    recording.carry_out(Configure(other), "Ann", now())
+    assert status_of(recording).vehicle == "Other"
     journal.close()
     assert [(e.code, e.text) for e in read_journal(journal.paths).events] == [("bench", other)]
 
@@ -355,30 +355,30 @@ def test_bench_toml_may_change_within_a_recording(
 def test_what_was_lost_before_bench_toml_changed_is_no_news(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recorder = Recording(quick, codec, journal)
+    recording = Recording(quick, codec, journal)
     frames = bumps(codec, 1)
     whole = frames.select(np.delete(np.arange(len(frames)), [50, 51]))
     given, lost = blocks(whole), HopLosses(queue_dropped=9)
     for block in given[: len(given) // 2]:
-        recorder.step(block, lost, now(block), [LINK])
-    recorder.carry_out(Configure(quick.text), "Ann", now())
-    told = [
+        recording.step(block, lost, now(block), [LINK])
+    recording.carry_out(Configure(quick.text), "Ann", now())
+    status = [
         event.text.partition(":")[0]
         for block in given[len(given) // 2 :]
-        for event in recorder.step(block, lost, now(block), [LINK])
+        for event in recording.step(block, lost, now(block), [LINK])
         if event.code == "alarm"
     ]
-    assert not {"queue_dropped", "counter_gap HUB_Front"} & set(told), told
-    assert status(recorder).buses[0].frames == len(whole)
+    assert not {"queue_dropped", "counter_gap HUB_Front"} & set(status), status
+    assert status_of(recording).buses[0].frames == len(whole)
 
 
 def test_the_end_of_a_recording_cuts_the_run(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recorder = armed(quick, codec, journal)
-    feed(recorder, blocks(bumps(codec, 1).select(slice(0, 700))))
-    recorder.cut("the recording was ended")
-    assert recorder.run_log.runs[0].reasons == ("cut: the recording was ended",)
+    recording = armed(quick, codec, journal)
+    feed(recording, blocks(bumps(codec, 1).select(slice(0, 700))))
+    recording.cut("the recording was ended")
+    assert recording.run_log.runs[0].reasons == ("cut: the recording was ended",)
     verdict = json.loads(next(e.text for e in _events(journal) if e.code == "verdict"))
     assert (verdict["label"], verdict["accepted"]) == (LABELS[0], False)
 
@@ -391,14 +391,14 @@ def _events(journal: JournalWriter) -> tuple[Event, ...]:
 def test_the_last_seconds_are_at_hand_for_the_check(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
-    recorder = Recording(quick, codec, journal)
+    recording = Recording(quick, codec, journal)
     frames = bumps(codec, 12)  # 14.4 s
-    feed(recorder, blocks(frames))
-    np.testing.assert_array_equal(recorder.recent(5.0).t_ns, frames.t_ns[-5001:])
-    assert len(recorder.recent(10.0)) == 10_001
+    feed(recording, blocks(frames))
+    np.testing.assert_array_equal(recording.recent(5.0).t_ns, frames.t_ns[-5001:])
+    assert len(recording.recent(10.0)) == 10_001
     # After the clock was set back only the new frames are recent.
-    feed(recorder, [replace(b, t_ns=b.t_ns - 10**12) for b in blocks(bumps(codec, 1))])
-    assert len(recorder.recent(10.0)) == 1200
+    feed(recording, [replace(b, t_ns=b.t_ns - 10**12) for b in blocks(bumps(codec, 1))])
+    assert len(recording.recent(10.0)) == 1200
 
 
 def test_frames_that_a_pause_cost_after_a_run_are_not_lost_from_it(
@@ -407,10 +407,10 @@ def test_frames_that_a_pause_cost_after_a_run_are_not_lost_from_it(
     frames = bumps(codec, 3)
     seconds = (frames.t_ns - frames.t_ns[0]) * 1e-9
     before, after = frames.select(seconds < 0.998), frames.select(seconds > 2.3)
-    recorder = Recording(bench, codec, journal)
-    recorder.carry_out(Arm(Until.COMPLETE), "Ann", now())
+    recording = Recording(bench, codec, journal)
+    recording.carry_out(Arm(Until.COMPLETE), "Ann", now())
     for block in [*blocks(before), *blocks(after)]:  # the run ends at 1.0 s
-        recorder.step(block, HopLosses(), now(block), [LINK])
-    assert recorder.losses.counter_gaps > 1_000
-    (lost,) = (f for f in recorder.run_log.runs[0].findings if f.code == "lost_frames")
+        recording.step(block, HopLosses(), now(block), [LINK])
+    assert recording.losses.counter_gaps > 1_000
+    (lost,) = (f for f in recording.run_log.runs[0].findings if f.code == "lost_frames")
     assert lost.passed, lost.text

@@ -38,28 +38,28 @@ def record(folder: Path) -> Recording:
     head = JournalHead(BENCH.text, BENCH.dbc_text, "test", START_NS, 0, "ab" * 16)
     limits = replace(BENCH.recorder, segment_bytes=100_000)
     with JournalWriter(folder, head, limits) as writer:
-        recorder = Recording(BENCH, codec, writer)
-        recorder.carry_out(Arm(Until.COMPLETE), "Ann", Now(START_NS, 0.0))
+        recording = Recording(BENCH, codec, writer)
+        recording.carry_out(Arm(Until.COMPLETE), "Ann", Now(START_NS, 0.0))
         for run in campaign_frames(BENCH, codec, SimulatedCar(), 3, START_NS):
             for block in blocks(run, 400):
                 t_ns = int(block.t_ns[-1])
                 now = Now(t_ns, (t_ns - START_NS) * 1e-9)
-                recorder.step(block, HopLosses(), now)
+                recording.step(block, HopLosses(), now)
                 writer.maintain(now.monotonic_s)
-    return recorder
+    return recording
 
 
 def test_runs_are_measured_anew_as_they_were(tmp_path: Path) -> None:
-    recorder = record(tmp_path)
-    assert [run.status for run in recorder.run_log.runs] == [LoggedStatus.ACCEPTED] * 2
+    recording = record(tmp_path)
+    assert [run.status for run in recording.run_log.runs] == [LoggedStatus.ACCEPTED] * 2
     tail = last_recording(tmp_path)
     assert tail is not None
     assert len(tail.segments) > 2
     found: dict[str, RunMeasure] = {}
     recall(tail, BENCH, found.update).join(60.0)
-    assert found.keys() == recorder.measures.keys()
+    assert found.keys() == recording.measures.keys()
     for label, measure in found.items():
-        before = recorder.measures[label]
+        before = recording.measures[label]
         assert measure.peak_m_s2 is not None
         assert measure.peak_m_s2 > 10.0
         assert (measure.peak_m_s2, measure.frequency_hz) == (before.peak_m_s2, before.frequency_hz)

@@ -53,14 +53,14 @@ class Bench:
         step = next_step(CAMPAIGN, self.run_log)
         assert self.loop.takes_bumps
         assert step is not None
-        self.tell(Event(self.t_ns, Code.BUMP, 9.0, step.label))
+        self.add(Event(self.t_ns, Code.BUMP, 9.0, step.label))
         self.loop = run_loop.bumped(self.loop, step.label, self.t_ns)
         return step.label
 
     def end(self, *codes: str) -> Bench:
         """End the run with a verdict: these codes fail."""
         self.turn(2.5)
-        self.tell(verdict_entry(self.t_ns, self.loop.label, [_finding(code) for code in codes]))
+        self.add(verdict_entry(self.t_ns, self.loop.label, [_finding(code) for code in codes]))
         self.loop = run_loop.judged(self.loop, self.now)
         return self
 
@@ -69,7 +69,7 @@ class Bench:
         self.bump()
         return self.end(*codes).turn(3.0)
 
-    def tell(self, event: Event) -> Bench:
+    def add(self, event: Event) -> Bench:
         self.run_log = advance(self.run_log, event)
         return self
 
@@ -77,7 +77,7 @@ class Bench:
         event = Event(self.t_ns, code, text="Ann")
         if label:
             event = entry(code, self.t_ns, label=label, by="Ann", reason="so")
-        self.tell(event)
+        self.add(event)
         self.loop = run_loop.decided(self.loop, self.now)
         return self
 
@@ -203,7 +203,7 @@ def test_a_pause_lets_the_run_end_and_then_counts_no_bump() -> None:
 def test_the_choice_of_another_bump_waits_for_a_person() -> None:
     bench = Bench().arm()
     choice = entry(Code.CHOOSE, bench.t_ns, mass_state="baseline", excitation="roll")
-    bench.tell(choice)
+    bench.add(choice)
     bench.loop = run_loop.chosen(bench.loop, bench.now)
     assert bench.phase == Phase.IDLE
     bench.arm(Until.EXCITATION).run()
@@ -213,7 +213,7 @@ def test_the_choice_of_another_bump_waits_for_a_person() -> None:
     # The same kind as was armed changes nothing; without anybody there it goes on, too.
     for until, kind in ((Until.EXCITATION, "bounce"), (Until.COMPLETE, "roll")):
         bench.arm(until)
-        bench.tell(entry(Code.CHOOSE, bench.t_ns, mass_state="baseline", excitation=kind))
+        bench.add(entry(Code.CHOOSE, bench.t_ns, mass_state="baseline", excitation=kind))
         bench.loop = run_loop.chosen(bench.loop, bench.now)
         assert bench.phase == Phase.ARMED
 
@@ -233,7 +233,7 @@ def test_a_complete_campaign_can_be_taken_up_again() -> None:
     assert bench.arm().phase == Phase.COMPLETE
     assert bench.decide(Code.REJECT, "baseline_roll_2").phase == Phase.IDLE
     assert bench.decide(Code.UNDO).phase == Phase.COMPLETE
-    bench.tell(entry(Code.CHOOSE, bench.t_ns, mass_state="baseline", excitation="bounce"))
+    bench.add(entry(Code.CHOOSE, bench.t_ns, mass_state="baseline", excitation="bounce"))
     bench.loop = run_loop.chosen(bench.loop, bench.now)
     assert bench.phase == Phase.IDLE
     assert bench.arm().run().phase == Phase.COMPLETE

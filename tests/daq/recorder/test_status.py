@@ -1,4 +1,4 @@
-"""What a status tells of a run_log, also of one that is weeks long."""
+"""The status of a run log, also of one that is weeks long."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def test_a_campaign_is_told_whole() -> None:
 
 def test_of_weeks_all_runs_are_told_with_what_stood_against_them() -> None:
     run_log = _run_log(WEEKS)
-    told = status_runs(run_log)
-    assert [run.label for run in told] == [run.label for run in run_log.runs]
-    assert [run.reasons for run in told] == [run.reasons for run in run_log.runs]
-    assert sum(run.status is LoggedStatus.REJECTED for run in told) == WEEKS // 10
-    assert told[-CAMPAIGN:] == run_log.runs[-CAMPAIGN:]
-    assert _size(told) < _size(run_log.runs) / 5
+    status = status_runs(run_log)
+    assert [run.label for run in status] == [run.label for run in run_log.runs]
+    assert [run.reasons for run in status] == [run.reasons for run in run_log.runs]
+    assert sum(run.status is LoggedStatus.REJECTED for run in status) == WEEKS // 10
+    assert status[-CAMPAIGN:] == run_log.runs[-CAMPAIGN:]
+    assert _size(status) < _size(run_log.runs) / 5
