@@ -19,7 +19,7 @@ from daq.bus.interfaces import (
     open_bus,
     open_source,
 )
-from daq.bus.source import BLOCK_FRAMES, FrameSource
+from daq.bus.source import FrameSource
 from daq.errors import BusError
 from dbc.frames import FrameBatch, FrameFlag
 
@@ -181,8 +181,8 @@ def test_nothing_but_garbage_without_a_pause_is_a_bus_that_has_gone() -> None:
 
 
 def test_a_block_is_bounded_and_the_rest_comes_with_the_next() -> None:
-    source = source_of(*[frame(i % 0x800) for i in range(BLOCK_FRAMES + 5)])
-    assert [len(source.read(0.0)) for _ in range(3)] == [BLOCK_FRAMES, 5, 0]
+    source = source_of(*[frame(i % 0x800) for i in range(2053)])
+    assert [len(source.read(0.0)) for _ in range(3)] == [2048, 5, 0]
 
 
 def test_closing_a_lost_device_raises_nothing() -> None:

@@ -10,7 +10,7 @@ from daq.journal.built import built_recordings, note_built
 from daq.journal.folder import last_recording, recordings, segments_in
 from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
-from daq.journal.retention import REACH_NS, expendable, oldest
+from daq.journal.retention import expendable, oldest
 from daq.journal.scan import SegmentInfo, scan
 from daq.journal.writer import JournalError, JournalWriter
 from daq.runs import Event
@@ -49,7 +49,7 @@ def test_of_old_recordings_those_go_that_are_derived_or_without_a_run() -> None:
 
 
 def test_of_the_open_recording_nothing_goes_that_a_run_needs() -> None:
-    reach_h = REACH_NS / HOUR_NS
+    reach_h = 1 / 3  # 1200 s
     segments = [
         info(1, "open", 0.0, "bench"),
         info(2, "open", 1.0, "alarm"),

@@ -6,14 +6,15 @@ import json
 
 import pytest
 
+from daq.bench.campaign import Campaign
 from daq.bench.config import Bench
 from daq.control.messages import STATUS
 from daq.control.orders import Accept, Mark, Note, OverrideWarning, Reject
 from daq.recorder.orders import order_event
 from daq.runlog.entries import entry, verdict_entry
 from daq.runlog.fold import fold
-from daq.runlog.runlog import Code, LoggedStatus, RunLog
-from daq.runs import Event
+from daq.runlog.runlog import Code, LoggedStatus, RunLog, next_step, parse_label
+from daq.runs import Event, Excitation
 from dbc.finding import Finding, Severity
 
 from ..a_status import a_status
@@ -90,3 +91,127 @@ def test_what_persons_write_carries_no_control_character(bench: Bench) -> None:
     mark = order_event(Mark(foul), "Ann", 3, RunLog(), bench)
     assert mark is not None
     assert mark.text == clean
+
+
+def test_a_verdict_after_an_undone_one_leaves_nothing_to_redo() -> None:
+    accept = entry(Code.ACCEPT, 6, label=RUN, by="Ben", reason="fine")
+    log = fold([BUMP, verdict_entry(2, RUN, [WEAK]), REJECT, UNDO])
+    assert [len(log.done), len(log.undone)] == [1, 1]
+    log = fold([accept], log)
+    assert [len(log.done), len(log.undone)] == [2, 0]
+    assert fold([REDO], log) == log
+    assert stand(BUMP, verdict_entry(2, RUN, [WEAK]), REJECT, UNDO, accept, REDO) == (
+        LoggedStatus.ACCEPTED,
+        "Ben",
+        ("too_weak",),
+    )
+
+
+def test_verdicts_are_undone_and_redone_in_turn() -> None:
+    second = "baseline_bounce_2"
+    events = [
+        BUMP,
+        verdict_entry(2, RUN, [FINE]),
+        Event(3, Code.BUMP, 1.0, second),
+        verdict_entry(4, second, [WEAK]),
+    ]
+
+    def statuses(*more: Event) -> list[str]:
+        return [str(run.status) for run in fold([*events, *more]).runs]
+
+    assert statuses() == ["accepted", "rejected"]
+    assert statuses(UNDO) == ["accepted", "accepted"]
+    assert statuses(UNDO, UNDO) == ["rejected", "accepted"]
+    assert statuses(UNDO, UNDO, UNDO) == ["rejected", "accepted"]
+    assert statuses(UNDO, UNDO, REDO) == ["accepted", "accepted"]
+    assert statuses(UNDO, UNDO, REDO, REDO, REDO) == ["accepted", "rejected"]
+
+
+def test_the_revision_counts_changes_of_the_session_file_alone() -> None:
+    note = entry(Code.NOTE, 3, text="windy", label="", by="Ann")
+    override = entry(Code.OVERRIDE, 4, subject="bus", reason="known", by="Ann")
+    choose = entry(Code.CHOOSE, 5, mass_state="added", excitation="roll")
+    steps: list[tuple[Event, int]] = [
+        (BUMP, 1),
+        (BUMP, 1),  # the same label
+        (Event(2, Code.BUMP, 1.0, "no label"), 1),
+        (verdict_entry(2, RUN, [WEAK]), 2),
+        (note, 2),
+        (Event(3, Code.MARK, text="here"), 2),
+        (override, 3),
+        (choose, 3),
+        (Event(6, Code.BENCH, text="[bus]"), 4),
+        (UNDO, 5),
+        (REDO, 6),
+        (REDO, 6),
+        (Event(7, Code.ACCEPT, text="not JSON"), 6),
+        (entry(Code.ACCEPT, 7, label="added_roll_9", by="Ann", reason=""), 6),
+        (Event(8, "alarm", text="x"), 6),
+    ]
+    log = RunLog()
+    for event, revision in steps:
+        log = fold([event], log)
+        assert log.revision == revision, event
+    assert [(remark.text, remark.revision) for remark in log.notes] == [("windy", 2), ("here", 2)]
+    assert log.chosen is not None
+    assert log.chosen[0] == "added"
+    assert log.bench_text == "[bus]"
+
+
+def test_a_choice_is_over_with_the_bump_that_was_chosen() -> None:
+    choose = entry(Code.CHOOSE, 1, mass_state="baseline", excitation="bounce")
+    other = entry(Code.CHOOSE, 1, mass_state="added", excitation="bounce")
+    assert fold([choose, BUMP]).chosen is None
+    assert fold([other, BUMP]).chosen is not None
+
+
+@pytest.mark.parametrize(
+    ("label", "step"),
+    [
+        ("baseline_bounce_1", ("baseline", "bounce", 1)),
+        ("added_warp_12", ("added", "warp", 12)),
+        ("baseline_bounce_", None),
+        ("baseline_bounce_x", None),
+        ("baseline_hop_1", None),
+        ("baseline", None),
+    ],
+)
+def test_a_label_names_state_kind_and_attempt(
+    label: str, step: tuple[str, str, int] | None
+) -> None:
+    found = parse_label(label)
+    assert (found and (found.mass_state, str(found.excitation), found.repeat)) == step
+
+
+def test_the_next_step_is_the_first_kind_that_lacks_accepted_runs() -> None:
+    campaign = Campaign((Excitation.BOUNCE, Excitation.ROLL), 2)
+
+    def next_label(log: RunLog) -> str:
+        step = next_step(campaign, log)
+        return step.label if step else ""
+
+    log = RunLog()
+    labels = []
+    for t_ns in range(8):
+        labels.append(next_label(log))
+        log = fold([Event(t_ns, Code.BUMP, 1.0, labels[-1])], log)
+        assert next_label(log) == labels[-1]  # while it is recorded
+        log = fold([verdict_entry(t_ns, labels[-1], [WEAK if t_ns == 1 else FINE])], log)
+    assert labels == [
+        "baseline_bounce_1",
+        "baseline_bounce_2",
+        "baseline_bounce_3",
+        "baseline_roll_1",
+        "baseline_roll_2",
+        "added_bounce_1",
+        "added_bounce_2",
+        "added_roll_1",
+    ]
+    log = fold(
+        [Event(9, Code.BUMP, 1.0, "added_roll_2"), verdict_entry(9, "added_roll_2", [])], log
+    )
+    assert next_label(log) == ""
+    choose = entry(Code.CHOOSE, 10, mass_state="baseline", excitation="roll")
+    assert next_label(fold([choose], log)) == "baseline_roll_3"
+    assert log.accepted("baseline", Excitation.BOUNCE) == 2
+    assert len(log.of("baseline", Excitation.BOUNCE)) == 3

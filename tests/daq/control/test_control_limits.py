@@ -1,0 +1,85 @@
+"""The limits of control in numbers, with a case on each side of every one."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from daq.control.heartbeat import Heartbeats, standstill
+from daq.control.orders import Hello
+from daq.control.peers import Peers
+
+ALIVE = f"{os.getpid()}-a"
+
+
+def ended_process() -> str:
+    """Return the id of a client whose process has ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return f"{process.pid}-b"
+
+
+@pytest.mark.parametrize(("silent_s", "name"), [(5.0, "Ann"), (5.1, "")])
+def test_a_controller_is_gone_after_five_silent_seconds(silent_s: float, name: str) -> None:
+    peers = Peers()
+    peers.seen(ALIVE, 100.0)
+    assert peers.hello(ALIVE, Hello("Ann", True), 100.0) == ""
+    assert peers.controller(100.0 + silent_s) == name
+    assert peers.in_control(ALIVE)
+
+
+@pytest.mark.parametrize(("silent_s", "name"), [(1.0, "Ann"), (1.1, "")])
+def test_a_dead_controller_is_gone_after_one_second(silent_s: float, name: str) -> None:
+    peers, client = Peers(), ended_process()
+    peers.seen(client, 100.0)
+    assert peers.hello(client, Hello("Ann", True), 100.0) == ""
+    assert peers.controller(100.0 + silent_s) == name
+
+
+def test_viewers_are_those_heard_of_within_five_seconds() -> None:
+    peers = Peers()
+    for client, t_s in ((ALIVE, 100.0), ("x-1", 100.0), ("x-2", 102.0)):
+        peers.seen(client, t_s)
+        peers.hello(client, Hello(client, client == ALIVE), t_s)
+    assert peers.viewers(105.0) == 2
+    assert peers.viewers(105.1) == 1
+    peers.seen("x-2", 105.1)
+    assert peers.name("x-1") == "x-1"
+    assert peers.viewers(107.1) == 1
+
+
+def test_control_goes_to_another_only_if_it_is_free_released_or_taken_over() -> None:
+    peers = Peers()
+    peers.seen(ALIVE, 100.0)
+    peers.hello(ALIVE, Hello("Ann", True), 100.0)
+    assert "Ann is in control" in peers.hello("x-1", Hello("Ben", True), 101.0)
+    assert peers.hello("x-1", Hello("Ben", True, take_over=True), 101.0) == ""
+    assert peers.in_control("x-1")
+    assert not peers.in_control(ALIVE)
+    peers.hello("x-1", Hello("Ben"), 102.0)
+    assert peers.controller(102.0) == ""
+    assert peers.hello(ALIVE, Hello("Ann", True), 102.0) == ""
+
+
+WELL = Heartbeats((("can0", 100.0), ("can1", 0.0)), 100.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("heartbeats", "now_s", "hanging"),
+    [
+        (WELL, 102.0, ""),
+        (WELL, 102.1, "the reader of can0 has not turned for 2.1 s"),
+        (Heartbeats((), 100.0, 0.0), 102.0, ""),
+        (Heartbeats((), 100.0, 0.0), 102.1, "the writer has not turned for 2.1 s"),
+        (Heartbeats((), 159.0, 100.0), 160.0, ""),
+        (Heartbeats((), 159.0, 100.0), 160.6, "nothing has reached the disk for 61 s"),
+        (Heartbeats((), 200.0, 0.0), 200.0, ""),  # nothing was stored yet
+    ],
+)
+def test_a_thread_hangs_after_two_seconds_and_a_disk_after_sixty(
+    heartbeats: Heartbeats, now_s: float, hanging: str
+) -> None:
+    assert standstill(heartbeats, now_s) == hanging
