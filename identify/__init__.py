@@ -1,5 +1,7 @@
 """From runs to physical parameters with confidence intervals.  Pure computation."""
 
+from dbc.finding import Finding, Severity
+
 from .document import Document
 from .fit.uncertainty import Estimate
 from .identification import Identification
@@ -10,7 +12,7 @@ from .modes.mode_names import mode_names
 from .modes.mode_selection import identify_modes
 from .modes.stabilisation import StabilisationDiagram, stabilisation_diagram
 from .pipeline import identify
-from .trust.finding import Finding, Quality, Verdict
+from .trust.finding import Quality, Verdict
 
 __all__ = [
     "Document",
@@ -21,6 +23,7 @@ __all__ = [
     "Mode",
     "PhysicalModel",
     "Quality",
+    "Severity",
     "StabilisationDiagram",
     "Verdict",
     "identify",

@@ -11,11 +11,12 @@ from math import isfinite
 from typing import TypedDict
 
 from daq.html_tables import html_line, html_table
+from dbc.finding import Finding
 
 from .fit.uncertainty import Correlation, Estimate, ModeEstimate
 from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
-from .trust.finding import Finding
+from .trust.finding import Verdict
 
 
 class EstimateEntry(TypedDict):
@@ -103,7 +104,9 @@ class Document(TypedDict):
 
 def finding_entries(findings: Sequence[Finding]) -> list[FindingEntry]:
     """Return the findings, the worst first."""
-    return [{"gate": f.gate, "severity": str(f.severity), "text": f.text} for f in findings]
+    return [
+        {"gate": f.code, "severity": str(Verdict.of(f.severity)), "text": f.text} for f in findings
+    ]
 
 
 def estimate_entries(estimates: Mapping[str, Estimate]) -> dict[str, EstimateEntry]:

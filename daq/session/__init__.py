@@ -59,7 +59,9 @@ and moved there.  Raw frames are never changed or deleted.
 
 from __future__ import annotations
 
-from .findings import Finding, Severity
+from dbc.finding import Finding, Severity
+
+from .findings import finding_document
 from .read import read_foreign_session, read_session
 from .validate import validate_session
 from .write import write_session
@@ -67,6 +69,7 @@ from .write import write_session
 __all__ = [
     "Finding",
     "Severity",
+    "finding_document",
     "read_foreign_session",
     "read_session",
     "validate_session",

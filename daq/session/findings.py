@@ -1,34 +1,32 @@
-"""What a check of a session file finds."""
+"""Findings on a session file, made and in the form of `validate --json`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
+from dbc.finding import Finding, Severity
 
 from ..errors import printable
 
 
-class Severity(StrEnum):
-    """How bad a finding is."""
-
-    ERROR = "error"
-    """The file is invalid: it breaks the schema, or contradicts itself."""
-    WARNING = "warning"
-    """It can be used, but something in it is hard to believe."""
-    NOTE = "note"
+def error(where: str, what: str) -> Finding:
+    """Return that the file is invalid: it breaks the schema, or contradicts itself."""
+    return _finding("invalid", Severity.ERROR, where, what)
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing that is to be said of a session file."""
+def warning(where: str, what: str) -> Finding:
+    """Return that something in a usable file is hard to believe."""
+    return _finding("implausible", Severity.WARNING, where, what)
 
-    severity: Severity
-    """How bad it is."""
-    where: str
-    """Path in the file."""
-    what: str
-    """What is wrong, in one line."""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "where", printable(self.where))
-        object.__setattr__(self, "what", printable(self.what, 400))
+def note(where: str, what: str) -> Finding:
+    """Return what a reader of the file may want to know."""
+    return _finding("foreign", Severity.NOTE, where, what)
+
+
+def _finding(code: str, severity: Severity, where: str, what: str) -> Finding:
+    return Finding(code, severity, printable(what, 400), where=printable(where))
+
+
+def finding_document(finding: Finding) -> dict[str, str]:
+    """Return a finding on a session file as a JSON object."""
+    severity = finding.severity.name.lower()
+    return {"severity": severity, "where": finding.where, "what": finding.text}

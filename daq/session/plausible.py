@@ -8,13 +8,14 @@ from math import isfinite
 
 import numpy as np
 
+from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.samples import UNUSABLE
 
 from ..channels import SI_UNITS, Channel, Quantity
 from ..runs import Run, RunStatus, SampleGroup
 from ..sessions import Session
-from .findings import Finding, Severity
+from .findings import error, warning
 
 _YEAR_2000_NS = 946_684_800_000_000_000
 _CAR_M = 30.0
@@ -49,13 +50,13 @@ def check_session(session: Session) -> Iterator[Finding]:
     for number, run in enumerate(session.runs, start=1):
         where = f"/runs/r{number:03d}_{run.label}"
         if run.label in labels:
-            yield _error(where, "stands in the file twice")
+            yield error(where, "stands in the file twice")
         labels.add(run.label)
         if run.mass_state not in states:
-            yield _error(where, f"mass state {run.mass_state} is not described")
+            yield error(where, f"mass state {run.mass_state} is not described")
         yield from _run(run, where, session)
     if not session.runs:
-        yield _warning("/runs", "there is no run")
+        yield warning("/runs", "there is no run")
 
 
 def _vehicle(session: Session) -> Iterator[Finding]:
@@ -63,46 +64,46 @@ def _vehicle(session: Session) -> Iterator[Finding]:
     if geometry is not None:
         for name, length in asdict(geometry).items():
             if not 0.0 < length < _CAR_M:
-                yield _warning("/session", f"{name}_m is {length:g} m")
+                yield warning("/session", f"{name}_m is {length:g} m")
     for fact in session.vehicle.facts:
         if not isfinite(fact.value) or not isfinite(fact.sigma):
-            yield _error("/session/facts", f"{fact.quantity} is {fact.value} ± {fact.sigma}")
+            yield error("/session/facts", f"{fact.quantity} is {fact.value} ± {fact.sigma}")
     for state in session.mass_states:
         where = f"/mass_states/{state.name}"
         matrix = state.added.matrix
         if not np.all(np.isfinite(matrix)):
-            yield _error(where, "delta_mass is not finite")
+            yield error(where, "delta_mass is not finite")
         elif np.any(np.abs(matrix - matrix.T) > 1e-9 * np.abs(matrix).max(initial=0.0)):
-            yield _error(where, "delta_mass is not symmetric")
+            yield error(where, "delta_mass is not symmetric")
         for weight in state.added.weights:
             if not 0.0 < weight.mass_kg < 1e5 or not isfinite(weight.sigma_kg):
-                yield _warning(where, f"a weight of {weight.mass_kg} ± {weight.sigma_kg} kg")
+                yield warning(where, f"a weight of {weight.mass_kg} ± {weight.sigma_kg} kg")
 
 
 def _channels(session: Session) -> Iterator[Finding]:
     names = [channel.name for channel in session.channels]
     for name in sorted({name for name in names if names.count(name) > 1}):
-        yield _error("/channels", f"{name} stands in it twice")
+        yield error("/channels", f"{name} stands in it twice")
     for channel in session.channels:
         where = f"/channels {channel.name}"
         unit = SI_UNITS.get(channel.quantity, channel.unit)
         if channel.unit != unit:
-            yield _error(where, f"{channel.quantity} is in {channel.unit or 'no unit'}, not {unit}")
+            yield error(where, f"{channel.quantity} is in {channel.unit or 'no unit'}, not {unit}")
         if not abs(channel.x_m) < _CAR_M or not abs(channel.y_m) < _CAR_M:
-            yield _warning(where, f"is mounted at x {channel.x_m} m, y {channel.y_m} m")
+            yield warning(where, f"is mounted at x {channel.x_m} m, y {channel.y_m} m")
         if abs(channel.sign) != 1.0:
-            yield _error(where, f"has sign {channel.sign}")
+            yield error(where, f"has sign {channel.sign}")
 
 
 def _run(run: Run, where: str, session: Session) -> Iterator[Finding]:
     if run.t0_ns < _YEAR_2000_NS and len(run.frames):
-        yield _warning(where, "began before the year 2000: the bus's clock was not set")
+        yield warning(where, "began before the year 2000: the bus's clock was not set")
     if any(count < 0 for count in asdict(run.losses).values()):
-        yield _error(where, "has negative losses")
+        yield error(where, "has negative losses")
     if run.status is RunStatus.ACCEPTED and not any(len(g.time_s) for g in run.groups):
-        yield _error(where, "is accepted and has no sample")
+        yield error(where, "is accepted and has no sample")
     if run.status is RunStatus.REJECTED and not run.reasons:
-        yield _warning(where, "is rejected, and nothing says why")
+        yield warning(where, "is rejected, and nothing says why")
     channels = {channel.name: channel for channel in session.channels}
     for group in run.groups:
         yield from _samples(group, f"{where}/{group.name}", run, channels)
@@ -114,42 +115,34 @@ def _samples(
 ) -> Iterator[Finding]:
     time_s = group.time_s
     if not np.all(np.isfinite(time_s)) or np.any(np.diff(time_s) <= 0):
-        yield _error(where, "time is not increasing")
+        yield error(where, "time is not increasing")
     elif len(time_s) and run.t0_ns and group.t_ns.any():
         apart_s = np.abs((group.t_ns - run.t0_ns) * 1e-9 - time_s).max()
         if apart_s > _STAMP_TOLERANCE_S:
-            yield _warning(where, f"time and t_ns are up to {apart_s:.3g} s apart")
+            yield warning(where, f"time and t_ns are up to {apart_s:.3g} s apart")
     usable = (group.quality & UNUSABLE) == 0
     for name, values in group.values.items():
         if np.any(np.isinf(values)):
-            yield _error(f"{where}/{name}", f"{np.isinf(values).sum()} values are infinite")
+            yield error(f"{where}/{name}", f"{np.isinf(values).sum()} values are infinite")
         largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
         limit = _LARGEST.get(channels[name].quantity, np.inf)
         if largest > limit:
             text = f"reaches {largest:.3g} {channels[name].unit}: wrong scale or unit?"
-            yield _warning(f"{where}/{name}", text)
+            yield warning(f"{where}/{name}", text)
     columns = list(group.values.values())
     if columns and len(time_s) and not np.any(usable & np.any(np.isfinite(columns), axis=0)):
-        yield _warning(where, "has no usable sample")
+        yield warning(where, "has no usable sample")
 
 
 def _frames(frames: FrameBatch, where: str) -> Iterator[Finding]:
     extended = frames.flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
     if np.any(frames.can_id >= np.where(extended, 1 << 29, 1 << 11)):
-        yield _error(where, "a raw frame has an identifier that no frame can have")
+        yield error(where, "a raw frame has an identifier that no frame can have")
     if np.any(frames.length > frames.data.shape[1]):
-        yield _error(where, "a raw frame is longer than its data")
+        yield error(where, "a raw frame is longer than its data")
     if np.any(frames.flags >= 2 * max(FrameFlag)):
-        yield _warning(where, "raw frames have flags that this program does not know")
+        yield warning(where, "raw frames have flags that this program does not know")
     for bus in np.unique(frames.bus):
         back = np.diff(frames.t_ns[frames.bus == bus]) < 0
         if np.any(back):
-            yield _warning(where, f"the time stamps of bus {bus} go back {back.sum()} times")
-
-
-def _error(where: str, what: str) -> Finding:
-    return Finding(Severity.ERROR, where, what)
-
-
-def _warning(where: str, what: str) -> Finding:
-    return Finding(Severity.WARNING, where, what)
+            yield warning(where, f"the time stamps of bus {bus} go back {back.sum()} times")

@@ -8,9 +8,11 @@ from hashlib import sha256
 
 import numpy as np
 
+from dbc.finding import Finding
+
 from ..runs import Losses
 from ..vehicle import Structure, VehicleGeometry
-from .findings import Finding, Severity
+from .findings import error, note
 from .schema import CHANNEL_COLUMNS, EVENT_COLUMNS, FACT_COLUMNS, FRAME_COLUMNS, WEIGHT_COLUMNS
 from .tree import Group
 
@@ -39,7 +41,7 @@ def check_structure(root: Group) -> Iterator[Finding]:
     yield from _members(root, "/", {"session", "config", "channels", "mass_states", "runs"}, set())
     default = str(root.attributes.get("default", ""))
     if default and not _reaches(root, default):
-        yield _error("/", f"attribute default names {default}, which is absent")
+        yield error("/", f"attribute default names {default}, which is absent")
     if "session" in root.groups:
         yield from _about(root.groups["session"])
     for name, config in _groups(root, "config"):
@@ -73,7 +75,7 @@ def _about(group: Group) -> Iterator[Finding]:
     lengths = {f"{field.name}_m" for field in fields(VehicleGeometry)}
     given = lengths & set(group.attributes)
     if given and given != lengths:
-        yield _error("/session", f"attribute {min(lengths - given)} is absent, the others are not")
+        yield error("/session", f"attribute {min(lengths - given)} is absent, the others are not")
     yield from _typed(group, "/session", dict.fromkeys(sorted(given), float))
     structure = [f"structure_{field.name}" for field in fields(Structure)]
     present = [name for name in structure if name in group.attributes]
@@ -89,11 +91,11 @@ def _hashes(config: Group) -> Iterator[Finding]:
     for name, text in config.datasets.items():
         where = f"/config/{name}"
         if text.values.dtype != np.uint8 or text.values.ndim != 1:
-            yield _error(where, "is no row of bytes")
+            yield error(where, "is no row of bytes")
         elif "sha256" not in text.attributes:
-            yield _error(where, "attribute sha256 is absent")
+            yield error(where, "attribute sha256 is absent")
         elif text.attributes["sha256"] != sha256(text.values.tobytes()).hexdigest():
-            yield _error(where, "has not the SHA-256 that stands beside it: it was changed")
+            yield error(where, "has not the SHA-256 that stands beside it: it was changed")
 
 
 def _mass_state(group: Group, where: str) -> Iterator[Finding]:
@@ -102,7 +104,7 @@ def _mass_state(group: Group, where: str) -> Iterator[Finding]:
     yield from _table(group, where, WEIGHT_COLUMNS, set(WEIGHT_COLUMNS), "weight", extra)
     matrix = group.datasets.get("delta_mass")
     if matrix is None or matrix.values.shape != (7, 7) or matrix.values.dtype.kind != "f":
-        yield _error(where, "delta_mass is no 7 x 7 matrix of numbers")
+        yield error(where, "delta_mass is no 7 x 7 matrix of numbers")
 
 
 def _run(group: Group, where: str) -> Iterator[Finding]:
@@ -129,7 +131,7 @@ def _samples(group: Group, where: str) -> Iterator[Finding]:
     yield from _table(group, where, columns, set(columns), "time")
     for name in channels:
         if name in group.datasets and "units" not in group.datasets[name].attributes:
-            yield _error(f"{where}/{name}", "attribute units is absent")
+            yield error(f"{where}/{name}", "attribute units is absent")
 
 
 def _frames(group: Group, where: str) -> Iterator[Finding]:
@@ -148,7 +150,7 @@ def _frames(group: Group, where: str) -> Iterator[Finding]:
             (rows, 64),
         )
     ):
-        yield _error(where, f"data is no table of {rows} rows of 8 or 64 bytes")
+        yield error(where, f"data is no table of {rows} rows of 8 or 64 bytes")
 
 
 def _table(
@@ -164,38 +166,34 @@ def _table(
     for name, dtype in columns.items():
         if name not in group.datasets:
             if name in required:
-                yield _error(where, f"column {name} is absent")
+                yield error(where, f"column {name} is absent")
             continue
         values = group.datasets[name].values
         kind = np.dtype(dtype).kind
         if values.ndim != 1 or (
             values.dtype.kind != kind and not {kind, values.dtype.kind} <= {"i", "u"}
         ):
-            yield _error(f"{where}/{name}", f"has type {values.dtype} and shape {values.shape}")
+            yield error(f"{where}/{name}", f"has type {values.dtype} and shape {values.shape}")
         lengths.add(values.shape[:1])
     if len(lengths) > 1:
-        yield _error(where, "its columns are not equally long")
+        yield error(where, "its columns are not equally long")
     for name in sorted(set(group.datasets) - set(columns) - {scale, *extra}):
-        yield Finding(Severity.NOTE, f"{where}/{name}", "is not part of schema v1")
+        yield note(f"{where}/{name}", "is not part of schema v1")
 
 
 def _typed(group: Group, where: str, kinds: Mapping[str, type]) -> Iterator[Finding]:
     for name, kind in kinds.items():
         value = group.attributes.get(name)
         if value is None:
-            yield _error(where, f"attribute {name} is absent")
+            yield error(where, f"attribute {name} is absent")
         elif not isinstance(value, (int, float) if kind is float else kind):
-            yield _error(where, f"attribute {name} is {value!r}, no {kind.__name__}")
+            yield error(where, f"attribute {name} is {value!r}, no {kind.__name__}")
 
 
 def _members(group: Group, where: str, required: set[str], allowed: set[str]) -> Iterator[Finding]:
     """Yield which groups are absent, and which are none of ours."""
     for name in sorted(required - set(group.groups)):
-        yield _error(where, f"group {name} is absent")
+        yield error(where, f"group {name} is absent")
     for name in sorted(set(group.groups) - required - allowed):
         place = f"{where.rstrip('/')}/{name}"
-        yield Finding(Severity.NOTE, place, "is not part of schema v1")
-
-
-def _error(where: str, what: str) -> Finding:
-    return Finding(Severity.ERROR, where, what)
+        yield note(place, "is not part of schema v1")

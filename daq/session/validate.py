@@ -1,11 +1,13 @@
-"""A session file judged: schema, hashes, completeness, plausibility."""
+"""Judges a session file: schema, hashes, completeness, plausibility."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from dbc.finding import Finding
+
 from ..errors import InputError
-from .findings import Finding, Severity
+from .findings import error
 from .plausible import check_session
 from .read import session_of
 from .sandbox.guard import load_guarded
@@ -13,7 +15,7 @@ from .structure import check_structure
 
 
 def validate_session(path: Path | str) -> tuple[Finding, ...]:
-    """Say what is wrong with a session file; it is read in a process with limits.
+    """Return what is wrong with a session file; it is read in a process with limits.
 
     Parameters
     ----------
@@ -34,8 +36,7 @@ def validate_session(path: Path | str) -> tuple[Finding, ...]:
     findings = list(check_structure(tree))
     try:
         findings += check_session(session_of(tree, str(path)))
-    except InputError as error:
-        if not any(finding.severity is Severity.ERROR for finding in findings):
-            findings.append(Finding(Severity.ERROR, "/", error.what))
-    order = list(Severity)
-    return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
+    except InputError as fault:
+        if all(finding.passed for finding in findings):
+            findings.append(error("/", fault.what))
+    return tuple(sorted(findings, key=lambda finding: -finding.severity))

@@ -6,8 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from dbc.finding import Finding
+
 from ..document import Document
-from ..trust.finding import Finding, Verdict
+from ..trust.finding import Verdict
 from .numbers import number
 from .panels import Panel
 from .shapes import Shape

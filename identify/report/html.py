@@ -15,6 +15,7 @@ from markupsafe import Markup
 from daq.strict_json import strict
 
 from ..compare import Comparison
+from ..trust.finding import Verdict
 from .animation import moving_car
 from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
 from .comparison import comparison_sections
@@ -50,6 +51,7 @@ def html_of(
         sections=report.sections,
         report=report,
         symbol=SYMBOL,
+        verdict_of=Verdict.of,
         headline=HEADLINE,
         meaning=MEANING,
         severity=SEVERITY,

@@ -8,6 +8,7 @@ from io import BytesIO
 import matplotlib
 from matplotlib.backends.backend_pdf import PdfPages
 
+from ..trust.finding import Verdict
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Report, Section, Table
 from .figures.panels import WIDTH_IN, look, size_in
 from .panels import ShapePanel
@@ -71,8 +72,9 @@ def _front(sheets: Sheets, report: Report) -> None:
         sheets.text(f"{name}:  {cell.text}", _TEXT)
     sheets.space(0.08)
     for finding in report.findings:
-        mark = f"{SYMBOL[finding.severity]} {SEVERITY[finding.severity]}: {plain(finding.gate)}"
-        sheets.text(mark, Style(8.0, _COLOURS[finding.severity], "bold"))
+        worth = Verdict.of(finding.severity)
+        mark = f"{SYMBOL[worth]} {SEVERITY[worth]}: {plain(finding.code)}"
+        sheets.text(mark, Style(8.0, _COLOURS[worth], "bold"))
         sheets.text(finding.text, _TEXT)
     if not report.findings:
         sheets.text("Every gate was passed; nothing was found.", _TEXT)

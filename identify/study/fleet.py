@@ -84,7 +84,7 @@ def fleet_case(
         judged=len(found),
         cpu_s=cpu_s,
         there=tuple(sorted(there)),
-        named=tuple(dict.fromkeys(finding.gate for finding in result.quality.findings)),
+        named=tuple(dict.fromkeys(finding.code for finding in result.quality.findings)),
     )
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dbc.finding import Finding, Severity
+
 from ..fit.estimation import Estimation
 from .cause_ranking import Suspect
-from .finding import Finding, Verdict
 from .sensor_faults import Explanation, gain_of, sensor_explanations
 
 _MATTERS = 0.02
@@ -80,9 +81,9 @@ def _in_words(estimation: Estimation, suspect: Suspect) -> Explanation:
 
 
 def _finding(cause: Explanation) -> Finding:
-    severity = Verdict.OK
+    severity = Severity.NOTE
     if cause.shift > _MATTERS:
-        severity = Verdict.REFUSED if cause.shift > _REFUSES else Verdict.DOUBTFUL
+        severity = Severity.ERROR if cause.shift > _REFUSES else Severity.WARNING
     share = f", explains {min(cause.explained, 1.0) * 100:.0f} % of the misfit"
     text = (
         f"likely cause: {cause.name} ({cause.sizes}{share if cause.explained else ''}; moves "

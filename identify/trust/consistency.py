@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.finding import Finding, Severity
+
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
 from ..fit.likelihood import fit, normal_blocks, residuals
 from ..fit.varpro import NormalBlock
-from .finding import Finding, Verdict
 
 _LARGE_S = 0.4
 """From here on the wheels are at rest and the body moves with half its first amplitude."""
@@ -97,7 +98,7 @@ def _odd_run(estimation: Estimation, label: str, pull: Pull, rival: float) -> tu
         f"without it chi2/n is {without:.3f} instead of {with_it:.3f}; reject it and repeat it, "
         "or look for what changed (a second bump, a warm damper, a loose weight)"
     )
-    return (Finding("odd_run", Verdict.DOUBTFUL, text),)
+    return (Finding("odd_run", Severity.WARNING, text),)
 
 
 def _mean_square(
@@ -153,4 +154,4 @@ def _amplitude(estimation: Estimation, parts: list[NormalBlock], which: str) -> 
         f"{which} asks for other parameters ({pull.parameter} {pull.change * 100:+.0f} %): the "
         "vehicle is not linear; look for friction, or compare bumps of two heights"
     )
-    return (Finding("amplitude", Verdict.DOUBTFUL, text),)
+    return (Finding("amplitude", Severity.WARNING, text),)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from daq.runs import Excitation
 from daq.vehicle import MassState, VehicleGeometry
+from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
@@ -22,7 +23,6 @@ from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from ..model.response import WHEELS
 from ..modes.modal_model import modes_of
 from ..modes.mode_names import mode_names
-from .finding import Finding, Verdict
 
 SNR_LIMIT_DB = 20.0
 """A decaying wave whose energy is E times the noise shows its frequency to ``2 zeta / sqrt(E)``.
@@ -100,7 +100,7 @@ def _unexcited(
     for run, texts in advised.items():
         yield Finding(
             "excitation",
-            Verdict.DOUBTFUL,
+            Severity.WARNING,
             f"hardly excited in state {state.name}: {', '.join(texts)} in all its runs together "
             f"(limit {SNR_LIMIT_DB:.0f} dB); what depends on them is not known: record a {run} run "
             f"in state {state.name}, or one with a higher bump",

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from dbc.finding import Finding, Severity
+
 
 class Verdict(StrEnum):
     """Whether the parameters may be used."""
@@ -16,20 +18,10 @@ class Verdict(StrEnum):
     REFUSED = "refused"
     """The numbers must not be used."""
 
-
-_ORDER = (Verdict.REFUSED, Verdict.DOUBTFUL, Verdict.OK)
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing that a gate found."""
-
-    gate: str
-    """Which gate: a word or two with underscores (`chi2`, `anti_roll_bars`, `saturation`)."""
-    severity: Verdict
-    """What it makes of the result at least; `ok` for what should merely be known."""
-    text: str
-    """What was found, its value and limit, and what to do, in one line."""
+    @classmethod
+    def of(cls, severity: Severity) -> Verdict:
+        """Return what a finding of a severity makes of the result at least."""
+        return tuple(cls)[severity]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +40,13 @@ class Quality:
     state, dB."""
 
     def __post_init__(self) -> None:
-        ranked = sorted(self.findings, key=lambda finding: _ORDER.index(finding.severity))
+        ranked = sorted(self.findings, key=lambda finding: -finding.severity)
         object.__setattr__(self, "findings", tuple(ranked))
 
     @property
     def verdict(self) -> Verdict:
         """The severity of the worst finding; `ok` if there is none."""
-        return self.findings[0].severity if self.findings else Verdict.OK
+        return Verdict.of(self.findings[0].severity) if self.findings else Verdict.OK
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from daq.sessions import Session
+from dbc.finding import Finding
 
 from ..fit.estimation import Estimation
 from .cause_ranking import rank_causes
 from .cause_texts import cause_findings
 from .consistency import repeat_findings
 from .excitation import excitation_findings, mode_snr_db
-from .finding import Finding, Quality
+from .finding import Quality
 from .lift_off import lift_off_findings
 from .misfit import chi2_by_run, misfit_findings
 from .plausibility import parameter_findings, undetermined
@@ -55,8 +56,8 @@ def _causes(estimation: Estimation) -> tuple[Finding, ...]:
     """Name an odd run first: it would feign causes.  What depends on amplitude, only by itself."""
     ranked = rank_causes(estimation)
     repeats = repeat_findings(estimation, ranked[0].strength)
-    if any(finding.gate == "odd_run" for finding in repeats):
+    if any(finding.code == "odd_run" for finding in repeats):
         return repeats
     causes = cause_findings(estimation, ranked)
-    explained = bool(causes) and not {finding.gate for finding in causes} & _NON_LINEAR
+    explained = bool(causes) and not {finding.code for finding in causes} & _NON_LINEAR
     return causes if explained else (*causes, *repeats)

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import Corner
+from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay, Record
 from ..decays.onset import onset_s
 from ..fit.estimation import Estimation
 from ..fit.varpro import Evaluated, evaluate, linear_part
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
-from .finding import Finding, Verdict
 from .format import listed
 
 GRAVITY_M_S2 = 9.80665
@@ -74,7 +74,7 @@ def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
             f"a wheel just lands as the decay begins, tyre load {load}: {places}; harmless if "
             "nothing else is found, a lower bump is safer"
         )
-        return (Finding("lift_off", Verdict.OK, text),)
+        return (Finding("lift_off", Severity.NOTE, text),)
     late_s = np.nanmax([wheel.late_s for wheel in flying] + [0.0])
     waited = f", {late_s * 1e3:.0f} ms after the bump at the latest" if late_s > LATE_S else ""
     text = (
@@ -82,7 +82,7 @@ def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
         f"linear model holds only once they are down{waited}, when their motion has died away in "
         "part: use a lower bump"
     )
-    return (Finding("lift_off", Verdict.DOUBTFUL, text),)
+    return (Finding("lift_off", Severity.WARNING, text),)
 
 
 def _light(estimation: Estimation) -> Iterator[_Light]:

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from dbc.finding import Finding, Severity
+
 from ..decays.onset import onset_s
 from ..fit.estimation import Estimation
-from .finding import Finding, Verdict
 
 CHI2_LIMIT = 1.5
 """Beyond this a result is refused: every row of the stress list that costs more than a third of a
@@ -43,7 +44,7 @@ def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
             f"the fit did not converge in {estimation.fit.iterations} iterations: check units, "
             "signs and positions of the channels"
         )
-        findings.append(Finding("convergence", Verdict.REFUSED, text))
+        findings.append(Finding("convergence", Severity.ERROR, text))
     if not estimation.holds:
         run, channel, worst = _worst(chi2_by_run(estimation))
         refused = not estimation.chi2_per_n <= max(CHI2_LIMIT, estimation.chi2_limit)
@@ -52,10 +53,10 @@ def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
             f"{estimation.chi2_per_n:.3f} (limit {estimation.chi2_limit:.3f}, refused above "
             f"{CHI2_LIMIT}), worst {channel} in {run} with {worst:.2f}: the intervals do not hold"
         )
-        findings.append(Finding("chi2", Verdict.REFUSED if refused else Verdict.DOUBTFUL, text))
+        findings.append(Finding("chi2", Severity.ERROR if refused else Severity.WARNING, text))
     if not estimation.rest:
         text = "no quiet stretch before the bumps: the noise is taken from the residuals"
-        findings.append(Finding("noise", Verdict.OK, text))
+        findings.append(Finding("noise", Severity.NOTE, text))
     return (*findings, *_late_start(estimation))
 
 
@@ -72,13 +73,13 @@ def _late_start(estimation: Estimation) -> tuple[Finding, ...]:
             f"({run}): the bump lasts longer than bump_s says, or the first motion of the wheels "
             "does not fit; check bump_s, the hub sensors, and that no wheel lifted"
         )
-        return (Finding("late_start", Verdict.DOUBTFUL, text),)
+        return (Finding("late_start", Severity.WARNING, text),)
     if estimation.later_s and not late:
         text = (
             f"the decays were found to start {estimation.later_s * 1e3:.0f} ms into the records: "
             "begin a record at rest before the bump"
         )
-        return (Finding("late_start", Verdict.OK, text),)
+        return (Finding("late_start", Severity.NOTE, text),)
     return ()
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from dbc.finding import Finding, Severity
+
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import estimates
 from ..model.derived import derived_quantities
-from .finding import Finding, Verdict
 
 LARGEST_SHARE = 0.25
 """A standard deviation beyond this share of the value says nothing about the parameter."""
@@ -55,7 +56,7 @@ def parameter_findings(estimation: Estimation) -> tuple[Finding, ...]:
             f"these runs do not determine {', '.join(vague)}: record bounce, pitch and roll (warp "
             "helps most) in both mass states, with sensors on body and wheels"
         )
-        return (Finding("undetermined", Verdict.REFUSED, text),)
+        return (Finding("undetermined", Severity.ERROR, text),)
     return (*_wide(estimation), *_implausible(estimation), *_contradicted(estimation))
 
 
@@ -73,7 +74,7 @@ def _wide(estimation: Estimation) -> tuple[Finding, ...]:
         f"wide intervals: {', '.join(wide)} (worst {worst} ± {196 * wide[worst]:.0f} %): add "
         "runs, a warp run first, weights on the hubs, or scales as facts"
     )
-    return (Finding("wide", Verdict.DOUBTFUL, text),)
+    return (Finding("wide", Severity.WARNING, text),)
 
 
 def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
@@ -90,7 +91,7 @@ def _implausible(estimation: Estimation) -> tuple[Finding, ...]:
     if not odd:
         return ()
     text = f"no usual vehicle: {'; '.join(odd)}: check weights, units and positions"
-    return (Finding("implausible", Verdict.DOUBTFUL, text),)
+    return (Finding("implausible", Severity.WARNING, text),)
 
 
 def _contradicted(estimation: Estimation) -> tuple[Finding, ...]:
@@ -119,5 +120,5 @@ def _contradicted(estimation: Estimation) -> tuple[Finding, ...]:
         f"the runs contradict what is stated: {'; '.join(named)} (limit {_PRIOR_SIGMAS:g}; moves a "
         f"parameter by about {min(moved, 1.0) * 100:.1f} %): measure it again"
     )
-    severity = Verdict.REFUSED if moved > _REFUSED_SHIFT else Verdict.DOUBTFUL
+    severity = Severity.ERROR if moved > _REFUSED_SHIFT else Severity.WARNING
     return (Finding("contradiction", severity, text),)

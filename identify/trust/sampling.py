@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from daq.channels import Quantity
 from daq.runs import Run, RunStatus
 from daq.sessions import Session
+from dbc.finding import Finding, Severity
 
 from ..decays.decay import Recording, record_of
 from ..decays.onset import decay_start_s
-from .finding import Finding, Verdict
 from .format import listed
 from .stuck import stuck_findings
 
@@ -131,7 +131,7 @@ def _gaps(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
     limit = max(GAP_S, GAP_PERIODS * worst.period_s)
     yield Finding(
         "gaps",
-        Verdict.DOUBTFUL,
+        Severity.WARNING,
         f"no sample for {worst.longest_early_s * 1e3:.0f} ms (limit {limit * 1e3:.0f}) in the "
         f"first {WHEEL_MOTION_S:g} s after the bump: {listed(s.place for s in bad)}; the wheels' "
         "motion is over by then, so these runs say little of wheels and tyres: repeat them",
@@ -144,7 +144,7 @@ def _lost(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
     if bad:
         yield Finding(
             "lost_samples",
-            Verdict.DOUBTFUL,
+            Severity.WARNING,
             f"{bad[0].lost_share:.0%} of the samples are missing (limit {LOST_SHARE:.0%}): "
             f"{listed(s.place for s in bad)}; if they are lost when the vehicle moves most, "
             "the result is biased: check bus load, cable and plugs and repeat these runs",
@@ -152,7 +152,7 @@ def _lost(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
     elif poor:
         yield Finding(
             "lost_samples",
-            Verdict.OK,
+            Severity.NOTE,
             f"up to {poor[0].lost_share:.1%} of the samples are missing (limit {LOST_SHARE:.0%}): "
             f"{listed(s.place for s in poor)}; they cost their information and nothing else",
         )
@@ -165,7 +165,7 @@ def _jitter(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
         groups = listed(s.place.split(" in ")[0] for s in scattered)
         yield Finding(
             "jitter",
-            Verdict.OK,
+            Severity.NOTE,
             f"time stamps scatter by {worst.jitter_s * 1e3:.2f} ms about an even clock of "
             f"{worst.period_s * 1e3:.3g} ms: {groups}; right if the sensor samples so, for each "
             "sample is fitted at its own time; if only its frames are late, give the message a "
@@ -179,7 +179,7 @@ def _order(runs: Sequence[Run]) -> Iterator[Finding]:
     if backwards:
         yield Finding(
             "time_order",
-            Verdict.DOUBTFUL,
+            Severity.WARNING,
             f"sample times do not increase: {listed(backwards)}; samples then stand at wrong "
             "times: sort them, remove doubles, or record again",
         )
@@ -187,7 +187,7 @@ def _order(runs: Sequence[Run]) -> Iterator[Finding]:
     if swapped:
         yield Finding(
             "time_order",
-            Verdict.OK,
+            Severity.NOTE,
             f"frames were stamped out of order on the bus: {listed(swapped)}; the times of the "
             "samples were put right, check the interface if it happens often",
         )
@@ -206,7 +206,7 @@ def _missing(runs: Sequence[Run], session: Session) -> Iterator[Finding]:
     if missing:
         yield Finding(
             "missing_channels",
-            Verdict.OK,
+            Severity.NOTE,
             f"channels without a sample: {listed(missing)}; these runs are fitted by the others: "
             "check sensor and plug",
         )
@@ -218,7 +218,7 @@ def _losses(runs: Sequence[Run]) -> Iterator[Finding]:
         total = sum(run.losses.measured for run in lossy)
         yield Finding(
             "frame_losses",
-            Verdict.OK,
+            Severity.NOTE,
             f"the recorder counted {total} frames lost or unusable: "
             f"{listed(f'{run.losses.measured} in {run.label}' for run in lossy)}; they cost their "
             "information only, check bus load and wiring if there are many",

@@ -9,11 +9,11 @@ from daq.channels import Quantity
 from daq.runs import Run, RunStatus
 from daq.samples.converter import flat_tops
 from daq.sessions import Session
+from dbc.finding import Finding, Severity
 from dbc.samples import Quality
 
 from ..decays.decay import Record, record_of
 from ..decays.onset import GUARD_S, decay_start_s
-from .finding import Finding, Verdict
 from .format import listed
 
 
@@ -52,7 +52,7 @@ def _flat(tops: list[_Top]) -> Iterator[Finding]:
         worst = decay[0]
         yield Finding(
             "saturation",
-            Verdict.DOUBTFUL,
+            Severity.WARNING,
             f"flat tops in the free decay, {worst.samples} equal samples at {worst.value:.4g} "
             f"{worst.unit}, which is no chance: {_places(decay)}; the sensor saturates and the "
             "true motion is larger: use a lower bump or a sensor with a wider range",
@@ -61,7 +61,7 @@ def _flat(tops: list[_Top]) -> Iterator[Finding]:
         worst = max(tops, key=lambda top: top.samples)
         yield Finding(
             "saturation",
-            Verdict.OK,
+            Severity.NOTE,
             f"flat tops on the bump only, {worst.samples} equal samples at {worst.value:.4g} "
             f"{worst.unit}: {_places(tops)}; harmless, for only the decay after it is fitted",
         )
@@ -105,7 +105,7 @@ def _out_of_range(outside: list[tuple[str, int, bool]]) -> Iterator[Finding]:
     if decay:
         yield Finding(
             "out_of_range",
-            Verdict.DOUBTFUL,
+            Severity.WARNING,
             f"{max(n for _, n in decay)} samples outside the range that the DBC states, in the "
             f"free decay: {listed(place for place, _ in decay)}; a saturated sensor or a wrong "
             "DBC: check scale and range of the message, use a lower bump",
@@ -113,7 +113,7 @@ def _out_of_range(outside: list[tuple[str, int, bool]]) -> Iterator[Finding]:
     elif outside:
         yield Finding(
             "out_of_range",
-            Verdict.OK,
+            Severity.NOTE,
             f"{max(n for _, n, _ in outside)} samples outside the range that the DBC states, on "
             f"the bump only: {listed(place for place, _, _ in outside)}; harmless, for only the "
             "decay after it is fitted",

@@ -9,12 +9,12 @@ import numpy as np
 from daq.channels import Quantity
 from daq.sessions import Session
 from daq.vehicle import MassState, Vehicle, parameter_names, parameter_unit
+from dbc.finding import Finding, Severity
 
 from ..decays.decay import Record
 from ..model.facts import SCALED
 from ..model.matrices import delta_mass
 from ..paper.physical_matrices import MASS_ADVICE, massless_motions
-from .finding import Finding, Verdict
 
 _ANY_CG_M = 1.3
 """Where the CG is does not decide whether weights leave a motion massless."""
@@ -37,7 +37,7 @@ def shortcomings(records: Sequence[Record], session: Session) -> tuple[Finding, 
 
 
 def _refused(gate: str, text: str) -> Finding:
-    return Finding(gate, Verdict.REFUSED, text)
+    return Finding(gate, Severity.ERROR, text)
 
 
 def _channels(records: Sequence[Record]) -> Iterator[Finding]:

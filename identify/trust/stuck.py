@@ -10,10 +10,10 @@ import numpy as np
 from daq.channels import Channel
 from daq.runs import Run
 from daq.samples.converter import is_stuck, share_changed
+from dbc.finding import Finding, Severity
 
 from ..decays.decay import Record, record_of
 from ..decays.onset import decay_start_s, onset_s
-from .finding import Finding, Verdict
 from .format import listed
 
 FROZEN_S = 0.2
@@ -68,7 +68,7 @@ def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[
         findings.append(
             Finding(
                 "dead_channels",
-                Verdict.DOUBTFUL,
+                Severity.WARNING,
                 f"never moves in any run: {listed(dead)}; the fit takes a dead sensor for a part "
                 "that stands still: mend it or map it as unused",
             )
@@ -80,7 +80,7 @@ def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[
         findings.append(
             Finding(
                 "stuck_channels",
-                Verdict.DOUBTFUL,
+                Severity.WARNING,
                 f"holds one value for {frozen[0].held_s:.2f} s (limit {FROZEN_S:g}) while the "
                 f"vehicle moves: {places}; these samples are not measured and bias the result: "
                 "check the sensor and repeat the run",

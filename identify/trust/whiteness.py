@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.finding import Finding, Severity
+
 from ..decays.onset import onset_s
 from ..fit.estimation import Estimation
-from .finding import Finding, Verdict
 from .format import listed
 
 Z_LIMIT = 4.5
@@ -105,7 +106,7 @@ def _coloured(rest: dict[str, _Pairs]) -> Iterator[Finding]:
     factor, name, r, z = worst[0]
     yield Finding(
         "coloured_noise",
-        Verdict.DOUBTFUL if factor > NARROW_LIMIT else Verdict.OK,
+        Severity.WARNING if factor > NARROW_LIMIT else Severity.NOTE,
         f"the noise at rest is not white, worst {name} with a correlation of {r:.2f} from sample "
         f"to sample (z {z:.0f}, limit {Z_LIMIT}): {listed(n for _, n, _, _ in worst)}; intervals "
         f"that rest on it are too narrow by up to {factor:.2f} (limit {NARROW_LIMIT}): look for "
@@ -136,7 +137,7 @@ def _misfit(
         meaning = "the model leaves motion unexplained, or the noise is coloured"
     yield Finding(
         "whiteness",
-        Verdict.DOUBTFUL,
+        Severity.WARNING,
         f"the residuals are not white, worst {names[0]} in {where} with a correlation of {r:.2f} "
         f"from sample to sample {compared} (z {z:.1f}, limit {Z_LIMIT}): {listed(names)}; "
         f"{meaning}, so errors may exceed the intervals: check delay, low-pass, gain and place of "

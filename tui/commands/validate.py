@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -38,16 +37,15 @@ def validate(
             code = report(error)
             documents.append({"file": str(path), "valid": False, "error": error.what})
             continue
-        valid = not any(f.severity is daq.session.Severity.ERROR for f in findings)
+        valid = all(finding.passed for finding in findings)
         if not valid and code is ExitCode.OK:
             code = ExitCode.ANSWER_IS_NO
-        documents.append(
-            {"file": str(path), "valid": valid, "findings": [asdict(f) for f in findings]}
-        )
+        found = [daq.session.finding_document(finding) for finding in findings]
+        documents.append({"file": str(path), "valid": valid, "findings": found})
         if not json:
             print_line(f"{path}: {'valid' if valid else 'invalid'}")
-            for finding in findings:
-                print_line(f"  {finding.severity}: {finding.where}: {finding.what}")
+            for each in found:
+                print_line("  " + ": ".join(each.values()))
     if json:
         print_json({"files": documents})
     return code

@@ -95,7 +95,7 @@ def test_what_breaks_the_schema(
         edit(file)
     findings = validate_session(path)
     errors = [f for f in findings if f.severity is Severity.ERROR]
-    assert any(f.where == where and what in f.what for f in errors), findings
+    assert any(f.where == where and what in f.text for f in errors), findings
 
 
 def test_additions_are_noted_and_allowed(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def _changed(session: Session, **changes: Any) -> Session:
 
 
 def _findings(session: Session) -> list[str]:
-    return [f"{f.severity} {f.where}: {f.what}" for f in check_session(session)]
+    return [f"{f.severity.name.lower()} {f.where}: {f.text}" for f in check_session(session)]
 
 
 def test_a_good_session_is_plausible() -> None:

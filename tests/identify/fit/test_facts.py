@@ -13,6 +13,7 @@ import pytest
 from daq.runs import ADDED, BASELINE
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA, Fact, Structure, Vehicle, VehicleGeometry
+from dbc.finding import Severity
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import FACTS
@@ -20,7 +21,6 @@ from identify.fit.uncertainty import Estimate, drivers, estimates
 from identify.pipeline import grey_box, usable_records
 from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of
 from identify.study.sensor_sets import SENSOR_SETS
-from identify.trust.finding import Verdict
 from identify.trust.plausibility import parameter_findings
 from identify.trust.shortcomings import shortcomings
 
@@ -160,13 +160,13 @@ def test_a_known_spring_fixes_the_scale() -> None:
 )
 def test_a_fact_that_the_runs_contradict_is_named(fact: Fact) -> None:
     result = _estimated(_session((fact,), states=(BASELINE, ADDED)))
-    named = {f.gate: f for f in parameter_findings(result)}
-    assert named["contradiction"].severity is not Verdict.OK
+    named = {f.code: f for f in parameter_findings(result)}
+    assert named["contradiction"].severity is not Severity.NOTE
     assert fact.quantity in named["contradiction"].text
 
 
 def test_a_fact_that_nothing_else_tells_of_contradicts_nothing() -> None:
     # Without added mass only the spring fixes the scale: it agrees with itself, right or wrong.
     result = _estimated(_session((Fact("k_sf", 1.5 * CAR.k_sf, 0.001 * CAR.k_sf),)))
-    assert "contradiction" not in {f.gate for f in parameter_findings(result)}
+    assert "contradiction" not in {f.code for f in parameter_findings(result)}
     assert _found(result)["m_s"].value == pytest.approx(1.5 * CAR.m_s, rel=0.2)

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
+from dbc.finding import Finding, Severity
 from identify import Identification, Quality, Verdict
 from identify.report.blocks import Gallery, MovingCars, Picture, Table
 from identify.report.content import report_of
 from identify.report.html import html_of
 from identify.report.numbers import number
-from identify.trust.finding import Finding
 
 from .sessions import HOSTILE, SOURCE, hostile, made, reported
 
@@ -113,7 +113,7 @@ def test_foreign_text_stays_text() -> None:
 
 def test_a_refused_session_has_a_page_with_its_reason_first() -> None:
     session, _ = made("linear")
-    finding = Finding("mass_states", Verdict.REFUSED, "record a run with the added mass")
+    finding = Finding("mass_states", Severity.ERROR, "record a run with the added mass")
     refused = Identification(Quality((finding,), float("nan")), session.provenance)
     text = html_of(report_of(session, refused, SOURCE))
     assert text.index("verdict: refused") < text.index("record a run with the added mass")

@@ -6,16 +6,18 @@ from math import isnan, nan
 
 import pytest
 
+from dbc.finding import Finding, Severity
 from identify import Estimate, Identification
 from identify.study.fleet import FleetCase, fleet_case, fleet_study, fractions
-from identify.trust.finding import Finding, Quality, Verdict
+from identify.trust.finding import Quality, Verdict
 
+SEVERITY = {Verdict.DOUBTFUL: Severity.WARNING, Verdict.REFUSED: Severity.ERROR}
 TRUTH = {"m_s": 1000.0, "k_sf": 20e3, "c_sf": 1500.0}
 
 
 def identified(verdict: Verdict, **values: float) -> Identification:
     """Return a result with intervals of 2 % either way."""
-    findings = (Finding("amplitude", verdict, "x"),) if verdict is not Verdict.OK else ()
+    findings = (Finding("amplitude", SEVERITY[verdict], "x"),) if verdict is not Verdict.OK else ()
     parameters = {
         name: Estimate(value, 0.01 * value, 0.98 * value, 1.02 * value, "kg")
         for name, value in values.items()

@@ -8,9 +8,9 @@ from functools import cache
 
 from daq.runs import Run, SampleGroup
 from daq.sessions import Session
+from dbc.finding import Finding, Severity
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.pipeline import grey_box, usable_records
-from identify.trust.finding import Finding, Verdict
 
 from ..stress import stress_session
 
@@ -51,11 +51,11 @@ def by_gate(findings: Iterable[Finding]) -> dict[str, Finding]:
     """Return the findings by gate; no gate says two things in these tests."""
     found: dict[str, Finding] = {}
     for finding in findings:
-        assert finding.gate not in found
+        assert finding.code not in found
         assert "\n" not in finding.text
-        found[finding.gate] = finding
+        found[finding.code] = finding
     return found
 
 
 def doubtful(findings: Iterable[Finding]) -> list[str]:
-    return [finding.gate for finding in findings if finding.severity is not Verdict.OK]
+    return [finding.code for finding in findings if finding.severity is not Severity.NOTE]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dbc.finding import Severity
 from identify.fit.estimation import Estimation
 from identify.fit.likelihood import fit, normal_blocks
 from identify.trust.cause_ranking import rank_causes
 from identify.trust.consistency import pull_of, repeat_findings
-from identify.trust.finding import Verdict
 
 from .campaigns import SEEDS, by_gate, estimated
 
@@ -54,8 +54,8 @@ def test_runs_of_one_vehicle_agree(seed: int) -> None:
 def test_the_odd_run_is_named() -> None:
     result = estimated("hot_damper", 1)
     (finding,) = repeat_findings(result, rank_causes(result)[0].strength)
-    assert finding.gate == "odd_run"
-    assert finding.severity is Verdict.DOUBTFUL
+    assert finding.code == "odd_run"
+    assert finding.severity is Severity.WARNING
     assert "run baseline_bounce_2 " in finding.text
     pulls = _pulls(result)
     assert max(pulls, key=lambda label: pulls[label]) == "baseline_bounce_2"
@@ -72,5 +72,5 @@ def test_a_cause_that_all_runs_share_makes_none_odd() -> None:
 
 def test_small_motion_over_dampers_that_are_not_linear() -> None:
     finding = by_gate(repeat_findings(estimated("damper_mild", 1), NO_RIVAL))["amplitude"]
-    assert finding.severity is Verdict.DOUBTFUL
+    assert finding.severity is Severity.WARNING
     assert "small motion" in finding.text

@@ -7,12 +7,12 @@ from scipy.linalg import expm
 
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.vehicle import FORD_GRANADA, AddedMass
+from dbc.finding import Finding, Severity
 from identify.decays.decay import FreeDecay
 from identify.fit.estimation import Estimation
 from identify.model.matrices import PhysicalModel, loaded_model, physical_model
 from identify.modes.modal_model import modes_of
 from identify.trust.excitation import best_run, excitation_findings, mode_snr_db
-from identify.trust.finding import Finding, Verdict
 
 from .campaigns import SEEDS, estimated
 
@@ -107,9 +107,9 @@ def test_bounce_and_pitch_do_not_excite_roll_and_that_is_no_finding(seed: int) -
 
 def test_without_a_roll_run_three_modes_are_named_in_each_state() -> None:
     found = findings(estimated("no_roll", 1))
-    assert [finding.severity for finding in found] == [Verdict.DOUBTFUL] * 2
+    assert [finding.severity for finding in found] == [Severity.WARNING] * 2
     for finding, state in zip(found, (BASELINE, ADDED), strict=True):
-        assert finding.gate == "excitation"
+        assert finding.code == "excitation"
         assert f"record a roll run in state {state}" in finding.text
         for name in ("body roll", "front wheels antisym", "rear wheels antisym"):
             assert name in finding.text

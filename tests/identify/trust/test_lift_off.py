@@ -12,10 +12,10 @@ from daq.sim.masses import GRAVITY_M_S2
 from daq.sim.motion import drive
 from daq.sim.plant import Plant
 from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, HubWeight
+from dbc.finding import Severity
 from identify.fit.estimation import Estimation
 from identify.fit.varpro import evaluate
 from identify.model.matrices import SYMMETRIC, loaded_model
-from identify.trust.finding import Verdict
 from identify.trust.lift_off import least_loads_n, lift_off_findings, static_loads_n
 
 from ..stress import BUMP_S, REST_S
@@ -77,7 +77,7 @@ def test_a_bump_of_50_mm_lifts_nothing(seed: int) -> None:
 def test_a_bump_of_130_mm_is_doubtful() -> None:
     """The last wheel comes down 23 ms after the bump, and the onset is seen 2 ms late."""
     (finding,) = lift_off_findings(estimated("lift_off_high", 1))
-    assert (finding.gate, finding.severity) == ("lift_off", Verdict.DOUBTFUL)
+    assert (finding.code, finding.severity) == ("lift_off", Severity.WARNING)
     assert "use a lower bump" in finding.text
     assert " more;" in finding.text  # more than three wheels
     waited_ms = float(finding.text.split("once they are down, ")[1].split(" ms")[0])
@@ -93,14 +93,14 @@ def misstated(estimation: Estimation) -> Estimation:
 def test_a_late_decay_is_a_lift_off_only_if_a_tyre_has_hardly_any_load() -> None:
     assert lift_off_findings(misstated(estimated("linear", 1))) == ()
     (finding,) = lift_off_findings(misstated(estimated("lift_off", 1)))
-    assert finding.severity is Verdict.DOUBTFUL
+    assert finding.severity is Severity.WARNING
 
 
 def test_wheels_that_land_as_the_decay_begins_are_a_note() -> None:
     """A bump of 90 mm: the wheels come down 1 ms after its end, and only rear wheels lift."""
     estimation = estimated("lift_off", 1)
     (finding,) = lift_off_findings(estimation)
-    assert finding.severity is Verdict.OK
+    assert finding.severity is Severity.NOTE
     assert "wheel RL" in finding.text
     assert "wheel F" not in finding.text
     assert "baseline" in finding.text

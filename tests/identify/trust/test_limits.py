@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from daq.vehicle import FORD_GRANADA, Fact
+from dbc.finding import Severity
 from identify.decays.decay import FreeDecay, Recording
 from identify.decays.onset import onset_s
 from identify.fit.estimation import Estimation
@@ -17,7 +18,6 @@ from identify.model.matrices import loaded_model
 from identify.trust.cause_ranking import Suspect
 from identify.trust.cause_texts import cause_findings
 from identify.trust.excitation import excitation_findings
-from identify.trust.finding import Verdict
 from identify.trust.format import listed
 from identify.trust.lift_off import least_loads_n, lift_off_findings, static_loads_n
 from identify.trust.linear_effects import Effect
@@ -42,9 +42,9 @@ def _at(result: Estimation, **values: float) -> Estimation:
     return replace(result, fit=replace(result.fit, eta=eta))
 
 
-@pytest.mark.parametrize(("chi2", "severity"), [(1.49, "doubtful"), (1.51, "refused")])
+@pytest.mark.parametrize(("chi2", "severity"), [(1.49, Severity.WARNING), (1.51, Severity.ERROR)])
 def test_a_misfit_of_one_and_a_half_is_refused(
-    linear: Estimation, chi2: float, severity: str
+    linear: Estimation, chi2: float, severity: Severity
 ) -> None:
     (finding,) = misfit_findings(replace(linear, chi2_per_n=chi2))
     assert finding.severity == severity
@@ -54,7 +54,7 @@ def test_a_misfit_of_one_and_a_half_is_refused(
 def test_a_decay_that_starts_15_ms_late_is_doubtful(
     linear: Estimation, late_s: float, gates: list[str]
 ) -> None:
-    assert [f.gate for f in misfit_findings(_late(linear, late_s))] == gates
+    assert [f.code for f in misfit_findings(_late(linear, late_s))] == gates
 
 
 def _late(result: Estimation, late_s: float) -> Estimation:
@@ -76,7 +76,7 @@ def test_two_and_a_half_and_25_per_cent(linear: Estimation, std: float, gates: l
     i = linear.box.parameters.index("k_tr")
     covariance[i, i] = std**2
     wide = replace(linear, fit=replace(linear.fit, covariance=covariance))
-    assert [f.gate for f in parameter_findings(wide)] == gates
+    assert [f.code for f in parameter_findings(wide)] == gates
 
 
 FRONT_KG, REAR_KG = 1380.0 * 1.51 / 2.76 / 2.0, 1380.0 * 1.25 / 2.76 / 2.0
@@ -116,7 +116,7 @@ def test_the_usual_range_of_each_quantity_ends_where_it_is_said(
     value = limit * (0.99 if below is outside else 1.01)
     springs = {"k_tf": 17e3, "k_tr": 22e3}  # act on the wheel beside the tyre
     car = _at(linear, **{name: slope * value**power - springs.get(name, 0.0)})
-    texts = [f.text for f in parameter_findings(car) if f.gate == "implausible"]
+    texts = [f.text for f in parameter_findings(car) if f.code == "implausible"]
     assert any(quantity in text for text in texts) is outside
 
 
@@ -128,7 +128,7 @@ def test_a_fact_four_sigmas_off_is_contradicted(
     """Scales of 1000 kg: the fit owes nothing to them, so that their own sigma counts."""
     fact = Fact("total_mass_kg", 1551.8 + sign * sigmas * 1000.0, 1000.0)
     found = parameter_findings(_with_fact(_at(linear), fact))
-    assert [f.gate for f in found] == gates
+    assert [f.code for f in found] == gates
     assert all(f"by {sigmas} sigma" in f.text for f in found)
 
 
@@ -136,9 +136,9 @@ def _with_fact(result: Estimation, fact: Fact) -> Estimation:
     return replace(result, box=replace(result.box, facts=(fact,)))
 
 
-@pytest.mark.parametrize(("moved", "severity"), [(0.09, "doubtful"), (0.11, "refused")])
+@pytest.mark.parametrize(("moved", "severity"), [(0.09, Severity.WARNING), (0.11, Severity.ERROR)])
 def test_a_contradiction_that_moves_a_parameter_by_a_tenth_refuses(
-    linear: Estimation, moved: float, severity: str
+    linear: Estimation, moved: float, severity: Severity
 ) -> None:
     # Of a fact of m_s alone: stated so many sigmas off, the estimate of x moves by C_x,m / sigma.
     car = _at(linear)
@@ -181,16 +181,16 @@ def _scaled(result: Estimation, share: float) -> Estimation:
     ("share", "late_s", "severities"),
     [
         (0.05, 0.0, []),
-        (-0.09, 0.0, [Verdict.OK]),
-        (-0.11, 0.0, [Verdict.DOUBTFUL]),
-        (-0.05, 0.004, [Verdict.OK]),
-        (-0.05, 0.006, [Verdict.DOUBTFUL]),
-        (0.18, 0.006, [Verdict.DOUBTFUL]),
+        (-0.09, 0.0, [Severity.NOTE]),
+        (-0.11, 0.0, [Severity.WARNING]),
+        (-0.05, 0.004, [Severity.NOTE]),
+        (-0.05, 0.006, [Severity.WARNING]),
+        (0.18, 0.006, [Severity.WARNING]),
         (0.22, 0.006, []),
     ],
 )
 def test_a_tyre_pulls_by_a_tenth_or_lands_late_with_a_fifth_of_its_load(
-    linear: Estimation, share: float, late_s: float, severities: list[Verdict]
+    linear: Estimation, share: float, late_s: float, severities: list[Severity]
 ) -> None:
     found = lift_off_findings(_late(_scaled(linear, share), late_s))
     assert [f.severity for f in found] == severities
@@ -211,13 +211,13 @@ def _suspect(
 
 @pytest.mark.parametrize(
     ("shift", "severity"),
-    [(0.019, "ok"), (0.021, "doubtful"), (0.099, "doubtful"), (0.101, "refused")],
+    [(0.019, "ok"), (0.021, Severity.WARNING), (0.099, Severity.WARNING), (0.101, Severity.ERROR)],
 )
 def test_a_cause_is_as_bad_as_what_it_moves(
-    linear: Estimation, shift: float, severity: str
+    linear: Estimation, shift: float, severity: Severity
 ) -> None:
     (finding,) = cause_findings(linear, [_suspect(shift=shift)])
-    assert (finding.gate, finding.severity) == ("anti-roll_bars", severity)
+    assert (finding.code, finding.severity) == ("anti-roll_bars", severity)
     assert f"moves k_sf by about {shift * 100:.1f} %" in finding.text
     assert "k_af 1 ± 0.1 N/m" in finding.text
 
@@ -232,7 +232,7 @@ def test_of_late_hubs_and_an_early_body_the_hubs_are_named(linear: Estimation) -
     for strength, name in ((9.81, "hub_sensors_late"), (9.79, "body_sensors_late")):
         late = _suspect("hub sensors late", strength=strength)
         (finding,) = cause_findings(linear, [early, late])
-        assert finding.gate == name
+        assert finding.code == name
 
 
 def test_a_cause_that_explains_nine_tenths_needs_no_other(linear: Estimation) -> None:

@@ -8,8 +8,8 @@ from math import nan
 import numpy as np
 import pytest
 
+from dbc.finding import Severity
 from identify.fit.estimation import Estimation
-from identify.trust.finding import Verdict
 from identify.trust.misfit import chi2_by_run, misfit_findings
 
 from ..stress import BODY, HUBS, REST_S
@@ -48,32 +48,34 @@ def test_a_channel_that_is_twice_as_loud_in_one_run_is_pointed_at(linear: Estima
 
 @pytest.mark.parametrize(
     ("chi2", "severity"),
-    [(1.2, Verdict.DOUBTFUL), (1.6, Verdict.REFUSED), (nan, Verdict.REFUSED)],
+    [(1.2, Severity.WARNING), (1.6, Severity.ERROR), (nan, Severity.ERROR)],
 )
-def test_the_further_from_one_the_worse(linear: Estimation, chi2: float, severity: Verdict) -> None:
+def test_the_further_from_one_the_worse(
+    linear: Estimation, chi2: float, severity: Severity
+) -> None:
     (finding,) = misfit_findings(replace(linear, chi2_per_n=chi2))
-    assert finding.gate == "chi2"
+    assert finding.code == "chi2"
     assert finding.severity is severity
 
 
 def test_a_fit_that_did_not_converge_is_refused(linear: Estimation) -> None:
     lost = replace(linear, fit=replace(linear.fit, converged=False, iterations=30))
     (finding,) = misfit_findings(lost)
-    assert finding.gate == "convergence"
-    assert finding.severity is Verdict.REFUSED
+    assert finding.code == "convergence"
+    assert finding.severity is Severity.ERROR
     assert "30 iterations" in finding.text
 
 
 def test_noise_that_was_not_seen_at_rest_is_said(linear: Estimation) -> None:
     (finding,) = misfit_findings(replace(linear, rest={}))
-    assert finding.gate == "noise"
-    assert finding.severity is Verdict.OK
+    assert finding.code == "noise"
+    assert finding.severity is Severity.NOTE
 
 
 def test_a_bump_that_lasts_longer_than_stated_shows_in_the_start() -> None:
     late = estimated("early_20ms", 1)
     finding = by_gate(misfit_findings(late))["late_start"]
-    assert finding.severity is Verdict.DOUBTFUL
+    assert finding.severity is Severity.WARNING
     # In truth the bump ends 0.2 s after the rest; no forced sample is in the windows.
     assert all(REST_S + 0.2 - 1e-3 < decay.start_s < REST_S + 0.206 for decay in late.decays)
     assert misfit_findings(estimated("early", 1)) == ()

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from daq.vehicle import FORD_GRANADA, Structure, Vehicle
+from dbc.finding import Severity
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.pipeline import grey_box, usable_records
-from identify.trust.finding import Verdict
 from identify.trust.plausibility import parameter_findings, undetermined
 
 from ..stress import HUBS, stress_session
@@ -45,8 +45,8 @@ def test_a_parameter_that_is_not_determined_refuses_all(linear: Estimation, std:
     vague = _with_std(linear, "I_xx", std)
     assert undetermined(vague) == ("I_xx",)
     (finding,) = parameter_findings(vague)
-    assert finding.gate == "undetermined"
-    assert finding.severity is Verdict.REFUSED
+    assert finding.code == "undetermined"
+    assert finding.severity is Severity.ERROR
     assert "determine I_xx:" in finding.text
     assert "warp" in finding.text
 
@@ -58,8 +58,8 @@ def test_no_roll_run_leaves_roll_undetermined() -> None:
 def test_an_interval_wider_than_5_per_cent_is_doubtful(linear: Estimation) -> None:
     assert parameter_findings(_with_std(linear, "k_sf", 0.024)) == ()
     (finding,) = parameter_findings(_with_std(linear, "k_sf", 0.03))
-    assert finding.gate == "wide"
-    assert finding.severity is Verdict.DOUBTFUL
+    assert finding.code == "wide"
+    assert finding.severity is Severity.WARNING
     assert "k_sf ± 6 %" in finding.text
 
 
@@ -77,7 +77,7 @@ def test_what_no_road_vehicle_is_like_is_doubtful(
 ) -> None:
     odd = _with_value(linear, name, factor * float(getattr(FORD_GRANADA, name)))
     finding = by_gate(parameter_findings(odd))["implausible"]
-    assert finding.severity is Verdict.DOUBTFUL
+    assert finding.severity is Severity.WARNING
     assert quantity in finding.text
 
 
@@ -92,7 +92,7 @@ def test_a_bar_that_pushes_is_implausible_unless_it_may_be_none() -> None:
         eta = result.fit.eta.copy()
         eta[i] = sigmas * std
         moved = replace(result, fit=replace(result.fit, eta=eta))
-        assert [f.gate for f in parameter_findings(moved)] == gates
+        assert [f.code for f in parameter_findings(moved)] == gates
 
 
 def test_a_stated_delay_that_the_runs_contradict_is_named() -> None:
@@ -107,5 +107,5 @@ def test_a_stated_delay_that_the_runs_contradict_is_named() -> None:
     result = estimate(grey_box(sure, records), records, generic_vehicles())
     # They drag the fit along and stay a few of their sigmas from where they are.
     finding = by_gate(parameter_findings(result))["contradiction"]
-    assert finding.severity is not Verdict.OK
+    assert finding.severity is not Severity.NOTE
     assert finding.text.count("delay of ") == 2

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from daq.runs import Losses, RunStatus, SampleGroup
 from daq.sessions import Session
-from identify.trust.finding import Finding, Verdict
+from dbc.finding import Finding, Severity
 from identify.trust.sampling import sampling_findings
 
 from ..stress import BUMP_S, REST_S
@@ -58,7 +58,7 @@ def test_a_gap_in_the_wheels_motion_is_doubtful() -> None:
     begin = AFTER_BUMP_S + 0.05
     session = without(campaign("linear", 1), "added_roll_2", begin, begin + 0.04)
     finding = found(session)["gaps"]
-    assert finding.severity is Verdict.DOUBTFUL
+    assert finding.severity is Severity.WARNING
     assert "hub_acc_fl in added_roll_2;" in finding.text
     assert "45 ms (limit 20)" in finding.text  # 8 of 5 ms lost: 9 intervals
 
@@ -115,7 +115,7 @@ def test_jitter_is_a_note_with_its_size() -> None:
     session = with_group(campaign("linear", 1), "baseline_bounce_1", HUBS_FRONT, jittered)
     findings = found(session)
     assert set(findings) == {"jitter"}
-    assert findings["jitter"].severity is Verdict.OK
+    assert findings["jitter"].severity is Severity.NOTE
     size = float(findings["jitter"].text.split("scatter by ")[1].split(" ms")[0])
     assert size == pytest.approx(0.4, rel=0.1)
 
@@ -143,7 +143,7 @@ def test_stamps_out_of_order_are_a_note_and_times_out_of_order_a_doubt() -> None
 
     session = campaign("linear", 1)
     noted = with_group(session, "added_roll_1", HUBS_FRONT, swapped)
-    assert [f.severity for f in sampling_findings(noted)] == [Verdict.OK]
+    assert [f.severity for f in sampling_findings(noted)] == [Severity.NOTE]
     wrong = with_group(session, "added_roll_1", HUBS_FRONT, backwards)
     assert doubtful(sampling_findings(wrong)) == ["time_order"]
 
@@ -156,7 +156,7 @@ def test_a_channel_that_some_runs_lack_is_named() -> None:
     session = with_group(campaign("linear", 1), "baseline_pitch_2", HUBS_FRONT, lacking)
     findings = found(session)
     assert set(findings) == {"missing_channels"}
-    assert findings["missing_channels"].severity is Verdict.OK
+    assert findings["missing_channels"].severity is Severity.NOTE
     assert "hub_acc_fl in baseline_pitch_2;" in findings["missing_channels"].text
 
 
@@ -169,7 +169,7 @@ def test_a_dead_channel_is_doubtful() -> None:
     )
     findings = found(session)
     assert set(findings) == {"dead_channels"}
-    assert findings["dead_channels"].severity is Verdict.DOUBTFUL
+    assert findings["dead_channels"].severity is Severity.WARNING
     assert HUBS_FRONT in findings["dead_channels"].text
 
 
@@ -183,7 +183,7 @@ def test_a_channel_frozen_in_one_run_is_doubtful(from_s: float) -> None:
     session = with_group(campaign("linear", 1), "added_bounce_1", HUBS_FRONT, frozen)
     findings = found(session)
     assert set(findings) == {"stuck_channels"}
-    assert findings["stuck_channels"].severity is Verdict.DOUBTFUL
+    assert findings["stuck_channels"].severity is Severity.WARNING
     assert "hub_acc_fl in added_bounce_1;" in findings["stuck_channels"].text
 
 
@@ -206,7 +206,7 @@ def test_losses_counted_by_the_recorder_are_told() -> None:
     )
     findings = found(session)
     assert set(findings) == {"frame_losses"}
-    assert findings["frame_losses"].severity is Verdict.OK
+    assert findings["frame_losses"].severity is Severity.NOTE
     assert "36 frames" in findings["frame_losses"].text
     assert "3 in baseline_bounce_1" in findings["frame_losses"].text
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from daq.runs import SampleGroup
 from daq.sessions import Session
 from daq.sim.car import NOISE
+from dbc.finding import Severity
 from dbc.samples import Quality
-from identify.trust.finding import Verdict
 from identify.trust.saturation import saturation_findings
 
 from ..stress import BUMP_S, REST_S
@@ -49,7 +49,7 @@ def test_the_control_is_not_saturated(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_hub_that_ends_at_2_g_is_doubtful(seed: int) -> None:
     (finding,) = saturation_findings(campaign("saturation", seed))
-    assert finding.severity is Verdict.DOUBTFUL
+    assert finding.severity is Severity.WARNING
     assert "at 19.61 m/s2" in finding.text
     assert "hub_acc_fl in added_bounce_1" in finding.text
     assert "hub_acc_fr" not in finding.text
@@ -68,7 +68,7 @@ def test_on_the_bump_it_is_a_note() -> None:
         return np.where(on_bump, np.minimum(3.0 * values, 60.0), values)
 
     (finding,) = saturation_findings(rear_left(campaign("linear", 1), steep))
-    assert finding.severity is Verdict.OK
+    assert finding.severity is Severity.NOTE
     assert "at 60 m/s2" in finding.text
     assert "hub_acc_rl in baseline_bounce_1, hub_acc_rl in baseline_bounce_2;" in finding.text
 
@@ -116,9 +116,9 @@ def test_a_rounded_top_is_not_a_flat_one(lsb: float) -> None:
 
 @pytest.mark.parametrize(
     ("at_s", "severity"),
-    [(REST_S + 0.05, Verdict.OK), (AFTER_BUMP_S + 0.05, Verdict.DOUBTFUL)],
+    [(REST_S + 0.05, Severity.NOTE), (AFTER_BUMP_S + 0.05, Severity.WARNING)],
 )
-def test_samples_out_of_range_are_told(at_s: float, severity: Verdict) -> None:
+def test_samples_out_of_range_are_told(at_s: float, severity: Severity) -> None:
     def flagged(group: SampleGroup) -> SampleGroup:
         quality = group.quality.copy()
         quality[np.searchsorted(group.time_s, at_s)] |= Quality.OUT_OF_RANGE
@@ -126,5 +126,5 @@ def test_samples_out_of_range_are_told(at_s: float, severity: Verdict) -> None:
 
     session = with_group(campaign("linear", 1), "added_roll_1", CHANNEL, flagged)
     (finding,) = saturation_findings(session)
-    assert (finding.gate, finding.severity) == ("out_of_range", severity)
+    assert (finding.code, finding.severity) == ("out_of_range", severity)
     assert f"{CHANNEL} in added_roll_1" in finding.text

@@ -11,9 +11,10 @@ from daq.channels import Quantity
 from daq.runs import ADDED, BASELINE, RunStatus
 from daq.sessions import Session
 from daq.vehicle import AddedMass, BodyWeight, Corner, Fact, HubWeight, MassState, Vehicle
+from dbc.finding import Finding, Severity
 from identify import identify
 from identify.pipeline import usable_records
-from identify.trust.finding import Finding, Verdict
+from identify.trust.finding import Verdict
 from identify.trust.shortcomings import shortcomings
 
 from .campaigns import campaign, with_runs
@@ -85,8 +86,8 @@ def test_what_is_missing_is_refused_with_advice(
     session: Session, gate: str, words: tuple[str, ...]
 ) -> None:
     (finding,) = _missing(session)
-    assert finding.gate == gate
-    assert finding.severity is Verdict.REFUSED
+    assert finding.code == gate
+    assert finding.severity is Severity.ERROR
     assert "\n" not in finding.text
     for word in words:
         assert word in finding.text
@@ -109,7 +110,7 @@ def test_scales_or_a_known_spring_stand_in_for_added_mass(
 
 def test_a_track_fixes_no_scale() -> None:
     (finding,) = _missing(replace(_only(BASELINE), vehicle=TRACKS))
-    assert finding.gate == "mass_states"
+    assert finding.code == "mass_states"
 
 
 def test_weights_on_body_and_hubs_are_enough() -> None:

@@ -61,6 +61,6 @@ def test_each_stress_is_corrected_or_flagged_with_its_cause(name: str) -> None:
         assert max(errors) < 0.05
     else:
         assert cause in flagged
-        text = next(f.text for f in quality.findings if f.gate == cause)
+        text = next(f.text for f in quality.findings if f.code == cause)
         assert TEXTS.get(name, "") in text
     assert RIVALS.intersection(flagged) <= {cause}

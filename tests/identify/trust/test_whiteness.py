@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dbc.finding import Severity
 from identify.decays.decay import FreeDecay, Record, Recording
 from identify.fit.estimation import Estimation
-from identify.trust.finding import Verdict
 from identify.trust.whiteness import whiteness_findings
 
 from ..stress import REST_S
@@ -70,21 +70,21 @@ def test_a_misfit_that_chi2_hardly_shows_is_doubtful() -> None:
     estimation = estimated("hubs_late_1ms", 1)
     assert estimation.chi2_per_n < 1.1
     (finding,) = whiteness_findings(estimation)
-    assert (finding.gate, finding.severity) == ("whiteness", Verdict.DOUBTFUL)
+    assert (finding.code, finding.severity) == ("whiteness", Severity.WARNING)
     assert "at rest (z " in finding.text
 
 
 @pytest.mark.parametrize(
     ("r", "severity", "factor"),
     # The mean of n samples correlated by r has the variance of (1 - r) / (1 + r) n white ones.
-    [(0.6, Verdict.DOUBTFUL, 2.0), (0.15, Verdict.OK, 1.16)],
+    [(0.6, Severity.WARNING, 2.0), (0.15, Severity.NOTE, 1.16)],
 )
 def test_noise_coloured_at_rest_and_in_the_residuals_narrows_the_intervals(
-    r: float, severity: Verdict, factor: float
+    r: float, severity: Severity, factor: float
 ) -> None:
     noisy = with_rest(estimated("linear", 1), coloured(r, 1))
     (finding,) = whiteness_findings(with_residuals(noisy, coloured(r, 2)))
-    assert (finding.gate, finding.severity) == ("coloured_noise", severity)
+    assert (finding.code, finding.severity) == ("coloured_noise", severity)
     assert CHANNEL in finding.text
     found = float(finding.text.split("narrow by up to ")[1].split(" ")[0])
     assert found == pytest.approx(factor, rel=0.06)
@@ -115,7 +115,7 @@ def test_without_rest_colour_may_be_noise_or_misfit() -> None:
     )
     assert whiteness_findings(moving) == ()
     (finding,) = whiteness_findings(with_residuals(moving, coloured(0.4, 4)))
-    assert finding.severity is Verdict.DOUBTFUL
+    assert finding.severity is Severity.WARNING
     assert "or the noise is coloured" in finding.text
 
 
