@@ -211,7 +211,12 @@ def _suspect(
 
 @pytest.mark.parametrize(
     ("shift", "severity"),
-    [(0.019, "ok"), (0.021, Severity.WARNING), (0.099, Severity.WARNING), (0.101, Severity.ERROR)],
+    [
+        (0.019, Severity.NOTE),
+        (0.021, Severity.WARNING),
+        (0.099, Severity.WARNING),
+        (0.101, Severity.ERROR),
+    ],
 )
 def test_a_cause_is_as_bad_as_what_it_moves(
     linear: Estimation, shift: float, severity: Severity
