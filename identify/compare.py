@@ -28,11 +28,11 @@ class Difference:
     """`value`, `std`: difference and its standard deviation, errors of both taken as
     independent."""
     z: float
-    """One by the other."""
+    """`value` in units of `std`."""
     p: float
     """Chance of a difference as large if there is none."""
     significant: bool
-    """Whether it stands at 95 % among all differences (Holm 1979)."""
+    """True if it stands at 95 % among all differences (Holm 1979)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +64,9 @@ class Compared:
     estimates: tuple[Estimate, ...]
     """One for each session."""
     differences: tuple[Difference, ...]
-    """Of each session but the first."""
+    """One for each session but the first."""
     trend: Trend | None
-    """Of three sessions or more."""
+    """None for two sessions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class Comparison:
     labels: tuple[str, ...]
     """Names of the sessions, in the order given."""
     verdicts: tuple[str, ...]
-    """Of each."""
+    """One for each session."""
     parameters: tuple[Compared, ...]
     modes: tuple[Compared, ...]
     """`parameters`, `modes`: every quantity that was identified in all sessions."""
@@ -201,7 +201,7 @@ def _two_sided(z: float) -> float:
 
 
 def _holm(p: Sequence[float]) -> list[bool]:
-    """Tell which of several tests hold together: from the surest on, until one does not."""
+    """Return which tests hold together (Holm 1979): from the surest on, until one does not."""
     significant = [False] * len(p)
     for rank, i in enumerate(np.argsort(p, kind="stable").tolist()):
         if p[i] > LEVEL / (len(p) - rank):

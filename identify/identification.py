@@ -1,4 +1,4 @@
-"""The result of the method: what a session says of its vehicle, and its JSON document."""
+"""The result of the method, and its JSON document."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from .trust.finding import Quality
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """What a session says of its vehicle."""
+    """The vehicle as a session shows it: parameters, modes, and how far they can be trusted."""
 
     quality: Quality
     """Verdict, findings and goodness of fit."""
     provenance: Mapping[str, str]
-    """Of the session."""
+    """Provenance of the session."""
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
     """The parameters with 95 % intervals (maximum likelihood); empty if no fit was possible."""
     derived: Mapping[str, Estimate] = field(default_factory=dict)
-    """What follows from them: loads, radii of gyration, damping ratios
+    """Quantities that follow from them: loads, radii of gyration, damping ratios
     (`identify.model.derived`)."""
     correlation: Correlation = field(default_factory=lambda: Correlation((), np.zeros((0, 0))))
-    """Of the errors of the parameters."""
+    """Correlation of the errors of the parameters."""
     drivers: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Which run, fact or stated uncertainty its precision rests on; shares of one."""
     modal: Mapping[str, ModalModel] = field(default_factory=dict)
@@ -49,7 +49,7 @@ class Identification:
     modes: Mapping[str, tuple[ModeEstimate, ...]] = field(default_factory=dict)
     """Their frequencies and damping ratios with intervals, in the same order."""
     mode_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """What moves in each of them (`identify.modes.mode_names`)."""
+    """Name of each mode by what moves in it (`identify.modes.mode_names`)."""
     pairings: Mapping[str, Pairing] = field(default_factory=dict)
     """How the modes of each further mass state follow from those of the first, by MAC: with mass on
     board, wheel modes that are nearly equal may change their order."""

@@ -38,30 +38,27 @@ from .trust.judge import judge
 from .trust.shortcomings import shortcomings
 
 Progress = Callable[[float, str], None]
-"""Told what share of the work is done, 0..1, and what comes next."""
+"""Receives the share of the work that is done, 0..1, and the next step."""
 
 
-_SENSED_RATE_HZ = 250.0  # of what is reported beside the estimate
+_SENSED_RATE_HZ = 250.0
+"""Rate to which decays are thinned for the State Variable Method."""
 
 
-def _silent(done: float, text: str) -> None:
-    """Tell nobody."""
-
-
-def _unheeded(estimation: Estimation) -> None:
-    """Wait for the whole result."""
+def _ignore(*_: object) -> None:
+    """Report to no one."""
 
 
 def identify(
     session: Session,
-    progress: Progress = _silent,
+    progress: Progress = _ignore,
     executor: Executor | None = None,
-    fitted: Callable[[Estimation], None] = _unheeded,
+    fitted: Callable[[Estimation], None] = _ignore,
 ) -> Identification:
     """Identify the physical parameters of a session's vehicle.
 
     Maximum likelihood on the free decays gives the parameters, from generic vehicles to start
-    with.  The State Variable Method and the paper's equations are reported beside it: with noise
+    with.  The State Variable Method and the paper's equations are reported in addition: with noise
     they seldom give a vehicle that would be a better start.
 
     Parameters
@@ -69,7 +66,7 @@ def identify(
     session : Session
         Accepted runs in two mass states, or in one with scales among the facts.
     progress : callable, optional
-        Told how far the work is.
+        Called as the work goes on.
     executor : concurrent.futures.Executor, optional
         Finds the sensed modes while the result is judged; the numbers are the same.
     fitted : callable, optional

@@ -63,9 +63,9 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Record:
-    """What the identification takes from a run: usable samples of usable channels.
+    """The usable samples of the usable channels of a run.
 
-    Equal to itself alone, so that what was found out of it once can be kept beside it.
+    Compared by identity, so that derived values can be cached per record.
     """
 
     label: str

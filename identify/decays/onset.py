@@ -19,13 +19,13 @@ from .decay import Record
 
 GUARD_S = 0.01  # onset detection and the spread of the four wheels over the bump
 UNKNOWN_BUMP_S = 0.35  # longer than any bump that is rolled over; shortened afterwards
-_REST_S = 0.08  # looked at to tell rest from motion; the paper's records have 0.1 s
+_REST_S = 0.08  # must be at rest; the paper's records have 0.1 s
 _ONSET_SIGMA = 6.0
 _ONSET_SHARE = 0.02  # of the channel's peak, where there is no noise to compare with
-_QUIET_SAMPLES = 100  # fewer do not tell a noise level to 10 %
+_QUIET_SAMPLES = 100  # fewer do not give a noise level to 10 %
 _QUIET_MARGIN_S = 0.005
 _ONSETS: WeakKeyDictionary[Record, float | None] = WeakKeyDictionary()
-"""Asked for again and again; as long as the record lives it stays the same."""
+"""Onset of each record in use; computed once, because every gate asks for it."""
 
 
 def onset_s(record: Record) -> float | None:
@@ -77,7 +77,7 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     Returns
     -------
     mapping of channel name to float
-        SI units.  Empty if the records have no quiet stretch worth the name.
+        SI units.  Empty if a channel has fewer than 100 samples at rest.
     """
     pooled = _quiet(records)
     names = {c.name for r in records for q in r.recordings for c in q.group.channels}
@@ -112,7 +112,7 @@ def _quiet(records: Sequence[Record]) -> dict[str, tuple[float, int]]:
 def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """White noise by the mean square of successive differences (von Neumann), per column.
 
-    A smooth signal adds little to it, so it tells the noise of a residual apart from its misfit.
+    A smooth signal adds little to it, so it separates the noise of a residual from its misfit.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from .likelihood import covariance_of, normal_blocks, residuals
 
 _LIMIT_SIGMAS = 5.0
 _LEAST_EXCESS = 0.05
-"""What clocks fitted to arrival times and quantisation may add to chi2/n in a single run."""
+"""Excess of chi2/n that clocks fitted to arrival times and quantisation may cause in one run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,14 +22,14 @@ class Prediction:
     """A run left out of the fit and predicted by it."""
 
     label: str
-    """Of the run."""
+    """Label of the run."""
     fitted: float
     """chi2/n of the run in the fit of all runs."""
     predicted: float
     """chi2/n with the parameters of all other runs, initial state and sensor offsets its own; NaN
     if the others do not determine the parameters."""
     limit: float
-    """What `predicted` stays below if the model holds."""
+    """Upper limit of `predicted` if the model holds."""
     parameter: str
     """Which parameter moves most when the run is left out; empty if none can be said."""
     moved: float
@@ -37,7 +37,7 @@ class Prediction:
 
     @property
     def at_noise(self) -> bool:
-        """Whether what the prediction leaves is no more than noise."""
+        """True if the prediction leaves no more than noise."""
         return self.predicted <= self.limit
 
 

@@ -1,8 +1,8 @@
 """Where a free decay begins, to the sample: how far back a fitted model explains a record.
 
 Every sample of the first 50 ms counts: the wheels' motion has lost half its size by then.  From a
-start that is late enough the samples before it are predicted one by one, each prediction mended by
-the samples already accepted (recursive least squares).  The errors of prediction are independent
+start that is late enough the samples before it are predicted one by one, each prediction updated
+by the samples already accepted (recursive least squares).  The errors of prediction are independent
 and of known variance as long as the motion is free; the bump's last force shows sooner or later.
 
 A sensor of displacement shows it later than one of acceleration, so some forced samples may have
@@ -23,15 +23,16 @@ from ..decays.decay import Record, Recording
 from .varpro import Evaluated, LinearPart, linear_part, slopes
 
 _WINDOWS = (1, 2, 4, 8, 16)
-"""Samples taken together; many tell a small force that one does not."""
+"""Samples taken together; many show a small force that one does not."""
 _Z = 4.5
 """Normal deviate beyond which a window is no free decay: one false alarm in 300,000."""
 _SURE = 6.0
-"""What the squared residuals must rise by to exclude a later end of the force."""
+"""Rise of the squared residuals that excludes a later end of the force."""
 _SPAN_S = 0.04
-"""Before this the force is seen by any sensor."""
+"""Seconds after the first sample that fails, within which the force ends: by then any sensor
+has shown it."""
 _BEFORE_S = 0.005
-"""So much of what is surely forced helps to find the foot of the ramp."""
+"""Seconds of surely forced motion that help to find the foot of the ramp."""
 _WHEELS = slice(3, 7)
 
 
@@ -49,9 +50,9 @@ class _Early:
     output: NDArray[np.float64]
     """Output row of each value's channel, shape (n, 14)."""
     force: NDArray[np.float64]
-    """What a newton at each wheel does to it at once, shape (n, 4)."""
+    """Change of each value, at once, by a newton at each wheel, shape (n, 4)."""
     covariance: NDArray[np.float64]
-    """Of what the predictions rest on, shape (n_unknown, n_unknown)."""
+    """Covariance of the unknowns that the predictions use, shape (n_unknown, n_unknown)."""
 
 
 def earliest_start_s(
@@ -173,7 +174,7 @@ Known = tuple[NDArray[np.float64], NDArray[np.float64]]
 def _free_instants(early: _Early) -> tuple[list[float], list[Known], float | None]:
     """Return the instants up to the first that is no free decay, and that one.
 
-    Beside them, what is known before each of them is looked at.
+    Between them, the estimate before each instant.
     """
     n = early.rows.shape[1]
     state, covariance = np.zeros(n), early.covariance
@@ -197,7 +198,7 @@ def _free_instants(early: _Early) -> tuple[list[float], list[Known], float | Non
 
 
 def _is_forced(squares: list[tuple[float, int]]) -> bool:
-    """Tell whether any window of last samples is no free decay."""
+    """Return True if any window of last samples is no free decay."""
     for width in _WINDOWS[: 1 + int(np.log2(len(squares)))]:
         total = sum(square for square, _ in squares[-width:])
         freedom = sum(n for _, n in squares[-width:])

@@ -18,7 +18,7 @@ from .varpro import evaluate
 _BASIN_CHI2 = 1.3
 _LIMIT_SIGMAS = 5.0
 _LEAST_EXCESS = 0.02
-"""What clocks that are fitted to arrival times, and quantisation, may add to chi2/n."""
+"""Excess of chi2/n that clocks fitted to arrival times, and quantisation, may cause."""
 _SEARCH_RATE_HZ = 250.0  # enough to find the basin of the optimum
 _FLOOR = 1e-6  # of a channel's rms: the noise of noise-free data
 _LATER_S = (0.02, 0.05)
@@ -83,7 +83,7 @@ class Estimation:
 
     @property
     def chi2_limit(self) -> float:
-        """What chi2/n stays below if the model holds: noise levels rest on finite samples too."""
+        """Upper limit of chi2/n if the model holds; noise levels rest on finite samples too."""
         freedom = sum(sum(r.freedom.values()) for r in self.residuals)
         quiet = sum(quiet_counts(self.records).values()) if self.rest else freedom / 2.0
         if freedom <= 0.0:
@@ -92,7 +92,7 @@ class Estimation:
 
     @property
     def holds(self) -> bool:
-        """Whether the model explains the decays up to the noise."""
+        """True if the model explains the decays up to the noise."""
         return self.chi2_per_n <= self.chi2_limit
 
     @property
@@ -107,7 +107,7 @@ def estimate(
     """Find the most likely parameters of all records.
 
     The decays start where the stated bump ends; if the model does not fit from there on, a later
-    start is tried.  Once it fits, it tells itself how far back each decay reaches.
+    start is tried.  Once it fits, the samples before the start show how far back a decay reaches.
 
     Parameters
     ----------

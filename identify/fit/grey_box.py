@@ -31,7 +31,7 @@ from ..model.matrices import (
 )
 
 COMPLEX_STEP = 1e-30
-"""Of derivatives: there is no subtraction, so no lower limit from rounding."""
+"""Step of the derivatives: there is no subtraction, so no lower limit from rounding."""
 _CROSS_SCALE_KG = 10.0
 
 SIGNED = {"k_af": 1e4, "k_ar": 1e4, "c_tf": 100.0, "c_tr": 100.0, "y_s": 0.1}
@@ -47,7 +47,7 @@ class System:
     dA: NDArray[np.float64]
     """Its derivative by each unknown, shape (P, 14, 14)."""
     rows: dict[str, NDArray[np.float64]]
-    """Output row: channel = row , each shape (14,). state."""
+    """Output row of each channel (channel = row . state), each shape (14,)."""
     d_rows: dict[str, NDArray[np.float64]]
     """Its derivative, each shape (P, 14)."""
 
@@ -75,7 +75,7 @@ class GreyBox:
     structure: Structure = field(default_factory=Structure)
     """Which parameters the vehicle has."""
     facts: tuple[Fact, ...] = ()
-    """What is known of them beforehand."""
+    """Measured quantities of the vehicle, each with its standard uncertainty."""
     names: tuple[str, ...] = field(init=False)
     parameters: tuple[str, ...] = field(init=False)
     prior_sigma: NDArray[np.float64] = field(init=False)
@@ -122,7 +122,7 @@ class GreyBox:
 
     @property
     def corrections(self) -> tuple[str, ...]:
-        """What is stated with an uncertainty, in the order of the unknowns after the parameters."""
+        """Names of the stated uncertainties, in the order of the unknowns after the parameters."""
         return (
             *(f"{axis} of {name}" for name in self._loose for axis in "xy"),
             *(f"delay of {self.groups[i].name}" for i in self._late),
@@ -200,7 +200,7 @@ class GreyBox:
     def fact_misfits(
         self, eta: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what the facts say more than the unknowns, in sigmas, and its negative slope.
+        """Return measured less predicted value of each fact in sigmas, and the slope of the latter.
 
         Returns
         -------

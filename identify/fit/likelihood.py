@@ -2,7 +2,7 @@
 
 White Gaussian noise of known level per channel, so the estimate is the weighted least-squares fit
 of the free decays of all runs and mass states at once (output error), of the facts, and of the
-stated uncertainties.  What is linear in each decay is projected out (`projection`); the rest is
+stated uncertainties.  What is linear in each decay is projected out (`varpro`); the rest is
 iterated by Levenberg-Marquardt.  The inverse of the projected normal matrix is the covariance; at
 the optimum it is the Cramer-Rao bound (docs/method.md, "Maximum likelihood").
 """
@@ -36,24 +36,24 @@ class Fit:
     eta: NDArray[np.float64]
     """Unknowns of the grey box, shape (P,)."""
     covariance: NDArray[np.float64]
-    """Of `eta`, shape (P, P); infinite on the diagonal where the data do not determine it."""
+    """Covariance of `eta`, shape (P, P); infinite on the diagonal of undetermined unknowns."""
     cost: float
     """Sum of squared residuals in units of sigma, facts and priors included."""
     information: Mapping[str, NDArray[np.float64]]
-    """What each run contributes to the inverse of the covariance, by its label, each shape (P, P);
-    also what the facts (`FACTS`) and the stated uncertainties (`PRIORS`) do."""
+    """Contribution of each run to the inverse of the covariance, by its label, each shape (P, P);
+    also those of the facts (`FACTS`) and of the stated uncertainties (`PRIORS`)."""
     iterations: int
     """Levenberg-Marquardt steps taken."""
     converged: bool
-    """Whether the last step was below the tolerance."""
+    """True if the last step was below the tolerance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """What a fit leaves of one decay."""
+    """Residuals of one decay."""
 
     label: str
-    """Of the run."""
+    """Label of the run."""
     values: Mapping[str, NDArray[np.float64]]
     """Measured minus fitted, SI, each shape (n,)."""
     freedom: Mapping[str, float]

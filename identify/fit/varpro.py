@@ -31,9 +31,9 @@ class Evaluated:
     system: System
     """State matrix and output rows with their derivatives."""
     modes: Spectrum
-    """Of the state matrix."""
+    """Eigenvalues and eigenvectors of the state matrix."""
     change: Change
-    """Of the state matrix with each unknown."""
+    """Change of the state matrix with each unknown."""
     delays_s: NDArray[np.float64]
     """Lateness of each group beyond its nominal one, shape (n_groups,)."""
     sigma: Mapping[str, float]
@@ -69,7 +69,7 @@ class LinearPart:
     """The linear part of one decay, fitted."""
 
     products: tuple[Products, ...]
-    """Of each recording with its basis."""
+    """Products of each recording with its basis."""
     coefficients: tuple[NDArray[np.float64], ...]
     """From the linear unknowns to the basis, for each recording, each shape (n_channels, m,
     n_linear)."""
@@ -136,7 +136,7 @@ def _modal_rows(at: Evaluated, group: ChannelGroup) -> NDArray[np.complex128]:
 
 @dataclass(frozen=True, slots=True)
 class NormalBlock:
-    """What one decay contributes to the problem, its linear part eliminated."""
+    """Contribution of one decay to the normal equations, its linear part eliminated."""
 
     cost: float
     """Squared residuals in units of sigma."""

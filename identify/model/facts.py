@@ -1,4 +1,4 @@
-"""What scales and a tape measure say, as functions of the vehicle's parameters."""
+"""Readings of scales and tape measure as functions of the vehicle's parameters."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SCALED = {FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AX
 def predicted(
     fact: Fact, full: NDArray[np.complex128], cross_kg: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
-    """Return what the parameters say of a fact.
+    """Return the value of a fact that the parameters predict.
 
     Four wheels carry a body in one way too many: how much more the diagonal FL-RR carries than the
     other depends on the ground and on how the springs are set, not on the parameters.  That cross

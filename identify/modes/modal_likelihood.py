@@ -40,11 +40,11 @@ class LikelyModes:
     shapes: NDArray[np.complex128]
     """Entries in each channel, shape (n_channels, m)."""
     amplitudes: NDArray[np.complex128]
-    """Of each mode at t = 0 of each run, shape (n_runs, m)."""
+    """Amplitude of each mode at t = 0 of each run, shape (n_runs, m)."""
     ties: Ties
-    """What was known of the shapes."""
+    """Ties of the shapes, as given."""
     pole_covariance: NDArray[np.float64]
-    """Of the real parts and then of the imaginary parts of the poles, (rad/s)^2, shape (2 m, 2
+    """Covariance of the real and then of the imaginary parts of the poles, (rad/s)^2, shape (2 m, 2
     m)."""
     noise: NDArray[np.float64]
     """Standard deviation, shape (n_channels,)."""

@@ -17,7 +17,7 @@ MODE_NAMES = (
     "rear wheels symmetric",
     "rear wheels antisymmetric",
 )
-"""What a vehicle of seven degrees of freedom can do."""
+"""Names of the modes of a vehicle of seven degrees of freedom."""
 
 
 def mode_names(model: ModalModel, geometry: VehicleGeometry) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ what
   have 24 to 36 %, so the usual limit of 20 % would leave none),
 - comes again, pole and shape (MAC), at the next higher ranks (`identify.modes.stabilisation`), or
   parts from one that does under maximum likelihood (`identify.modes.order_selection`),
-- explains so much of the records that noise would feign as much in one of 1000 records.
+- explains more of the records than noise would seem to in 999 of 1000 records.
 
 Phase collinearity is no criterion here: the channels may be accelerations, rates and displacements
 at once, and a vehicle's dampers make its shapes complex anyway.
@@ -191,7 +191,7 @@ def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:
 
 
 def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Tell which poles stand for a mode; of a pair, the one with positive imaginary part."""
+    """Return which poles stand for a mode; of a pair, the one with positive imaginary part."""
     return np.asarray((poles.imag > 0.0) & (-poles.real < _MAX_DAMPING * np.abs(poles)))
 
 

@@ -19,14 +19,14 @@ from .waves import Block, Waves, real_block, real_gradient, waves
 _MAX_GROWTH = 30.0
 """Nepers within the longest series; what grows faster is an overflow to come."""
 _TINY = 1e-24
-"""Share of a channel's power below which noise is not told from rounding."""
+"""Share of a channel's power below which noise cannot be distinguished from rounding."""
 _RIDGE = 1e-13
 """Decides only between poles that are the same to rounding."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ties:
-    """What is known of shapes: which channels move alike, or opposite, or not at all in a mode."""
+    """Ties between channels: which move alike, or opposite, or not at all in a mode."""
 
     owner: NDArray[np.intp]
     """Number of the entry, counted from 0, that the channel takes from."""
@@ -78,8 +78,9 @@ class Problem:
     """The samples and what is known beforehand.
 
     `place` (n_runs, n_channels) is the block of each series and -1 where there is none; `count`
-    and `power` (n_channels,) are numbers of samples and sums of their squares; `turning` (m,) tells
-    pairs from real poles; `known` (n_owners, 2 m) which parts of the shapes are zero.
+    and `power` (n_channels,) are numbers of samples and sums of their squares; `turning` (m,) is
+    True for pairs, False for real poles; `known` (n_owners, 2 m) is True for parts of shapes that
+    are zero.
     """
 
     blocks: tuple[Block, ...]

@@ -1,8 +1,8 @@
 """How many modes there are: the likelihood adds what is missing and takes out what is needless.
 
 The State Variable Method may give one pole where there are two that nearly coincide; the slope of
-the residual along ``t exp(pole t)`` tells, and shows the shape of the second.  And it may give
-poles that only follow noise; without them the likelihood falls by no more than noise would feign.
+the residual along ``t exp(pole t)`` reveals it, and shows the shape of the second.  And it may give
+poles that only follow noise; without them the likelihood falls by no more than noise explains.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.special import chdtri
 
 from .modal_likelihood import LikelyModes, likelihood_near, most_likely_modes
 from .normal_equations import Ties
-from .shape_fit import feigned
+from .shape_fit import gain_by_noise
 from .waves import Block
 
 _FALSE_ALARM = 1e-3
@@ -73,7 +73,7 @@ def likely_modes(
 
 def _merit(modes: LikelyModes, n: int) -> float:
     n_channels, n_runs = len(modes.shapes), len(modes.amplitudes)
-    return modes.log_likelihood - feigned(modes.poles, n_channels, n_runs, n)
+    return modes.log_likelihood - gain_by_noise(modes.poles, n_channels, n_runs, n)
 
 
 def _chosen(modes: LikelyModes, which: NDArray[np.intp]) -> Start:
@@ -109,7 +109,7 @@ def _least_needed(blocks: Sequence[Block], modes: LikelyModes) -> NDArray[np.int
     n_channels, n_runs = len(modes.shapes), len(modes.amplitudes)
     merits = [
         likelihood_near(blocks, *_chosen(modes, left))
-        - feigned(modes.poles[left], n_channels, n_runs, n)
+        - gain_by_noise(modes.poles[left], n_channels, n_runs, n)
         for left in fewer
     ]
     return fewer[int(np.argmax(merits))]

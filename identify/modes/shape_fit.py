@@ -20,7 +20,7 @@ _SETTLED = 1e-4
 """Relative change of the squares left over below which the sweeps stop."""
 _RIDGE = 1e-12
 _NOISE_FLOOR = 1e-24
-"""Variance, relative to the channel's, below which noise is not told from rounding."""
+"""Variance, relative to the channel's, below which noise cannot be distinguished from rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,9 @@ def fit_modes(
             if np.all(np.abs(before - residual) <= _SETTLED * residual):
                 break
     likelihood = -n * np.sum(np.log(np.maximum(residual / n, _NOISE_FLOOR)))
-    return ModalFit(poles, shapes, float(likelihood - feigned(poles, len(shapes), len(decays), n)))
+    return ModalFit(
+        poles, shapes, float(likelihood - gain_by_noise(poles, len(shapes), len(decays), n))
+    )
 
 
 def _project(
@@ -175,7 +177,7 @@ def _least_squares(
     )
 
 
-def feigned(poles: NDArray[np.complex128], n_channels: int, n_records: int, n: int) -> float:
+def gain_by_noise(poles: NDArray[np.complex128], n_channels: int, n_records: int, n: int) -> float:
     """Return what `poles` may gain by following noise.
 
     Each free number gains about 1, so a mode's gain is chi-squared distributed; and there are some

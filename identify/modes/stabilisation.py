@@ -40,7 +40,7 @@ class StabilisationDiagram:
     shapes: NDArray[np.complex128]
     """Entries in the channels, shape (n_channels, n)."""
     stable: NDArray[np.bool_]
-    """Whether pole and shape come again at the next ranks, shape (n,)."""
+    """True if pole and shape come again at the next ranks, shape (n,)."""
 
     def __post_init__(self) -> None:
         for name in ("rank", "poles", "shapes", "stable"):
@@ -122,6 +122,6 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
 
 
 def seen_in(candidates: Poles, others: Poles, tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which candidates are among the others, by pole and by shape, (m,)."""
+    """Return which candidates are among the others, by pole and by shape, (m,)."""
     near = np.abs(candidates[0][:, None] - others[0]) < tolerance[:, None]
     return np.asarray(np.any(near & (mac(candidates[1], others[1]) > _SAME_SHAPE), axis=1))

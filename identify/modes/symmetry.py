@@ -2,8 +2,8 @@
 
 A vehicle that is its own mirror image has symmetric modes (heave, pitch, axles in parallel) and
 antisymmetric ones (roll, axles in opposition), and neither kind moves the other.  Sums and
-differences of mirrored sensors then each show one kind, and wheel modes of nearly one pole are told
-apart.  Whether the vehicle is so is for the data to say (`identify.modes.vehicle_modes`).
+differences of mirrored sensors then each show one kind, which separates wheel modes of nearly one
+pole.  Whether the vehicle is so is for the data to say (`identify.modes.vehicle_modes`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _ROLL = frozenset({Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION})
 
 @dataclass(frozen=True, slots=True)
 class Mirror:
-    """What becomes of each channel in a mirror."""
+    """The mirror image of each channel."""
 
     image: NDArray[np.intp]
     """The channel that is its mirror image, itself perhaps; -1 if there is none."""

@@ -41,15 +41,15 @@ class SensedModes:
     model: ModalModel
     """Poles with their standard deviations, and shapes in the channels' own quantities."""
     mirrored: bool
-    """Whether left and right were found to be alike, and each mode symmetric or antisymmetric."""
+    """True if left and right were found alike, and each mode symmetric or antisymmetric."""
 
 
 def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> SensedModes:
     """Identify the modes of one mass state from its decays, all runs in one fit.
 
-    Where the sensors can tell left from right, the modes are sought as symmetric and antisymmetric
-    ones.  If shapes free of that are more likely than chance allows, the vehicle is not symmetric,
-    and they stand.
+    Where the sensors distinguish left from right, the modes are sought as symmetric and
+    antisymmetric ones.  If shapes free of that are more likely than chance allows, the vehicle is
+    not symmetric, and they stand.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ class Block:
     channel: NDArray[np.intp]
     """To which run and channel each series belongs; each pair occurs in one block only."""
     free_level: bool = False
-    """Whether each series stands on a constant of its own, which is not known."""
+    """True if each series stands on an unknown constant of its own."""
     deviations: NDArray[np.float64] = field(init=False)
     """The values, from their mean if their level is unknown, shape (n, k)."""
 
@@ -86,7 +86,7 @@ def waves(blocks: Sequence[Block], place: NDArray[np.intp], poles: NDArray[np.co
         table[:, : len(poles)], table[:, k : k + len(poles)] = wave.real, wave.imag
         wave *= block.time_s[:, None]
         table[:, len(poles) : k], table[:, k + len(poles) :] = wave.real, wave.imag
-        if block.free_level:  # what a constant can follow tells nothing of the modes
+        if block.free_level:  # what a constant can follow says nothing of the modes
             table -= table.mean(axis=0)
         gram = table.T @ table
         rr, ri, ii = gram[:k, :k], gram[:k, k:], gram[k:, k:]

@@ -27,7 +27,7 @@ def closed_form(
     mass_states : (MassState, MassState)
         The same two.
     geometry : VehicleGeometry
-        Where sensors and weights sit from the CG: the paper's chain has to be told.
+        Where sensors and weights sit from the CG: the paper's chain needs it.
     known : VehicleGeometry or None
         The four lengths if they are measured; the fit then has 11 unknowns.
 

@@ -24,12 +24,13 @@ _N_GEOMETRY = 4
 _MAX_STEPS = 100
 """Ten lead to a vehicle; a fit that needs more wanders among matrices that are none."""
 _LEAST_SHARE = 1e-3
-"""Of the largest diagonal element; a smaller one (noise) would weigh its row without bound."""
+"""Least diagonal element, as a share of the largest, by which a row is scaled; noise may make one
+vanish, and its row would weigh without bound."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClosedForm:
-    """What the paper's equations give."""
+    """Result of the paper's equations."""
 
     model: PhysicalModel
     """M, C and K of Eqs. 30, 31 and 33, every element as it comes out."""

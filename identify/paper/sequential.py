@@ -38,7 +38,7 @@ def sequential_vehicle(model: PhysicalModel) -> VehicleParameters:
 
 
 def _without_geometry() -> NDArray[np.bool_]:
-    """Tell which elements of K and C hold no length, (7, 7)."""
+    """Return which elements of K and C hold no length, (7, 7)."""
     mask = np.eye(N_DOF, dtype=bool)
     mask[0, 3:] = mask[3:, 0] = True
     mask[1, 1] = mask[2, 2] = False
@@ -46,7 +46,7 @@ def _without_geometry() -> NDArray[np.bool_]:
 
 
 def _linear_in_geometry() -> NDArray[np.bool_]:
-    """Tell which elements of K are linear in the lengths, (7, 7)."""
+    """Return which elements of K are linear in the lengths, (7, 7)."""
     mask = np.zeros((N_DOF, N_DOF), dtype=bool)
     mask[1:3, 3:] = mask[1:3, 0] = True
     return mask | mask.T

@@ -1,4 +1,4 @@
-"""The planner: what a campaign will tell, from the Fisher information, before it is run.
+"""The planner: the intervals that a campaign will give, from the Fisher information.
 
 ``outlook(plan)`` gives the expected interval of every parameter, ``advise(plan)`` also the best
 next steps: run, bump, rate, sensor, weight, fact.

@@ -1,4 +1,4 @@
-"""What could be done next, in the operator's words, each as the plan that it would make."""
+"""Possible next steps in the operator's words, each with the plan that it makes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Candidate:
     """One thing that could be done."""
 
     action: str
-    """What to do."""
+    """Instruction to the operator."""
     plan: Plan
     """The plan with it done."""
 

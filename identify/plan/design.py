@@ -1,4 +1,4 @@
-"""What a planned bench session consists of: the nouns of the planner."""
+"""The nouns of the planner: a bench session before it is held."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Sensor:
     """A channel with what its samples are worth."""
 
     channel: Channel
-    """What is measured, and where."""
+    """Quantity and place of the sensor."""
     noise: float
     """Standard deviation of the white noise of one sample, SI."""
     rate_hz: float
@@ -105,11 +105,11 @@ class Plan:
     `daq.vehicle.PARAMETER_NAMES`, or all of `identify.model.matrices.FULL_NAMES`; stored as the
     latter."""
     sensors: tuple[Sensor, ...]
-    """What is measured in every run."""
+    """Sensors of every run."""
     mass_states: tuple[MassState, ...]
     """Loading of the vehicle, with the weights."""
     runs: tuple[Runs, ...]
-    """What is driven."""
+    """Runs to be recorded."""
     bump: Bump = field(default_factory=lambda: Bump(height_m=0.05))
     """Height and duration; its start is of no account."""
     decay_s: float = 2.5
@@ -119,7 +119,7 @@ class Plan:
     structure: Structure = field(default_factory=Structure)
     """Which parameters are to be identified."""
     facts: tuple[Fact, ...] = ()
-    """What scales and tape measure tell; only their uncertainty counts."""
+    """Readings of scales and tape measure; only their uncertainty counts."""
 
     def __post_init__(self) -> None:
         given = np.array(self.vehicle, dtype=float)

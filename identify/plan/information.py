@@ -1,4 +1,4 @@
-"""Fisher information of a plan: what its runs will say, before they are run.
+"""Fisher information of a plan, before its runs are recorded.
 
 The noise-free free decays of the planned runs go through the very code that fits measured ones;
 at the truth, the normal matrix of the fit is the Fisher information.  Information of runs with
@@ -34,7 +34,7 @@ class Fisher:
     """The information of a plan."""
 
     box: GreyBox
-    """What is unknown."""
+    """Structure with the unknowns."""
     eta: NDArray[np.float64]
     """The unknowns at the expected vehicle, shape (P,)."""
     information: NDArray[np.float64]

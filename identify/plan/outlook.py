@@ -1,4 +1,4 @@
-"""What a plan will tell: the expected interval of every parameter."""
+"""The expected interval of every parameter of a plan."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _reasons(fisher: Fisher, H: NDArray[np.float64], lost: list[str]) -> tuple[s
             " larger by one factor"
         )
     if mixed:
-        reasons.append(f"what is planned does not tell {', '.join(mixed)} apart, or is too noisy")
+        reasons.append(f"what is planned does not separate {', '.join(mixed)}, or is too noisy")
     return tuple(reasons)
 
 

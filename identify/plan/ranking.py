@@ -1,4 +1,4 @@
-"""The planner's answers: what a campaign will tell, and what to do next."""
+"""The planner's answers: the expected intervals of a plan, and the best next steps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class NextStep:
     action: str
     """In the operator's words."""
     outlook: Outlook
-    """What the plan will tell with it done."""
+    """Expected intervals with it done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,11 @@ class Advice:
     """The planner's answer."""
 
     outlook: Outlook
-    """What the plan as it is will tell."""
+    """Expected intervals of the plan as it is."""
     steps: tuple[NextStep, ...]
     """At most a dozen, each by itself added to the plan, the most useful first."""
     remedies: tuple[str, ...]
-    """What to do, all of it, to determine what the plan leaves undetermined; empty if nothing
+    """Steps, all of them, that determine what the plan leaves undetermined; empty if nothing
     is."""
 
 
@@ -43,7 +43,7 @@ def outlook(plan: Plan) -> Outlook:
 
 
 def advise(plan: Plan) -> Advice:
-    """Return what a plan will tell, and what would improve it most.
+    """Return the expected intervals of a plan, and what would improve them most.
 
     Steps that determine more come first; among equals the one that leaves the smallest product of
     worst and mean interval.

@@ -52,13 +52,13 @@ class Table:
     """Rows under a header."""
 
     title: str
-    """What it shows."""
+    """Title of the table."""
     columns: tuple[str, ...]
     """Their names; a name that begins with ``#`` heads numbers, which stand to the right."""
     rows: tuple[tuple[Cell, ...], ...]
     """As long as `columns`."""
     note: str = ""
-    """What a reader must know."""
+    """Remark below the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class Picture:
     caption: str
     """`title`, `caption`: what it shows, and how to read it."""
     panel: Panel
-    """What is drawn."""
+    """Numbers of the figure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,29 +119,29 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where the numbers come from."""
+    """File and programs that the numbers come from."""
 
     name: str
-    """Of the session file."""
+    """Name of the session file."""
     sha256: str
-    """Of its bytes."""
+    """Hash of its bytes."""
     version: str
-    """Of the program that identified it."""
+    """Version of the program that identified it."""
     libraries: Mapping[str, str]
     """Versions of what it computes with."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What is said of a session."""
+    """The report of one session, ready to be set as HTML or PDF."""
 
     vehicle: str
     created: str
     """`vehicle`, `created`: whose, and when it was recorded."""
     source: Source
-    """Of what."""
+    """File and programs that the numbers come from."""
     verdict: Verdict
-    """Whether the parameters may be used."""
+    """Verdict on the parameters."""
     findings: tuple[Finding, ...]
     """The worst first."""
     highlights: tuple[tuple[str, Cell], ...]

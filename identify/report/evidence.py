@@ -1,4 +1,4 @@
-"""What the numbers rest on: runs, noise, correlation, and the paper's chain beside them."""
+"""Evidence of the numbers: runs, noise, correlation, and the paper's chain for comparison."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each figure of the report draws: numbers only."""
+"""The numbers that each figure of the report draws."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class IntervalPanel:
     half_percent: Floats
     """Half of each 95 % interval, % of the value, shape (n,)."""
     kinds: tuple[str, ...]
-    """What a parameter may rest on."""
+    """Kinds of runs and facts that a parameter may rest on."""
     shares: Floats
     """Shares of one, shape (n, n_kinds)."""
 
@@ -73,7 +73,7 @@ class StabilisationPanel:
     rank: Floats
     """`frequency_hz`, `rank`: of each pole, shape (n,)."""
     stable: NDArray[np.bool_]
-    """Whether it comes again, shape (n,)."""
+    """True if it comes again, shape (n,)."""
     modes_hz: Floats
     """Modes of the identified vehicle, shape (m,)."""
 
@@ -96,7 +96,7 @@ class SnrPanel:
     decibel: Floats
     """NaN where there is no such mode, shape (n_runs, n_modes)."""
     limit_db: float
-    """What all runs of a mass state together need."""
+    """Least sum over all runs of a mass state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class PredictionPanel:
     fitted: Floats
     predicted: Floats
     limit: Floats
-    """`fitted`, `predicted`, `limit`: naN where the others say nothing, shape (n,)."""
+    """`fitted`, `predicted`, `limit`: NaN where the others say nothing, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ class DifferencePanel:
     """`percent`, `half_percent`: difference and half of its 95 % interval, % of the first session's
     value, shape (n,)."""
     significant: NDArray[np.bool_]
-    """Whether it stands among all, shape (n,)."""
+    """True if it stands among all, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +133,9 @@ class TrendPanel:
     half: Floats
     """Value and half of its 95 % interval in each session, shape (n,)."""
     slope: float
-    """Of the weighted line, a session."""
+    """Slope of the weighted line per session."""
     unit: str
-    """Of the values."""
+    """Unit of the values."""
 
 
 @dataclass(frozen=True, slots=True)

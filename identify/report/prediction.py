@@ -13,9 +13,9 @@ def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
     """Return each run predicted from all the others."""
     good = sum(p.at_noise for p in predictions)
     lead = (
-        "The vehicle is fitted on all other runs and must then foretell the one that was left out; "
+        "The vehicle is fitted on all other runs and must then predict the one that was left out; "
         "only the initial state and the sensors' offsets are the run's own. For a linear car what "
-        "is left is noise; friction, a hot damper or a lifted wheel are not foretold. "
+        "is left is noise; friction, a hot damper or a lifted wheel are not predicted. "
         f"Here {good} of {len(predictions)} runs are predicted down to the noise."
     )
     blocks: list[Block] = []
@@ -46,7 +46,7 @@ def _picture(predictions: tuple[Prediction, ...]) -> Picture:
         "prediction",
         "Fitted with all runs, and predicted from the others",
         "Grey: noise level, with five standard deviations of chance. A diamond far to the right of "
-        "its circle is a run that the others do not foretell.",
+        "its circle is a run that the others do not predict.",
         PredictionPanel(
             tuple(p.label for p in predictions),
             np.array([p.fitted for p in predictions]),
@@ -61,7 +61,7 @@ def _table(predictions: tuple[Prediction, ...]) -> Table:
     rows = []
     for p in predictions:
         if np.isfinite(p.predicted):
-            state = "✓ at noise level" if p.at_noise else "✕ not foretold"
+            state = "✓ at noise level" if p.at_noise else "✕ not predicted"
             tail = (
                 cited(data, "left_out", p.label, "predicted"),
                 cited(data, "left_out", p.label, "limit"),
@@ -78,5 +78,5 @@ def _table(predictions: tuple[Prediction, ...]) -> Table:
         ("run", "#fitted", "#predicted", "#limit", "", "moves most", "#by sigma"),
         tuple(rows),
         "Moves most: the parameter that changes most when the run is left out, in standard "
-        "deviations of such a change; beyond 4 the run tells of another car than the others.",
+        "deviations of such a change; beyond 4 the run shows another car than the others.",
     )

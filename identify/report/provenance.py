@@ -1,4 +1,4 @@
-"""What was recorded, what was changed by hand, and how to trace it."""
+"""Runs as recorded and as changed by hand, and how to trace them."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class Shape:
     motion: NDArray[np.complex128]
     """Displacements of `daq.vehicle.DOF`, turned so that most of it is real, m, shape (7,)."""
     geometry: VehicleGeometry
-    """Of the vehicle."""
+    """Geometry of the vehicle."""
 
 
 @dataclass(frozen=True, slots=True)

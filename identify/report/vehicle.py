@@ -1,4 +1,4 @@
-"""What was known of the vehicle beforehand, and how it agrees with what was found."""
+"""The vehicle as stated beforehand, and how that agrees with the result."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def vehicle_section(session: Session, estimation: Estimation) -> Section:
     return Section(
         "vehicle",
         "Vehicle, facts and model",
-        "What the identification was told. Facts and stated uncertainties are data like the "
+        "What is given to the identification. Facts and stated uncertainties are data like the "
         "samples: they pull, and are pulled.",
         tuple(blocks),
     )

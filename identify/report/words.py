@@ -29,7 +29,7 @@ _PLACES |= {"rr": "rear right"}
 SYMBOL: Mapping[Verdict, str] = MappingProxyType(
     {Verdict.OK: "✓", Verdict.DOUBTFUL: "!", Verdict.REFUSED: "✕"}
 )
-"""States are told by symbol and word; colour only helps."""
+"""Each state has a symbol and a word; colour only helps."""
 
 HEADLINE: Mapping[Verdict, str] = MappingProxyType(
     {

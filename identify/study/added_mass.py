@@ -36,7 +36,7 @@ class MassError:
     dofs: tuple[int, ...]
     """Its places on the diagonal of the added mass."""
     says: tuple[str, ...]
-    """What the paper reads off its figure, and how ours compares."""
+    """Values that the paper reads off its figure, and ours."""
 
 
 _ONE_AXIS = (
@@ -67,7 +67,7 @@ MASS_ERRORS: Mapping[str, MassError] = MappingProxyType(
     }
 )
 _CONVENTION = (
-    "Error e: the identification is told (1 - e) times what is on board. Row i of M, C and K is"
+    "Error e: the identification is given (1 - e) times what is on board. Row i of M, C and K is"
     " then (1 - e) times its true self, so K is no longer symmetric and least squares settles"
     " between its two halves."
 )
@@ -137,7 +137,7 @@ def mass_error_study(figure: str) -> Study:
         A key of `MASS_ERRORS`.
     """
     error = MASS_ERRORS[figure]
-    found = np.array([_parameters_told(error, e) for e in ERRORS_PERCENT])
+    found = np.array([_parameters_given(error, e) for e in ERRORS_PERCENT])
     errors = percent(found, FORD_GRANADA.to_array())
     by_name = dict(zip(PARAMETER_NAMES, errors.T, strict=True))
     middle = len(ERRORS_PERCENT) // 2
@@ -170,16 +170,16 @@ def mass_error_study(figure: str) -> Study:
     )
 
 
-def _parameters_told(error: MassError, error_percent: float) -> NDArray[np.float64]:
+def _parameters_given(error: MassError, error_percent: float) -> NDArray[np.float64]:
     """Return the 15 parameters found when the added mass is stated wrongly."""
     vehicle = physical_model(FORD_GRANADA)
     on_board = delta_mass(PAPER_ADDED_MASS, FORD_GRANADA.a).real
-    told = on_board.copy()
-    told[error.dofs, error.dofs] *= 1.0 - error_percent / 100.0
+    stated = on_board.copy()
+    stated[error.dofs, error.dofs] *= 1.0 - error_percent / 100.0
     light, heavy = (
         state_matrix_of(modes_of(model.A)) for model in (vehicle, vehicle.with_mass(on_board))
     )
-    return sequential_vehicle(physical_matrices(light, heavy, told)).to_array()
+    return sequential_vehicle(physical_matrices(light, heavy, stated)).to_array()
 
 
 def error_panel(

@@ -66,7 +66,7 @@ class Campaign:
     mass_states: tuple[MassState, ...] = PAPER_MASS_STATES
     """Loading of the vehicle."""
     geometry: VehicleGeometry | None = None
-    """The four lengths as the identification is told them; None leaves them to be identified."""
+    """The four lengths as given to the identification; None leaves them to be identified."""
     scales_sigma_kg: float = 0.0
     """Standard uncertainty of the scales that show total mass and front axle load; 0 if the vehicle
     is not weighed."""

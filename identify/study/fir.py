@@ -11,8 +11,8 @@ PASS_HZ = 16.0
 """Section 4.3."""
 
 _MEMORY_S = 0.05
-"""Not told by the paper.  A free decay filtered is one still, but only once the whole memory lies
-in it, and the wheels have lost three fifths of their motion in 50 ms."""
+"""Length of the filter; the paper does not state it.  A filtered free decay is one still, but only
+once the whole memory lies in it, and the wheels lose three fifths of their motion in 50 ms."""
 _STOP_HZ = 60.0
 """With so short a memory: 35 dB down from here on, little above 30 Hz."""
 

@@ -50,7 +50,7 @@ def fig8() -> Study:
             "Paper, t_r: -0.48 to 0.25 % and, c_sf, -0.35 to 0.15 %. Ours: k_sr -0.40 to 0.34 and"
             " c_sf -0.25 to 0.25 %, which with the error of the paper's simulation (Table 2: k_sr"
             " -0.08, c_sf -0.10 %) is -0.48 to 0.26 and -0.35 to 0.15 %.",
-            "Error e: the identification is told (1 - e) times the true length. C and K are fitted"
+            "Error e: the identification is given (1 - e) times the true length. C and K are fitted"
             " in all elements, each with the same weight. m_s, I_yy, I_xx, m_uf, m_ur do not move.",
         ),
         panels=(tuple(panels[:2]), tuple(panels[2:])),

@@ -40,7 +40,7 @@ class Outcome:
     chi2_per_n: float
     """Goodness of fit; 1 if the model holds."""
     converged: bool
-    """Whether the fit settled."""
+    """True if the fit settled."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "errors_percent", read_only(self.errors_percent))
@@ -48,17 +48,17 @@ class Outcome:
 
     @property
     def lost(self) -> bool:
-        """Whether the campaign gave no result that anyone would use."""
+        """True if the campaign gave no usable result."""
         return not self.converged or self.misfit or self.vague
 
     @property
     def misfit(self) -> bool:
-        """Whether the fit leaves more than noise."""
+        """True if the fit leaves more than noise."""
         return not self.chi2_per_n <= _CHI2_LIMIT
 
     @property
     def vague(self) -> bool:
-        """Whether some parameter is not determined."""
+        """True if some parameter is not determined."""
         return not bool(np.all(self.stds_percent <= _VAGUE_PERCENT))
 
 

@@ -1,4 +1,4 @@
-"""What the paper prints, to stand beside what we find."""
+"""Values that the paper prints, for comparison with ours."""
 
 from __future__ import annotations
 

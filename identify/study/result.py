@@ -1,4 +1,4 @@
-"""What every study returns: a table, what must be said about it, and what a figure shows.
+"""The result of a study: a table, notes, and the content of its figure.
 
 A study computes and describes; `tui` prints the table, `identify.study.figures` draws the panels.
 """
@@ -38,7 +38,7 @@ class Curve:
     hue: int = 0
     """Which colour of the palette; kin share one."""
     dashed: bool = False
-    """Tells kin apart."""
+    """True to distinguish it from its kin."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x", read_only(np.asarray(self.x, dtype=np.float64)))
@@ -60,7 +60,7 @@ class Dots:
     """One value for each item of a list, and how far it may reach."""
 
     label: str
-    """What the values are."""
+    """Name of the values."""
     values: NDArray[np.float64]
     """In the order of the items, shape (n,); NaN leaves a place empty."""
     hue: int
@@ -86,7 +86,7 @@ class DotPanel:
     series: tuple[Dots, ...]
     """The values."""
     logarithmic: bool = False
-    """Whether the values span decades."""
+    """True if the values span decades."""
     expected: tuple[float, float] | None = None
     """Where the values should lie."""
 
@@ -100,13 +100,13 @@ class Study:
     """The result of a study."""
 
     title: str
-    """What was done."""
+    """Title of the study."""
     columns: tuple[Column, ...]
-    """Of the table."""
+    """Columns of the table."""
     rows: tuple[tuple[Cell, ...], ...]
     """One value a column; NaN where there is none."""
     notes: tuple[str, ...]
-    """What a reader should know: where it differs from the paper, and why."""
+    """Remarks: where it differs from the paper, and why."""
     panels: tuple[tuple[Panel, ...], ...]
     """Rows of diagrams."""
 

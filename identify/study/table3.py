@@ -35,7 +35,7 @@ _STEP_S = 0.01
 _BLOCKS = 30
 """Delay vectors of 0.3 s in steps of 10 ms: of 8, 15 and 30 steps the steadiest."""
 _LENGTH_S = 1.5
-"""What follows is mostly noise."""
+"""Seconds of each decay that are used; what follows is mostly noise."""
 
 
 def table3_campaign(rate_hz: float, noise_db: float) -> Campaign:
@@ -167,10 +167,10 @@ def table3(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
         notes=(
             *notes,
             "The paper's figures are of one realisation whose noise, sampling rate and choice of"
-            " modes it does not tell; they could not be reproduced: its chain divides by the"
+            " modes it does not state; they could not be reproduced: its chain divides by the"
             " difference of two noisy matrices that are a tenth apart.",
-            "The chain is told that there are seven modes; where fewer pairs of poles come out, it"
-            " has no answer. The likelihood is told nothing but the geometry.",
+            "The chain is given the number of modes, seven; where fewer pairs of poles come out, it"
+            " has no answer. The likelihood is given nothing but the geometry.",
         ),
         panels=(
             (

@@ -21,7 +21,7 @@ class Suspect:
     """A cause and how well it is founded."""
 
     cause: str
-    """What the model lacks."""
+    """Effect that the model lacks."""
     effects: tuple[Effect, ...]
     """Its parts."""
     score: Score

@@ -75,7 +75,7 @@ def _in_words(estimation: Estimation, suspect: Suspect) -> Explanation:
         found = gain_of(estimation, suspect.effects[0].label)
         sizes, advice = found.sizes, found.advice
     elif cause.endswith(" late"):
-        advice = "state delay_s and delay_sigma_s of these channels, or mend their clock"
+        advice = "state delay_s and delay_sigma_s of these channels, or correct their clock"
     explained = 0.0 if estimation.holds else suspect.explained
     return Explanation(cause, sizes, advice, explained, suspect.shift, suspect.shifted)
 

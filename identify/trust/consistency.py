@@ -1,4 +1,4 @@
-"""Whether all runs, and the large and the small motion, tell of the same vehicle.
+"""Consistency of the runs, and of large and small motion: do they show the same vehicle.
 
 Each part of the data has its own pull on the parameters; at the common optimum the pulls cancel.
 If the parts agree, each pull is noise of known covariance (Hausman 1978); a part that disagrees

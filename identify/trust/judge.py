@@ -53,7 +53,7 @@ def judge(session: Session, estimation: Estimation) -> Quality:
 
 
 def _causes(estimation: Estimation) -> tuple[Finding, ...]:
-    """Name an odd run first: it would feign causes.  What depends on amplitude, only by itself."""
+    """Report an outlying run first, because it imitates other causes; amplitude last."""
     ranked = rank_causes(estimation)
     repeats = repeat_findings(estimation, ranked[0].strength)
     if any(finding.code == "odd_run" for finding in repeats):

@@ -1,6 +1,6 @@
 """Lift-off: wheels in the air when the free decay should begin.
 
-The fitted motion tells how far each tyre is relieved.  A tyre can only push; where the linear model
+The fitted motion shows how far each tyre is relieved.  A tyre can only push; where the linear model
 has it pull, the wheel was in the air and the model does not hold.  The fit finds that out by itself
 and begins a decay when the wheels are down: then it begins late, with hardly any load on a tyre.
 """
@@ -50,7 +50,7 @@ class _Light:
 
     @property
     def in_the_air(self) -> bool:
-        """Whether the wheel was off the road for longer than a landing takes."""
+        """True if the wheel was off the road for longer than a landing takes."""
         return self.load_n < -PULL_LIMIT * self.static_n or self.late_s > LATE_S
 
 

@@ -1,4 +1,4 @@
-"""What a model may lack: each effect by the trace of one unit of it in a decay.
+"""Linear effects that a model may lack, each by the trace of one unit of it in a decay.
 
 Springs, dampers, unequal sides, wrong lengths; sensors that are late or read too much.
 """
@@ -27,11 +27,11 @@ class Effect:
     """One effect."""
 
     cause: str
-    """What is suspected; several effects may share it (both anti-roll bars)."""
+    """Suspected cause; several effects may share it (both anti-roll bars)."""
     label: str
     """Which of them."""
     unit: str
-    """Of its size, for people."""
+    """Unit of its size, for people."""
     factor: float = 1.0
     """From one unit of the trace to `unit`."""
 

@@ -35,7 +35,7 @@ class _Drives:
     push: NDArray[np.float64]
     """Acceleration of the degrees of freedom by one newton at either corner, shape (q, 7, 2)."""
     state: NDArray[np.float64]
-    """What it moves, from rest, shape (n, q, 14)."""
+    """State of the vehicle, driven from rest, shape (n, q, 14)."""
 
 
 def suspension_forces(estimation: Estimation) -> Effects:

@@ -86,7 +86,7 @@ class _Stretch:
 
     @property
     def even(self) -> bool:
-        """Whether the samples are meant to come at equal intervals."""
+        """True if the samples are meant to come at equal intervals."""
         return self.jitter_s < _EVEN * self.period_s
 
     @property

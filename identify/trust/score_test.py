@@ -18,7 +18,7 @@ from ..fit.estimation import Estimation
 from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_part, slopes
 
 Trace = tuple[NDArray[np.float64], ...]
-"""What each effect does to the channels of each recording, (n_samples, n_channels, q)."""
+"""Change of the channels of each recording by each effect, (n_samples, n_channels, q)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Score:
     shift: NDArray[np.float64]
     """By how much the unknowns would move, shape (P,)."""
     covariance: NDArray[np.float64]
-    """Of the sizes, shape (q, q)."""
+    """Covariance of the sizes, shape (q, q)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +57,11 @@ class Scores:
     """Traces times residuals, less what the unknowns would take over: thinned samples have an
     optimum of their own, a little beside that of all, shape (q,)."""
     information: NDArray[np.float64]
-    """Of the effects, everything linear projected out, shape (q, q)."""
+    """Information on the effects, everything linear projected out, shape (q, q)."""
     mixed: NDArray[np.float64]
-    """Of effects with unknowns, shape (q, P)."""
+    """Information shared by effects and unknowns, shape (q, P)."""
     fit_covariance: NDArray[np.float64]
-    """Of the unknowns, shape (P, P)."""
+    """Covariance of the unknowns, shape (P, P)."""
 
     def test(self, chosen: Sequence[int]) -> Score:
         """Test the chosen effects together."""

@@ -22,7 +22,7 @@ from ..fit.likelihood import Fit, fit, residuals
 
 _RATE_HZ = 250.0
 _LENGTH_S = 1.0
-"""The first second tells of every sensor fault."""
+"""Seconds of each decay that are fitted; the first second shows every sensor fault."""
 _SUSPECTED = 4
 """Channels that are left out in turn."""
 _CLEARS = 0.9
@@ -40,7 +40,7 @@ class Explanation:
     """A likely cause."""
 
     name: str
-    """What is wrong."""
+    """Name of the fault."""
     sizes: str
     advice: str
     """`sizes`, `advice`: how much, and what to do."""
@@ -163,7 +163,7 @@ def _late(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
     yield Explanation(
         f"{who} late",
         f"{abs(mean_ms):.2g} ms",
-        "state delay_s and delay_sigma_s of these channels, or mend their clock",
+        "state delay_s and delay_sigma_s of these channels, or correct their clock",
         1.0 - after.excess / before.excess,
         *_shift(before, after),
     )

@@ -1,4 +1,4 @@
-"""What is missing before a fit can be tried, and what to measure to have it."""
+"""Prerequisites of a fit that a session lacks, and what to measure to have them."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def _channels(records: Sequence[Record]) -> Iterator[Finding]:
     elif len(names) == 1:
         yield _refused(
             "channels",
-            f"one channel only ({next(iter(names))}): it cannot tell body from wheels; record an "
-            "IMU on the body and an accelerometer on each hub",
+            f"one channel only ({next(iter(names))}): it cannot separate body from wheels; record "
+            "an IMU on the body and an accelerometer on each hub",
         )
 
 
@@ -89,7 +89,7 @@ def _singular(loaded: Sequence[MassState]) -> Iterator[Finding]:
 
 
 def _scale_is_known(vehicle: Vehicle) -> bool:
-    """Tell whether a fact says how heavy, stiff or strongly damped the vehicle is."""
+    """Return True if a fact states how heavy, stiff or strongly damped the vehicle is."""
     parameters = set(parameter_names(vehicle.structure))
     return any(
         fact.quantity in SCALED

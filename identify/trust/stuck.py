@@ -38,7 +38,7 @@ class _Hold:
     """`rest_rate`, `decay_rate`: share of samples that differ from the one before, before the decay
     and in it; NaN where there are too few samples."""
     constant: bool
-    """Whether it has one value in the whole run."""
+    """True if it has one value in the whole run."""
 
 
 def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[Finding, ...]:
@@ -70,7 +70,7 @@ def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[
                 "dead_channels",
                 Severity.WARNING,
                 f"never moves in any run: {listed(dead)}; the fit takes a dead sensor for a part "
-                "that stands still: mend it or map it as unused",
+                "that stands still: repair it or map it as unused",
             )
         )
     frozen = [h for h in holds if h.channel in moving and _is_frozen(h, holds)]

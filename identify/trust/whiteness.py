@@ -25,7 +25,7 @@ NARROW_LIMIT = 1.3
 """Intervals too narrow by this factor cover 87 % instead of 95 %."""
 EARLY_S = 0.3
 """Looked at apart: what is wrong with the wheels' motion is over by then."""
-_FEWEST = 100  # pairs of samples that tell a correlation to 0.1
+_FEWEST = 100  # pairs of samples that give a correlation to 0.1
 _FEWEST_LEVELS = 5  # a coarser converter shows its own steps instead of the noise
 _SILENT = 0.01  # of the noise's power: rounding of data without noise
 _MARGIN_S = 0.005  # the onset of motion is seen a little late
@@ -65,7 +65,7 @@ class _Pairs:
         return min(max(r, -0.99), 0.99)
 
     def usable(self, noise: float) -> bool:
-        """Whether there are samples enough, and noise to be judged."""
+        """Return True if there are samples enough, and noise to be judged."""
         loud = self.squares > _SILENT * noise**2 * self.n
         return self.n >= _FEWEST and loud and self.levels >= _FEWEST_LEVELS
 

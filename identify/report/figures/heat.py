@@ -16,7 +16,7 @@ _BOTH_WAYS = LinearSegmentedColormap.from_list("both", [PALETTE[1], "#ffffff", P
 _ONE_WAY = LinearSegmentedColormap.from_list("one", ["#ffffff", "#7fb8d8", "#00507d"])
 _HEAD_IN, _ROW_IN = 0.25, 0.215
 _DARK = 0.62
-"""Of the range of colours: beyond it the number is written in white."""
+"""Share of the range of colours beyond which the number is written in white."""
 
 
 def heat_height_in(rows: int) -> float:

@@ -31,7 +31,7 @@ from .poles import draw_stabilisation
 from .style import SETTINGS
 
 WIDTH_IN = 7.4
-"""Of a page of A4 between its margins."""
+"""Width of a page of A4 between its margins, inches."""
 HALF_IN = 3.62
 _PNG_DPI = 200
 _SETTINGS = {**SETTINGS, "font.size": 8.0, "axes.titlesize": 8.5}

@@ -1,4 +1,4 @@
-"""How figures look: colours that the colour-blind tell apart, thin axes, no frame."""
+"""How figures look: colours that the colour-blind distinguish, thin axes, no frame."""
 
 from __future__ import annotations
 

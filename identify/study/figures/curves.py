@@ -11,7 +11,7 @@ from ...report.figures.style import PALETTE, zero_line
 from ..result import Curve, CurvePanel
 
 _ALIKE = 0.012
-"""Of the height of the diagram: curves that are never further apart look like one."""
+"""Share of the height of the diagram within which curves look like one."""
 _LINE = 0.062
 """Height of a line of text, of the height of the diagram."""
 _DENSE = 100
@@ -51,7 +51,7 @@ def draw_curves(axes: Axes, panel: CurvePanel) -> None:
 
 
 def _coinciding(curves: Sequence[Curve], tolerance: float) -> list[list[Curve]]:
-    """Gather curves that cannot be told apart."""
+    """Gather curves that cannot be distinguished."""
     groups: list[list[Curve]] = []
     for curve in curves:
         for group in groups:

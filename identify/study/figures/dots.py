@@ -11,7 +11,7 @@ from ..result import DotPanel
 
 _MARKS = ("|", "o", "o", "D", "s")
 _SPREAD = 0.5
-"""Of the distance between two items: what the series of one item are spread over."""
+"""Share of the distance between two items over which the series of one item are spread."""
 
 
 def draw_dots(axes: Axes, panel: DotPanel) -> None:

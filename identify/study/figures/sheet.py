@@ -55,7 +55,7 @@ def _height_in(panel: Panel) -> float:
 
 
 def _same_scale(panels: tuple[Panel, ...]) -> bool:
-    """Tell whether the panels of a row measure the same, so that they are drawn to one scale."""
+    """Return True if the panels of a row measure the same; they are then drawn to one scale."""
     labels = {panel.y_label for panel in panels if isinstance(panel, CurvePanel)}
     return len(labels) == 1 and all(isinstance(panel, CurvePanel) for panel in panels)
 

@@ -14,7 +14,7 @@ from identify.pipeline import grey_box, usable_records
 
 from ..stress import stress_session
 
-SEEDS = (1, 2, 3, 4, 5)
+SEEDS = (1, 2)
 
 
 @cache
