@@ -164,3 +164,24 @@ def test_the_channels_that_are_not_at_rest_are_named() -> None:
     state, _ = advance(CONFIG, TriggerState(), {"resting": _channel(1.6)})
     assert state.phase is TriggerPhase.ARMED
     assert not_at_rest(CONFIG, state) == ()
+
+
+@pytest.mark.parametrize(
+    ("samples", "bumps"),
+    [
+        ([5.0], 0),
+        ([5.0, 0.0, 5.0], 0),
+        ([5.0, -5.0, 5.0, -5.0], 0),
+        ([5.0, 5.0], 1),
+        ([-5.0, -5.0], 1),
+        ([2.9, 2.9], 0),
+        ([3.1, 3.1], 1),
+    ],
+)
+def test_a_bump_is_two_samples_in_a_row_on_the_same_side(samples: list[float], bumps: int) -> None:
+    """The level is 3 m/s2: one sample away from rest is a spike, and so is each of a ripple."""
+    t_s = np.arange(4000) / 1000.0
+    value = np.full(len(t_s), GRAVITY)
+    value[2000 : 2000 + len(samples)] += samples
+    record = {"fl": (START_NS + np.rint(t_s * 1e9).astype(np.int64), value)}
+    assert sum(event.code == "bump" for event in _run(record)) == bumps
