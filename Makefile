@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test lint bench coverage mutate fuzz crash soak release-check test-socketcan constraints clean
+.PHONY: demo test test-pythons lint bench coverage mutate fuzz crash soak release-check test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -12,6 +12,10 @@ demo: .venv/demo
 # One thread of BLAS for each worker: two that wait for each other take twice the time.
 test: .venv/test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --quiet --numprocesses auto --dist loadfile
+
+# Every promised Python that is here or can be had, and the lowest stated versions: some 10 minutes.
+test-pythons: .venv/test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.house.pythons
 
 lint: .venv/test
 	$(BIN)/ruff check .
