@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import can
 import numpy as np
@@ -12,6 +13,7 @@ from daq.bus.source import SourceLosses
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch
+from dbc.witness.second_reader import Witness
 from tui.cli import run
 
 START_NS = 1_800_000_000_000_000_000
@@ -166,3 +168,20 @@ def test_mistakes_are_one_line(
     assert told.err.count("\n") == 1
     assert reason in told.err
     assert told.out == ""
+
+
+def _doctored(text: str, *rest: Any) -> Witness:
+    """Give cantools another factor than our reader."""
+    return Witness(text.replace("(0.001,0)", "(0.002,0)"), *rest)
+
+
+def test_a_dbc_that_cantools_reads_otherwise_fails(
+    log: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("daq.check.dbc_readers.Witness", _doctored)
+    assert run(["check", "--log", str(log)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    found = [line for line in lines if "our DBC reader has" in line]
+    assert found
+    assert all(line.startswith("FAIL message ") for line in found)
+    assert lines[-1].startswith("FAIL: ")

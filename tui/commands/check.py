@@ -39,10 +39,12 @@ def check(
     """
     if layouts:
         return _list_layouts(json)
+    from dataclasses import replace
     from datetime import date
 
     from daq.bench.config import bench_codec
     from daq.check.check import check_bench
+    from daq.check.dbc_readers import bench_witness, reader_lines
     from daq.errors import InputError
 
     if layout is not None and bench is not None:
@@ -59,9 +61,11 @@ def check(
         frames = None
     codec = bench_codec(described)  # before anything is opened
     say_left_out(codec)
-    if frames is None:
-        frames = _frames(described, log, seconds)
-    report = check_bench(described, codec, frames, date.today())
+    with bench_witness(described, codec) as witness:  # at work while the bus is listened to
+        if frames is None:
+            frames = _frames(described, log, seconds)
+        report = check_bench(described, codec, frames, date.today())
+        report = replace(report, lines=(*report.lines, *reader_lines(witness.report())))
     if json:
         _print_document(report)
     else:

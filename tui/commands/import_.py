@@ -57,6 +57,8 @@ def import_(
 
     from daq import write_session
     from daq.bench.config import bench_codec
+    from daq.check.dbc_readers import bench_witness, reader_lines
+    from daq.check.result import Verdict
     from daq.derive.from_logs import labelled, numbered, parse_runs, session_from_parts, with_steps
     from daq.errors import InputError
     from daq.formats.log import read_log, read_logs
@@ -85,7 +87,7 @@ def import_(
     for source in sources:
         if out.resolve() in [path.resolve() for path in source.paths]:
             raise InputError(str(out), "is one of the logs", "name another file with --out")
-    with progress("import") as stage:
+    with bench_witness(bench, codec) as witness, progress("import") as stage:
         parts = _parts(bench, codec, sources, bus, stage, apart=bool(singles))
         if singles:
             for part, source in zip(parts, sources, strict=True):
@@ -104,6 +106,8 @@ def import_(
         if not session.runs:
             raise InputError("import", "no bump is left to be a run", "mend --skip or --runs")
         write_session(out, session)
+        stage(1.0, "reading the DBC with cantools")
+        reading = witness.report()
     bumps = sum(event.code.endswith("bump") for part in parts for event in part.events)
     if json:
         extra = {"sources": facts, "bumps": bumps, "planned": len(steps)}
@@ -112,6 +116,11 @@ def import_(
         print_summary(out, session)
     for text in _remarks(sources, session, bumps, len(steps)):
         say(text)
+    for line in reader_lines(reading):
+        if line.verdict > Verdict.OK:
+            say(f"{line.verdict.name} {line.subject}: {line.reason} ({line.advice})")
+    if reading.differences:
+        return ExitCode.ANSWER_IS_NO
     lost = any(source.loss.any for source in sources)
     lost |= any(one.losses.measured for one in session.runs)
     return ExitCode.DATA_LOST if lost else ExitCode.OK

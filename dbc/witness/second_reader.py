@@ -1,0 +1,150 @@
+"""Asks cantools to read the DBC as well, and compares message by message, signal by signal."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from tempfile import TemporaryFile
+from types import TracebackType
+from typing import Any
+
+from ..codec import Codec
+from ..errors import printable
+from ..layout import MessageLayout
+from .child import key
+from .compare import Difference, message_differences
+
+SAMPLE = 16
+"""Payloads of each message that both decode: ends of the range, and random ones."""
+MAX_CPU_S = 20
+"""Processor time of cantools.  The slowest of 191 public databases takes it 2 s."""
+MAX_WAIT_S = 60
+"""Time by the clock, on a machine that has other work."""
+MAX_BYTES = 1 << 30
+"""Address space of the child."""
+
+
+@dataclass(frozen=True, slots=True)
+class WitnessReport:
+    """What cantools says about a DBC."""
+
+    differences: tuple[Difference, ...]
+    """Where it reads something else, the messages in use first."""
+    refusal: str = ""
+    """Why it says nothing; empty if it does, or if it is not asked."""
+    compared: int = 0
+    """Number of messages whose values were compared."""
+
+
+class Witness:
+    """A cantools at work on a DBC, in a process with limits: the DBC may be hostile."""
+
+    def __init__(self, text: str, name: str, codec: Codec, used: Iterable[str]) -> None:
+        """Start.
+
+        Parameters
+        ----------
+        text : str
+            The DBC.
+        name : str
+            Its name.  KCD and SYM are read by cantools alone, so that nothing is compared.
+        codec : Codec
+            The same, as our reader has it.
+        used : iterable of str
+            The messages whose values are compared.
+        """
+        self._codec = codec
+        self._sample = {name: payloads(codec.message(name)) for name in dict.fromkeys(used)}
+        self._child: subprocess.Popen[str] | None = None
+        self._failure = ""
+        if Path(name).suffix.lower() in (".kcd", ".sym"):
+            return
+        by_key = {
+            key(message.can_id, message.is_extended): [p.hex() for p in sample]
+            for message, sample in ((codec.message(n), s) for n, s in self._sample.items())
+        }
+        question = json.dumps({"text": text, "payloads": by_key})
+        command = [sys.executable, "-I", "-m", "dbc.witness.child", str(MAX_BYTES), str(MAX_CPU_S)]
+        one = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+        try:
+            with TemporaryFile(
+                "w+", encoding="utf-8"
+            ) as stdin:  # a pipe would have to be waited for
+                stdin.write(question)
+                stdin.seek(0)
+                self._child = subprocess.Popen(
+                    command,
+                    stdin=stdin,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    encoding="utf-8",
+                    env=one,
+                )
+        except OSError as error:
+            self._failure = f"no process for it ({error.strerror or error})"
+
+    def __enter__(self) -> Witness:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the child, whatever it does."""
+        if self._child is not None:
+            self._child.kill()
+            self._child.communicate()
+
+    def report(self) -> WitnessReport:
+        """Wait for the answer, at most `MAX_WAIT_S`, and compare."""
+        child = self._child
+        if child is None:
+            return WitnessReport((), self._failure)
+        try:
+            said, _ = child.communicate(timeout=MAX_WAIT_S)
+        except subprocess.TimeoutExpired:
+            return WitnessReport((), f"no answer for {MAX_WAIT_S} s")
+        if child.returncode:
+            ended = child.returncode < 0  # by the limit of time
+            return WitnessReport(
+                (), f"it takes more than {MAX_CPU_S} s" if ended else "it breaks off"
+            )
+        found: dict[str, Any] = json.loads(said)
+        if "refusal" in found:
+            return WitnessReport((), printable(found["refusal"], 120))
+        differences: list[Difference] = []
+        for name, sample in self._sample.items():
+            message = self._codec.message(name)
+            theirs = found["messages"].get(key(message.can_id, message.is_extended))
+            differences += message_differences(message, sample, theirs)
+        differences += _unread(self._codec, found["names"])
+        return WitnessReport(tuple(differences), "", len(self._sample))
+
+
+def payloads(message: MessageLayout) -> tuple[bytes, ...]:
+    """Return the payloads that are compared, always the same ones."""
+    length, dice = message.length, Random(message.can_id)
+    fixed = [bytes(length), b"\xff" * length, (b"\x80\x00" * length)[:length]]
+    return (*fixed, *(dice.randbytes(length) for _ in range(SAMPLE - len(fixed))))
+
+
+def _unread(codec: Codec, names: dict[str, str]) -> Sequence[Difference]:
+    """Return the messages of cantools that our reader neither has nor names as left out."""
+    left_out = {remark.name.removeprefix("message ").split(".")[0] for remark in codec.left_out}
+    if "?" in left_out:  # a message whose name is not understood: any of them
+        return []
+    known = {key(message.can_id, message.is_extended) for message in codec.messages}
+    return [
+        Difference(name, None, "no such message", f"identifier 0x{number.rstrip('x')}")
+        for number, name in names.items()
+        if number not in known and name not in left_out
+    ]
