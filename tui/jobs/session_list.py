@@ -109,19 +109,19 @@ def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
         tail = last_recording(folder / "journal")
         if tail is None:
             return None
-        book = fold(tail.events)
-        text = book.bench_text or tail.head.bench_text
+        log = fold(tail.events)
+        text = log.bench_text or tail.head.bench_text
         vehicle = parse_bench(text, "journal", folder, tail.head.dbc_text).vehicle.name
     except (InputError, OSError) as error:
         what = error.what if isinstance(error, InputError) else str(error)
         return SessionEntry("", str(folder), "", "", SessionState.DAMAGED, note=what)
     if tail.ended and tail.session_name in names:
         return None
-    accepted = sum(run.status is LoggedStatus.ACCEPTED for run in book.runs)
+    accepted = sum(run.status is LoggedStatus.ACCEPTED for run in log.runs)
     state = SessionState.CUT_OFF
-    note = next((note.text for note in reversed(book.notes) if note.by), "")  # else a mark
+    note = next((note.text for note in reversed(log.notes) if note.by), "")  # else a mark
     day = _day(tail.head.wall_ns * 1e-9)
-    rejected = len(book.runs) - accepted
+    rejected = len(log.runs) - accepted
     return SessionEntry(
         "", str(folder), day, vehicle, state, accepted, rejected, note, tail.head.recording
     )

@@ -1,61 +1,47 @@
 from __future__ import annotations
 
-import json
-
 import pytest
-from pydantic import TypeAdapter, ValidationError
 
-from daq.runlog.entries import verdict_entry
-from daq.runlog.stored_finding import StoredFinding, finding_record, read_finding
+from daq.runlog.stored_finding import finding_record, read_finding
 from dbc.finding import Finding, Severity
 
-FORM = {
-    "code": "lost_frames",
+RECORD = {
+    "code": "too_weak",
     "passed": False,
-    "subject": "HUB_Front",
-    "value": 0.031,
-    "limit": 0.02,
-    "unit": "",
-    "text": "31 frames lost or unusable, 3.1% (limit 2%)",
-    "advice": "check bus load, cable and plugs, then bump again",
+    "subject": "body_z",
+    "value": 1.5,
+    "limit": 2.0,
+    "unit": "m/s2",
+    "text": "1.5 of 2 m/s2",
+    "advice": "bump harder",
 }
-"""As journals have held it since the first."""
-LOST = Finding(
-    "lost_frames",
-    Severity.ERROR,
-    "31 frames lost or unusable, 3.1% (limit 2%)",
-    "HUB_Front",
-    "check bus load, cable and plugs, then bump again",
-    0.031,
-    0.02,
-)
 
 
-def test_the_stored_form_is_that_of_old_journals() -> None:
-    assert finding_record(LOST) == FORM
-    assert read_finding(FORM) == LOST
-    assert json.loads(verdict_entry(1, "baseline_bounce_1", [LOST]).text)["findings"] == [FORM]
-
-
-def test_a_message_carries_the_same_form() -> None:
-    adapter: TypeAdapter[Finding] = TypeAdapter(StoredFinding)
-    assert json.loads(adapter.dump_json(LOST)) == FORM
-    assert adapter.validate_json(json.dumps(FORM)) == LOST
-    for text in ('{"code": "x"}', '"x"', '{"value": []}'):
-        with pytest.raises(ValidationError):
-            adapter.validate_json(text)
-
-
-@pytest.mark.parametrize(
-    ("severity", "passed"),
-    [(Severity.NOTE, True), (Severity.WARNING, True), (Severity.ERROR, False)],
-)
-def test_only_an_error_does_not_pass(severity: Severity, passed: bool) -> None:
-    assert finding_record(Finding("x", severity, "y"))["passed"] is passed
-
-
-def test_a_figure_that_is_no_number_becomes_zero() -> None:
-    record = finding_record(
-        Finding("x", Severity.NOTE, "y", value=float("nan"), limit=float("inf"))
+def test_a_finding_is_stored_with_every_field_and_read_again() -> None:
+    found = Finding(
+        code="too_weak",
+        severity=Severity.ERROR,
+        text="1.5 of 2 m/s2",
+        subject="body_z",
+        advice="bump harder",
+        value=1.5,
+        limit=2.0,
+        unit="m/s2",
     )
+    assert finding_record(found) == RECORD
+    assert read_finding(RECORD) == found
+    passed = read_finding(RECORD | {"passed": True})
+    assert (passed.passed, passed.severity) == (True, Severity.NOTE)
+
+
+@pytest.mark.parametrize("key", list(RECORD))
+def test_a_record_without_a_field_is_not_read(key: str) -> None:
+    with pytest.raises(KeyError):
+        read_finding({name: value for name, value in RECORD.items() if name != key})
+
+
+@pytest.mark.parametrize("figure", [float("nan"), float("inf"), float("-inf")])
+def test_a_figure_that_is_not_finite_is_stored_as_zero(figure: float) -> None:
+    found = Finding("a", Severity.NOTE, "b", "", "", figure, figure, "m")
+    record = finding_record(found)
     assert (record["value"], record["limit"]) == (0.0, 0.0)
