@@ -1,4 +1,4 @@
-"""An engine in a thread of its own, and sources that give out what a test has written."""
+"""A recorder in a thread of its own, and sources that give out what a test has written."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from daq.control.orders import Order
 from daq.recorder.recorder import Recorder
 from dbc import FrameBatch
 
-PATIENCE_S = 30.0
+PATIENCE_S = 150.0
+"""Wait after which a test fails, s: a bound on hangs, not a limit of the recorder.  On a host with
+eight times the load that it has processors for, a session file takes longer than half a minute."""
 ENDED = (SessionState.READY, SessionState.FAILED)
 
 
@@ -109,7 +111,7 @@ class Running:
         self.stop()
 
     def stop(self) -> None:
-        """End the engine as SIGTERM does."""
+        """End the recorder as SIGTERM does."""
         self._stop.set()
         self._thread.join(PATIENCE_S)
         assert not self._thread.is_alive()

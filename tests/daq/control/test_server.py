@@ -25,7 +25,7 @@ from daq.errors import InputError
 
 from ..a_status import a_status
 
-PATIENCE_S = 20.0
+PATIENCE_S = 150.0
 
 
 class Engine:
