@@ -44,5 +44,5 @@ def test_top_level_is_the_house() -> None:
         ".gitignore", "docs", "dbc", "daq", "identify", "tui", "tests", ".git",
     }  # fmt: skip
     made = {".venv", "build", "bumpbench.egg-info", "bumpbench-demo"}
-    caches = {".mypy_cache", ".pytest_cache", ".ruff_cache", ".hypothesis"}
+    caches = {".mypy_cache", ".pytest_cache", ".ruff_cache", ".hypothesis", ".import_linter_cache"}
     assert {path.name for path in ROOT.iterdir()} <= allowed | made | caches
