@@ -8,7 +8,7 @@ from identify.fit.likelihood import fit, residuals
 from .sessions import estimated
 
 
-def test_a_linear_car_foretells_every_run() -> None:
+def test_a_linear_car_predicts_every_run() -> None:
     estimation = estimated("linear")
     predictions = leave_one_out(estimation)
     assert [p.label for p in predictions] == [r.label for r in estimation.records]
@@ -37,7 +37,7 @@ def test_one_step_is_what_a_fit_without_the_run_gives() -> None:
     assert predicted.predicted > predicted.fitted
 
 
-def test_the_odd_run_is_the_one_that_is_not_foretold() -> None:
+def test_the_odd_run_is_the_one_that_is_not_predicted() -> None:
     estimation = estimated("hot_damper")
     predictions = leave_one_out(estimation)
     excess = np.array([p.predicted - p.fitted for p in predictions])
