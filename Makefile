@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test test-pythons lint bench coverage mutate fuzz crash soak release-check test-socketcan constraints clean
+.PHONY: demo test test-pythons lint docs bench coverage mutate fuzz crash soak release-check test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -23,6 +23,10 @@ lint: .venv/test
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/vulture
+
+# The reference of the public API as pages to browse, in build/docs/; needs no network.
+docs: .venv/test
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs/reference build/docs
 
 bench: .venv/bench
 	$(BIN)/python -m tests.benchmarks
