@@ -1,4 +1,4 @@
-"""Which bench a command works on: bench.toml, and the bus named on the command line."""
+"""Loads the bench of a command: bench.toml, with the bus named on the command line."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
     "At the desk": (identify, write_report, compare, batch),
     "Files": (inspect, validate, import_, export, redecode, decode, replay),
 }
-"""Commands by who wants them, as `--help` lists them; `study` comes last."""
+"""Commands by their user, in the order of `--help`; `study` comes last."""
 
 
 class _Grouped(TyperGroup):

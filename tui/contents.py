@@ -1,4 +1,4 @@
-"""What is in a session file, for `inspect`: as tables and as JSON."""
+"""Shows the contents of a session file, for `inspect`: as tables and as JSON."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from daq.vehicle import BodyWeight, HubWeight
 
 _TEXTS = ("dbc", "bench_toml")
-"""Whole files among the provenance: their size is told, not their text."""
+"""Provenance entries that hold whole files: their size is shown, not their text."""
 
 
 def contents_document(path: Path, session: Session) -> dict[str, Any]:
@@ -69,10 +69,10 @@ def print_contents(path: Path, session: Session) -> None:
     if rows:
         print_table("Known beforehand", ["what", "value", ""], rows)
         print_line()
-    told = _provenance(session.provenance)
-    if "verdicts" in told:
-        told["verdicts"] = "findings of each run: --json shows them"
-    rows = [[name, text] for name, text in told.items() if name not in ("notes", "overrides")]
+    shown = _provenance(session.provenance)
+    if "verdicts" in shown:
+        shown["verdicts"] = "findings of each run: --json shows them"
+    rows = [[name, text] for name, text in shown.items() if name not in ("notes", "overrides")]
     rows += [["note", text] for text in notes_of(session.provenance)]
     rows += [["warning overridden", text] for text in overrides_of(session.provenance)]
     if rows:
@@ -91,7 +91,7 @@ def _place(channel: Channel) -> str:
 
 
 def _sensor(channel: Channel) -> str:
-    """Say what is stated of a sensor beyond the plain one."""
+    """Return what distinguishes a sensor from an ideal one."""
     parts = []
     if channel.sign * channel.gain != 1.0:
         parts.append(f"times {channel.sign * channel.gain:g}")

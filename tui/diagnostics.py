@@ -14,7 +14,7 @@ _NAMED = 5
 
 
 class ExitCode(IntEnum):
-    """What the shell is told."""
+    """Exit codes of `bumpbench`."""
 
     OK = 0
     ANSWER_IS_NO = 1
@@ -30,12 +30,12 @@ class ExitCode(IntEnum):
 
 
 def say(text: str) -> None:
-    """Write one line of talk to stderr; stdout is for data."""
+    """Write one message line to stderr; stdout is for data."""
     sys.stderr.write(f"bumpbench: {text}\n")
 
 
 def say_left_out(codec: Codec) -> None:
-    """Name the messages of a DBC that could not be used, a few of them."""
+    """List the messages of a DBC that could not be used, five at most."""
     for remark in codec.left_out[:_NAMED]:
         say(f"left out: {remark}")
     if len(codec.left_out) > _NAMED:

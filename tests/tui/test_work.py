@@ -115,7 +115,7 @@ def test_progress_never_goes_back_and_names_each_stage_once() -> None:
     work = LongWork()
     for line in (Progress(0.1, "a"), Progress(0.5, "b"), Progress(0.3, "a")):
         work = after(work, line)
-    assert (work.share, work.told) == (0.5, ("a", "b"))
+    assert (work.share, work.begun) == (0.5, ("a", "b"))
     text = "\n".join(work_text(after(work, Trouble("f", "broke", "mend it")), GLYPHS, 78))
     assert "FAILED" in text
     assert "mend it" in text

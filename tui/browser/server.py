@@ -14,7 +14,7 @@ from textual_serve.server import Server
 from dbc.errors import InputError
 
 HOST = "127.0.0.1"
-"""Nobody else is let in: a page is as good as a seat at the bench."""
+"""Other hosts get no page: a page gives the same control as the terminal at the bench."""
 _PORT = 8000
 _PAGES = Path(__file__).with_name("templates")
 

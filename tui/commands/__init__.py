@@ -1,1 +1,1 @@
-"""What a person touches: the `bumpbench` command line."""
+"""The commands of `bumpbench`, one file each."""

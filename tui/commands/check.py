@@ -17,19 +17,23 @@ if TYPE_CHECKING:
 
 def check(
     bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml; the shipped bench if absent.")
+        Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")
     ] = None,
     log: Annotated[Path | None, typer.Option(help="A bus log instead of a live bus.")] = None,
-    seconds: Annotated[float, typer.Option(help="How much to look at.", min=0.1, max=600)] = 5.0,
+    seconds: Annotated[
+        float, typer.Option(help="Seconds of traffic to check.", min=0.1, max=600)
+    ] = 5.0,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
     propose: Annotated[
         Path | None, typer.Option(help="Write a bench.toml guessed from the DBC and the traffic.")
     ] = None,
     dbc: Annotated[Path | None, typer.Option(help="DBC for --propose.")] = None,
     layout: Annotated[
-        str | None, typer.Option(help="Ready map to check in place of a bench.toml.")
+        str | None, typer.Option(help="Ready-made channel map to check instead of a bench.toml.")
     ] = None,
-    layouts: Annotated[bool, typer.Option("--layouts", help="List the ready maps.")] = False,
+    layouts: Annotated[
+        bool, typer.Option("--layouts", help="List the ready-made channel maps.")
+    ] = False,
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
 ) -> int:

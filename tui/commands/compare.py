@@ -44,7 +44,7 @@ def compare(
 
 
 def _labels(paths: list[Path]) -> list[str]:
-    """Return the names of files, with their folders where names alone do not tell them apart."""
+    """Return the names of files, with their folders where two names are equal."""
     names = [path.stem for path in paths]
     if len(set(names)) < len(names):
         names = [f"{path.parent.name}/{path.stem}" for path in paths]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def decode(
     log: Annotated[Path, typer.Argument(help="BLF, ASC, TRC, candump log, CSV, MF4, MCAP.")],
-    dbc: Annotated[Path | None, typer.Option(help="DBC file; the shipped one if absent.")] = None,
+    dbc: Annotated[Path | None, typer.Option(help="DBC file; default: the shipped one.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON instead.")] = False,
 ) -> int:
     """Decode a log to CSV: time_s, message, signal, value, unit."""

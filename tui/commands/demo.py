@@ -17,10 +17,10 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for journal and session.")] = Path(
         "bumpbench-demo"
     ),
-    seed: Annotated[int, typer.Option(min=0, help="Draws noise and sensor errors.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> int:
-    """Bump a simulated car, record it over a virtual bus, identify it, and show the truth."""
+    """Bump a simulated car, record it on a virtual bus, identify it and compare with the truth."""
     import os
     import threading
     import time

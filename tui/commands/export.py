@@ -31,20 +31,18 @@ class Format(StrEnum):
 def export(
     session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
     form: Annotated[
-        Format | None, typer.Option("--format", help="As what; else by the suffix of --out.")
+        Format | None, typer.Option("--format", help="Format; default: by the suffix of --out.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="File to write; beside the session if absent.")
+        Path | None, typer.Option(help="File to write; default: next to the session.")
     ] = None,
-    run: Annotated[
-        list[str] | None, typer.Option(help="Only this run; may be given again.")
-    ] = None,
-    separator: Annotated[str, typer.Option(help="Between the columns of CSV.")] = ",",
-    decimal: Annotated[str, typer.Option(help="Decimal point or comma of CSV.")] = ".",
+    run: Annotated[list[str] | None, typer.Option(help="Only this run; repeatable.")] = None,
+    separator: Annotated[str, typer.Option(help="Column separator of CSV.")] = ",",
+    decimal: Annotated[str, typer.Option(help="Decimal mark of CSV: point or comma.")] = ".",
     modes: Annotated[
         bool, typer.Option("--modes", help="Identify, and add the mode shapes (UFF).")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
 ) -> int:
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or SEP005."""
     from daq.errors import InputError

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..output import Stage
 
 RELATIVE_BEFORE_NS = 631_152_000_000_000_000
-"""Before 1990 nobody logged CAN: such stamps count from the start of the log."""
+"""UNIX time of 1990, s: earlier stamps count from the start of the log, for CAN is no older."""
 
 
 def import_(
@@ -31,26 +31,28 @@ def import_(
     ] = None,
     run: Annotated[
         list[str] | None,
-        typer.Option(help="A log of one run: baseline:bounce:FILE; again for each."),
+        typer.Option(help="A log of one run, as baseline:bounce:FILE; repeatable."),
     ] = None,
     runs: Annotated[
         str | None,
-        typer.Option(help="What the bumps are, in order: baseline:bounce,added:roll,..."),
+        typer.Option(help="Kinds of the bumps in order: baseline:bounce,added:roll,..."),
     ] = None,
-    skip: Annotated[int, typer.Option(min=0, help="Bumps at the beginning to leave out.")] = 0,
+    skip: Annotated[
+        int, typer.Option(min=0, help="Number of bumps to leave out at the beginning.")
+    ] = 0,
     bus: Annotated[
         int | None, typer.Option(min=0, max=255, help="Only this bus of the log, from 0.")
     ] = None,
     config: Annotated[
-        Path | None, typer.Option(help="bench.toml; the shipped bench if absent.")
+        Path | None, typer.Option(help="bench.toml; default: the shipped bench.")
     ] = None,
-    dbc: Annotated[Path | None, typer.Option(help="In place of the bench's DBC.")] = None,
+    dbc: Annotated[Path | None, typer.Option(help="DBC to use instead of the bench's.")] = None,
     out: Annotated[Path, typer.Option(help="Session file to write.")] = Path("session.h5"),
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
     """Find the bumps in logs, cut them into runs and write a session.
 
-    One log may hold many runs, labelled in the order of the campaign; --runs says otherwise.
+    One log may hold many runs, labelled in the order of the campaign, or by --runs.
     """
     from importlib.metadata import version
     from json import dumps
@@ -104,7 +106,7 @@ def import_(
         stage(1.0, "writing the session")
         session = session_from_parts(bench, codec, parts, about)
         if not session.runs:
-            raise InputError("import", "no bump is left to be a run", "mend --skip or --runs")
+            raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
         write_session(out, session)
         stage(1.0, "reading the DBC with cantools")
         reading = witness.report()

@@ -12,7 +12,7 @@ def inspect(
     session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
     json: Annotated[bool, typer.Option("--json", help="Print the contents as JSON.")] = False,
 ) -> None:
-    """Show what a session holds: runs, verdicts, losses, channels, vehicle, provenance."""
+    """Show the contents of a session: runs, verdicts, losses, channels, vehicle, provenance."""
     from daq.session import read_foreign_session
 
     from ..contents import contents_document, print_contents

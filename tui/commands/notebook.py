@@ -13,7 +13,7 @@ def notebook(
         "bump_test.ipynb"
     ),
 ) -> None:
-    """Write a notebook that goes from arrays and session files to parameters and figures."""
+    """Write a notebook that leads from arrays and session files to parameters and figures."""
     from importlib.resources import files
 
     from dbc.errors import InputError

@@ -1,4 +1,4 @@
-"""`bumpbench plan`: what a campaign will tell before it is held, and what would improve it."""
+"""`bumpbench plan`: the precision that a campaign will reach, and what would improve it."""
 
 from __future__ import annotations
 
@@ -21,21 +21,24 @@ if TYPE_CHECKING:
 def plan(
     bench: Annotated[
         Path | None,
-        typer.Option(help="bench.toml; if absent that of the session, else the shipped bench."),
+        typer.Option(help="bench.toml; default: that of the session, else the shipped bench."),
     ] = None,
     session: Annotated[
-        Path | None, typer.Option("--from", help="Session whose vehicle is expected again.")
+        Path | None, typer.Option("--from", help="Session that describes the expected vehicle.")
     ] = None,
     bump_mm: Annotated[float, typer.Option(min=0.1, max=500.0, help="Height of the bump.")] = 50.0,
     rate: Annotated[
         float | None,
         typer.Option(
-            min=40.0, max=5000.0, metavar="HZ", help="Samples a second; else as the DBC has it."
+            min=40.0,
+            max=5000.0,
+            metavar="HZ",
+            help="Samples per second; default: the rates of the DBC.",
         ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON.")] = False,
 ) -> int:
-    """Say how well a campaign will determine each parameter, and what to do next."""
+    """Predict how precisely a campaign will determine each parameter, and what to do next."""
     import daq
     from identify.plan import advise
 
@@ -155,7 +158,7 @@ def _print(planned: Plan, advice: Advice, whose: str) -> None:
             cells = [f"± {number(e.high - e.value)}", share]
         rows.append([name, number(e.value), *cells, e.unit])
     columns = ["parameter", "expected", "95 % interval", "±", "unit"]
-    print_table("What this campaign will tell", columns, rows)
+    print_table("Expected result of this campaign", columns, rows)
     print_line()
     if now.undetermined:
         print_line(f"not determined: {', '.join(now.undetermined)}")

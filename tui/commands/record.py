@@ -12,14 +12,14 @@ from ..diagnostics import ExitCode
 
 def record(
     bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml; the shipped bench if absent.")
+        Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for journal and sessions.")] = Path(),
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
     keep_on: Annotated[
         bool,
-        typer.Option("--keep-on", help="Live on when the campaign is complete: a daemon."),
+        typer.Option("--keep-on", help="Go on after a complete campaign: run as a daemon."),
     ] = False,
     idle: Annotated[
         bool, typer.Option("--idle", help="Arm nothing: a terminal gives the orders.")
@@ -28,15 +28,15 @@ def record(
         Path | None, typer.Option(help="Prometheus text file, written every 5 s.")
     ] = None,
     log: Annotated[
-        Path | None, typer.Option(help="Log to this file, kept under 1 MB; stderr if absent.")
+        Path | None, typer.Option(help="Log to this file, kept under 1 MB; default: stderr.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
     """Record a campaign: each bump becomes a run, labelled in the order of the campaign.
 
-    Ends when the campaign is complete; Ctrl-C or SIGTERM ends it before, and nothing is lost.
-    With --keep-on it ends by a signal alone, within seconds, and a missing bus is waited for.
-    SIGHUP reads bench.toml again.
+    Ends when the campaign is complete; Ctrl-C or SIGTERM ends it earlier, without loss.
+    With --keep-on only a signal ends it, within seconds, and it waits for a missing bus.
+    SIGHUP reloads bench.toml.
     """
     from daq.bus.interfaces import open_source
     from daq.control.lock import lone_recorder

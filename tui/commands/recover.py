@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 def recover(
     journal: Annotated[
-        list[Path], typer.Argument(help="Segments journal_*.mcap, or a folder that has them.")
+        list[Path], typer.Argument(help="Segments journal_*.mcap, or a folder with segments.")
     ],
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Session file to write, or a folder; else session_NNNN.h5 beside the journal."
+            help="Session file or folder to write; default: session_NNNN.h5 next to the journal."
         ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
-    """Build the session file of each recording from its journal, and say exactly what is lost."""
+    """Build the session file of each recording from its journal, and list exactly what is lost."""
     from daq import read_session
     from daq.derive.build_session import derive
     from daq.journal.folder import recordings_of

@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 
 def redecode(
-    session: Annotated[Path, typer.Argument(help="Session file (HDF5); it is not touched.")],
+    session: Annotated[Path, typer.Argument(help="Session file (HDF5); it stays unchanged.")],
     dbc: Annotated[Path | None, typer.Option(help="The corrected DBC.")] = None,
     config: Annotated[
-        Path | None, typer.Option(help="The corrected bench.toml; that of the session if absent.")
+        Path | None, typer.Option(help="The corrected bench.toml; default: that of the session.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Session file to write; NAME_redecoded.h5 if absent.")
+        Path | None, typer.Option(help="Session file to write; default: NAME_redecoded.h5.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
-    """Decode the raw frames of a session anew, into a new session."""
+    """Decode the raw frames of a session again, into a new session."""
     from hashlib import file_digest
 
     from daq import read_foreign_session, write_session

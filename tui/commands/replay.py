@@ -15,15 +15,17 @@ def replay(
         Path, typer.Argument(help="BLF, ASC, TRC, candump log, CSV, MF4, MCAP; or a session.")
     ],
     config: Annotated[
-        Path | None, typer.Option(help="bench.toml that names the bus; the shipped one if absent.")
+        Path | None, typer.Option(help="bench.toml that names the bus; default: the shipped one.")
     ] = None,
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
     bus: Annotated[
         int | None, typer.Option(min=0, max=255, help="Only this bus of the log, from 0.")
     ] = None,
-    speed: Annotated[float, typer.Option(min=0.001, max=1000, help="2: twice as fast.")] = 1.0,
-    fast: Annotated[bool, typer.Option(help="As fast as the bus takes the frames.")] = False,
+    speed: Annotated[
+        float, typer.Option(min=0.001, max=1000, help="Speed; 2 is twice real time.")
+    ] = 1.0,
+    fast: Annotated[bool, typer.Option(help="Send as fast as the bus takes the frames.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
     """Send recorded frames on a bus, at their own times or faster; error frames are left out."""
@@ -63,7 +65,7 @@ def replay(
     else:
         print_line(f"sent {sent} frames of {source}")
     if left_out:
-        say(f"{left_out} error frames were not sent: no controller can be told to")
+        say(f"{left_out} error frames were not sent: a controller cannot send one on request")
     if lost and lost.any:
         say(f"{source} is not whole: {lost.text}")
         return ExitCode.DATA_LOST

@@ -21,15 +21,17 @@ class FigureFormat(StrEnum):
 def report(
     session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
     out: Annotated[
-        Path | None, typer.Option(help="HTML file; default: beside the session, its name, .html.")
+        Path | None, typer.Option(help="HTML file; default: next to the session, with its name.")
     ] = None,
     pdf: Annotated[Path | None, typer.Option(help="Also write the report as PDF.")] = None,
-    figures: Annotated[Path | None, typer.Option(help="Also write each figure here.")] = None,
+    figures: Annotated[
+        Path | None, typer.Option(help="Also write each figure, into this folder.")
+    ] = None,
     figure_format: Annotated[
         FigureFormat, typer.Option("--format", help="Format of the single figures.")
     ] = FigureFormat.SVG,
 ) -> int:
-    """Write what a session says of its vehicle as one HTML page: open it, print it, send it."""
+    """Identify a session and write its report as one HTML page."""
     from ..jobs.reporting import write_figures, write_report
     from ..output import print_line, progress
 

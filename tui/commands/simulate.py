@@ -10,12 +10,12 @@ import typer
 
 def simulate(
     bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml; the shipped bench if absent.")
+        Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")
     ] = None,
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Draws noise and sensor errors.")] = 1,
-    fast: Annotated[bool, typer.Option(help="As fast as the bus takes the frames.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")] = 1,
+    fast: Annotated[bool, typer.Option(help="Send as fast as the bus takes the frames.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the truth as JSON.")] = False,
 ) -> None:
     """Play a campaign of the simulated car on a bus, frame by frame, in real time."""

@@ -11,10 +11,10 @@ from ..diagnostics import ExitCode
 
 
 def status(
-    folder: Annotated[Path, typer.Argument(help="The folder it records into.")] = Path(),
+    folder: Annotated[Path, typer.Argument(help="The recorder's folder.")] = Path(),
     json: Annotated[bool, typer.Option("--json", help="Print the whole status as JSON.")] = False,
 ) -> int:
-    """Ask the recorder of a folder how it is; exit 1 if none runs there."""
+    """Print the status of a folder's recorder; exit code 1 if none runs there."""
     from daq.control.address import control_address
     from daq.control.client import Client, OrderRefused, RecorderGone
     from daq.control.messages import STATUS
@@ -27,18 +27,18 @@ def status(
     try:
         client = Client(control_address(folder), "status", control=False)
         try:
-            told = client.ask(AskStatus()).status
+            status_now = client.ask(AskStatus()).status
         finally:
             client.close()
     except (RecorderGone, OrderRefused) as error:
         say(f"{folder}: {error.what if isinstance(error, RecorderGone) else error}")
         return ExitCode.ANSWER_IS_NO
-    if told is None:
+    if status_now is None:
         say(f"{folder}: the recorder has only just started")
         return ExitCode.ANSWER_IS_NO
     if json:
-        print_json(STATUS.dump_python(told, mode="json"))
+        print_json(STATUS.dump_python(status_now, mode="json"))
     else:
-        for line in status_lines(told):
+        for line in status_lines(status_now):
             print_line(line)
     return ExitCode.OK

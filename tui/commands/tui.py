@@ -19,41 +19,43 @@ FAULTS = ("double-bump", "overload", "lost-frames", "weak", "wrong-mode", "unplu
 
 def tui(
     bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml; the shipped bench if absent.")
+        Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the recorder.")] = None,
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
-    demo: Annotated[bool, typer.Option("--demo", help="A simulated car instead of a bus.")] = False,
+    demo: Annotated[
+        bool, typer.Option("--demo", help="Use a simulated car instead of a bus.")
+    ] = False,
     fault: Annotated[
         str | None,
         typer.Option(
-            help="With --demo: double-bump, overload, lost-frames, weak, wrong-mode or unplug."
+            help="Fault of the demo: double-bump, overload, lost-frames, weak, wrong-mode or unplug."
         ),
     ] = None,
     speed: Annotated[
-        float, typer.Option(min=0.1, max=20.0, help="With --demo or --replay: times real time.")
+        float, typer.Option(min=0.1, max=20.0, help="Speed of --demo or --replay, times real time.")
     ] = 1.0,
     replay: Annotated[
         Path | None, typer.Option(help="Play a recorded session through the same screens.")
     ] = None,
     auto: Annotated[
-        bool, typer.Option("--auto", help="Press the next action whenever there is one.")
+        bool, typer.Option("--auto", help="Press SPACE whenever there is a next action.")
     ] = False,
-    glyphs: Annotated[
-        GlyphSet, typer.Option(help="Characters the terminal can show.")
-    ] = GlyphSet.AUTO,
-    theme: Annotated[str, typer.Option(help="bench-dark, bench-light, ansi-dark, ...")] = (
+    glyphs: Annotated[GlyphSet, typer.Option(help="Characters to draw with.")] = GlyphSet.AUTO,
+    theme: Annotated[str, typer.Option(help="Colours: bench-dark, bench-light, ansi-dark, ...")] = (
         "bench-dark"
     ),
-    operator: Annotated[str, typer.Option(help="Your name or initials, for the journal.")] = "",
+    operator: Annotated[
+        str, typer.Option(help="Your name or initials, stored with every verdict.")
+    ] = "",
     web: Annotated[
-        bool, typer.Option("--web", help="Serve it to a browser, on this machine only.")
+        bool, typer.Option("--web", help="Serve the terminal to browsers of this machine.")
     ] = False,
 ) -> int:
-    """Run a campaign at the bench: attach to the folder's recorder, or start one.
+    """Run a campaign at the bench: connect to the folder's recorder, or start one.
 
-    The recorder lives on when the terminal is closed; open it again and be where you were.
+    The recorder goes on when the terminal is closed; a new terminal continues where you were.
     """
     import os
     import sys
@@ -77,16 +79,16 @@ def tui(
 
 
 def known_operator(folder: Path, demo: bool) -> str:
-    """Return who filled the form of the vehicle in this folder; "demo" of a demo, or empty."""
+    """Return the operator of the vehicle form in this folder; else "demo" for a demo, or empty."""
     from ..terminal.state.drafts import VEHICLE_FORM, read_draft
 
-    told = read_draft(folder / VEHICLE_FORM).get("operator")
-    name = told.strip() if isinstance(told, str) else ""
+    entered = read_draft(folder / VEHICLE_FORM).get("operator")
+    name = entered.strip() if isinstance(entered, str) else ""
     return name or ("demo" if demo else "")  # a demo need not wait for a name
 
 
 def _check_terminal() -> None:
-    """Say at once that there is nothing to draw on, before a recorder is started."""
+    """Raise InputError without a terminal to draw on, before a recorder is started."""
     import os
     import sys
 
@@ -118,18 +120,18 @@ def _starter(
     speed: float,
     replay: Path | None,
 ) -> Callable[[], subprocess.Popen[bytes]]:
-    """Return what starts the recorder that is wanted; what is wrong is said before."""
+    """Return what starts the recorder that is wanted; wrong options raise at once."""
     from daq.errors import InputError
 
     from ..bench import shared_bench
     from ..recorders.process import start_demo_recorder, start_recorder, start_replay_recorder
 
     if demo and replay:
-        raise InputError("--demo", "does not go together with --replay", "leave one out")
+        raise InputError("--demo", "cannot be combined with --replay", "leave one out")
     if fault and not demo:
-        raise InputError("--fault", "spoils simulated runs only", "add --demo")
+        raise InputError("--fault", "works on simulated runs only", "add --demo")
     if fault and fault not in FAULTS:
-        raise InputError("--fault", f"{fault} is none", f"use one of {', '.join(FAULTS)}")
+        raise InputError("--fault", f"{fault} is no fault", f"use one of {', '.join(FAULTS)}")
     if demo:
         return lambda: start_demo_recorder(folder, speed, fault or "", bench=bench)
     if replay:
@@ -137,7 +139,7 @@ def _starter(
         return lambda: start_replay_recorder(folder, replay, speed)
 
     def start() -> subprocess.Popen[bytes]:
-        shared_bench(bench, *bus)  # what is wrong with it is said here, not in a log
+        shared_bench(bench, *bus)  # reports a bad file here, not in a log
         return start_recorder(bench, folder, *bus)
 
     return start

@@ -13,7 +13,7 @@ from ..diagnostics import ExitCode, report
 def validate(
     files: Annotated[list[Path] | None, typer.Argument(help="Session files (HDF5).")] = None,
     schema: Annotated[
-        bool, typer.Option("--schema", help="Print what a session file holds, on one page.")
+        bool, typer.Option("--schema", help="Print the schema of a session file, on one page.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> int:

@@ -23,7 +23,7 @@ def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
     paths : sequence of str
         The files.
     stage : Stage
-        Told how far it is.
+        Called with the share done, 0..1.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where work is done: processes of this machine, or a Dask cluster.
+"""Executors: processes of this machine, or a Dask cluster.
 
 Nothing is queued beyond a few items a worker, so that memory
 does not grow with the number of items.
@@ -37,13 +37,13 @@ class Crew(Protocol):
 
     @property
     def ahead(self) -> int:
-        """How many items may be in flight."""
+        """Number of items that may be in flight."""
 
     def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
         """Hand over one item."""
 
     def check(self) -> None:
-        """Raise InputError if nobody will ever finish what is in flight."""
+        """Raise InputError if no worker is left for the items in flight."""
 
     def __enter__(self) -> Self: ...
 
@@ -71,7 +71,7 @@ def as_finished(
 ) -> Iterator[tuple[Item, Future[Result]]]:
     """Yield each item with its finished future, in the order in which they finish.
 
-    Where a worker process dies, nobody knows of which item.  All that were in flight are then done
+    A worker process that dies does not say at which item.  All that were in flight are then done
     again one at a time, and only one whose worker dies while it is alone fails, with
     `BrokenProcessPool`.
 
@@ -134,7 +134,7 @@ class Processes:
 
     @property
     def ahead(self) -> int:
-        """How many items may be in flight."""
+        """Number of items that may be in flight."""
         return _AHEAD * self._workers
 
     def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
@@ -253,7 +253,7 @@ class Cluster:
 
     @property
     def ahead(self) -> int:
-        """How many items may be in flight; workers may come and go."""
+        """Number of items that may be in flight; it follows the number of workers."""
         if monotonic() - self._asked_s > _LOOK_AFTER_S:
             self.check()
         return _AHEAD * max(1, self._threads)

@@ -1,7 +1,7 @@
-"""What the weights on the car will gain, computed in a process of its own.
+"""Predicts what the weights on the car will gain, in a process of its own.
 
-The terminal starts ``python -m tui.jobs.gain``, writes one JSON object (bench.toml, and the
-recorder's folder) to its standard input and reads one back: so it never imports scipy,
+The terminal starts ``python -m tui.jobs.gain``, writes one JSON object (bench.toml and the
+recorder's folder) to its standard input and reads one back.  The terminal itself imports no scipy
 and never waits.
 """
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from daq.vehicle import VehicleParameters
 
 WANTED_SPREADS = 3.0
-"""A frequency should move by so many times what it scatters from run to run."""
+"""Least shift of a frequency by the weights, in units of its spread from run to run."""
 USUAL_SPREAD = 0.005
-"""Scatter of a frequency where it was not measured yet, as a share."""
+"""Relative spread of a frequency that was not measured yet; typical of repeated bumps."""
 BODY_MODES = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
 
 
@@ -46,7 +46,7 @@ class Shift:
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """What a campaign with these weights is expected to tell."""
+    """Precision that a campaign with these weights is expected to reach."""
 
     shifts: tuple[Shift, ...] = ()
     """Bounce, pitch and roll of the body."""
@@ -57,15 +57,17 @@ class Gain:
     widest: str = ""
     """The parameter with the largest interval."""
     undetermined: tuple[str, ...] = ()
+    """Parameters that the campaign cannot determine."""
     reasons: tuple[str, ...] = ()
+    """Why it cannot."""
     remedies: tuple[str, ...] = ()
-    """`undetermined`, `reasons`, `remedies`: what stays unknown, why, and what would help."""
+    """Changes of the campaign that would determine them."""
     error: str = ""
     """Why there is no answer; empty if there is."""
 
 
 def expected_gain(bench: Bench) -> Gain:
-    """Return what the campaign of a bench is expected to tell of a car like its vehicle."""
+    """Return the precision expected from the campaign of a bench, on a car like its vehicle."""
     import numpy as np
 
     from daq.loading import expected_car

@@ -40,7 +40,7 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
     with _Helpers(_HELPERS, loaded_once(modules), _made_ready) as pool:
 
         def start() -> None:
-            with deaf_to_interrupts(), suppress(InputError):  # who wants one will be told
+            with deaf_to_interrupts(), suppress(InputError):  # a use raises it again
                 for _ in range(_HELPERS):
                     pool.submit(int)
 

@@ -1,7 +1,7 @@
-"""What a terminal and its worker process say to each other: one JSON object a line.
+"""Messages between a terminal and its worker process: one JSON object a line.
 
-The terminal names one task on the command line of the worker; the worker answers with lines of
-progress, then with one last line: what was made, or why it cannot be.
+The terminal puts one task on the worker's command line.  The worker answers with lines of progress,
+then with one last line: the result, or the error.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class ExportTask:
 
 @dataclass(frozen=True, slots=True)
 class ListTask:
-    """Tell what recordings and sessions are in a folder, one item a session."""
+    """List the recordings and sessions of a folder, one item a session."""
 
     folder: str
     task: Literal["list"] = "list"
@@ -132,7 +132,7 @@ def line_bytes(line: Line) -> bytes:
 
 
 def parse_line(text: bytes) -> Line | None:
-    """Return what a line of a worker says; None for what is none of ours (a library's chatter)."""
+    """Return the parsed line of a worker; None for other output, such as a library's."""
     try:
         return _LINE.validate_json(text)
     except ValidationError:
@@ -150,7 +150,7 @@ def trouble_of(error: Exception, where: str) -> Trouble:
 
 
 def ended(returncode: int, where: str) -> Trouble:
-    """Return why a worker that ended without a last line has none."""
+    """Return the error of a worker that ended without a last line."""
     how = f"by signal {-returncode}" if returncode < 0 else f"with code {returncode}"
     advice = "the recording is untouched: start it again"
     return Trouble(printable(where), f"the work was ended from outside ({how})", advice)

@@ -53,9 +53,9 @@ def write_report(
     html, pdf : Path
         What to write; no PDF if None.
     stage : callable
-        Told what share is done, 0..1, and what is happening.
+        Called with the share done, 0..1, and the present stage.
     written : callable
-        Told of each file.
+        Called with each finished file.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _pdf_of(page: Report) -> bytes:
 
 
 def make_room(path: Path) -> None:
-    """Make the folder of a file; before long work, so that a wrong name is told at once.
+    """Create the folder of a file; before long work, so that a wrong name fails at once.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def make_room(path: Path) -> None:
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file; one that is there already stays whole until the new one is.
+    """Write a file; an older one stays complete until the new one is.
 
     Raises
     ------

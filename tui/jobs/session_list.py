@@ -1,4 +1,4 @@
-"""What recordings and session files a folder holds: one entry each, the newest first."""
+"""Lists the recordings and session files of a folder: one entry each, the newest first."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _UNITS = 1024.0
 
 
 class SessionState(StrEnum):
-    """How far a session is."""
+    """States of a session."""
 
     OPEN = "open"
     """It is being recorded."""
@@ -33,9 +33,9 @@ class SessionEntry:
     path: str
     """The session file; empty where there is a journal only."""
     folder: str
-    """Where it lies."""
+    """The folder that it is in."""
     date: str
-    """`2026-11-21 10:42`, UTC; of the file where the session does not tell."""
+    """`2026-11-21 10:42`, UTC; the file's own where the session has none."""
     vehicle: str
     state: SessionState
     accepted: int = 0
@@ -47,7 +47,7 @@ class SessionEntry:
 
     @property
     def name(self) -> str:
-        """How to speak of it."""
+        """File name, or `journal`."""
         return Path(self.path).name if self.path else "journal"
 
 
@@ -132,7 +132,7 @@ def _day(unix_s: float) -> str:
 
 
 def found(entry: SessionEntry, words: str) -> bool:
-    """Whether every word that was typed is somewhere in an entry."""
+    """Return True if an entry contains every typed word."""
     text = " ".join((entry.date, entry.vehicle, entry.state, entry.note, entry.name)).casefold()
     return all(word in text for word in words.casefold().split())
 

@@ -32,7 +32,7 @@ def over_all(
     workers : int
         Number of processes.
     stage : Stage
-        Is told how far it is.
+        Called with the share done, 0..1.
     subject : str
         What the work is called where a worker dies.
     scheduler : str, optional

@@ -1,4 +1,4 @@
-"""How workers start: libraries loaded once for all, deaf to Ctrl-C, gone with the parent."""
+"""Starts worker processes that share loaded libraries, ignore Ctrl-C and end with their parent."""
 
 from __future__ import annotations
 

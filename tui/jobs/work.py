@@ -1,6 +1,6 @@
 """Long work of the terminal, in a process of its own: `python -m tui.jobs.work TASK`.
 
-TASK is JSON (`work_lines.task_text`); every line on stdout is one of `work_lines`.  The process
+TASK is JSON (`lines.task_text`); every line on stdout is a `lines.Line`.  The process
 ends when its standard input does: a terminal that is killed leaves no work behind.
 """
 
@@ -31,29 +31,29 @@ from .lines import (
     trouble_of,
 )
 
-Tell = Callable[[Line], None]
+Send = Callable[[Line], None]
 _NICE = 10
 """The recorder comes first."""
 _READ = 0.05
 
 
 def main(argument: str) -> None:
-    """Do one task and tell of it on stdout."""
-    # Whatever a library prints must not stand between the lines.
+    """Do one task and write its lines to stdout."""
+    # Output of a library must not come between the lines.
     out = os.dup(1)
     os.dup2(2, 1)
     with suppress(OSError, AttributeError):
         os.nice(_NICE)
     threading.Thread(target=_end_with_stdin, daemon=True).start()
 
-    def tell(line: Line) -> None:
+    def send(line: Line) -> None:
         _write(out, line_bytes(line))
 
     task = parse_task(argument)
     try:
-        tell(Done(_answer(task, tell)))
+        send(Done(_answer(task, send)))
     except Exception as error:
-        tell(trouble_of(error, _subject(task)))
+        send(trouble_of(error, _subject(task)))
 
 
 def _end_with_stdin() -> None:
@@ -77,36 +77,36 @@ def _subject(task: Task) -> str:
             return task.session
 
 
-def _answer(task: Task, tell: Tell) -> dict[str, Any]:
+def _answer(task: Task, send: Send) -> dict[str, Any]:
     match task:
         case IdentifyTask():
-            return _identify(task, tell)
+            return _identify(task, send)
         case ReportTask():
-            return _report(task, tell)
+            return _report(task, send)
         case CompareTask():
-            return _compare(task, tell)
+            return _compare(task, send)
         case ExportTask():
             return _export(task)
         case ListTask():
-            return _list(task, tell)
+            return _list(task, send)
 
 
-def _identify(task: IdentifyTask, tell: Tell) -> dict[str, Any]:
+def _identify(task: IdentifyTask, send: Send) -> dict[str, Any]:
     from daq import read_foreign_session
     from identify import identify
 
     from .helpers import helpers
     from .outcome_of import outcome_of, without
 
-    tell(Progress(_READ, "reading"))
+    send(Progress(_READ, "reading"))
     session = without(read_foreign_session(task.session), task.without)
     with helpers(("identify",)) as pool:
-        result = identify(session, lambda share, text: tell(Progress(share, text)), pool)
-    tell(Progress(0.95, "drawing"))
+        result = identify(session, lambda share, text: send(Progress(share, text)), pool)
+    send(Progress(0.95, "drawing"))
     return asdict(outcome_of(task.session, session, result, task.without))
 
 
-def _report(task: ReportTask, tell: Tell) -> dict[str, Any]:
+def _report(task: ReportTask, send: Send) -> dict[str, Any]:
     from .reporting import write_report
 
     sizes: dict[str, int] = {}
@@ -115,21 +115,21 @@ def _report(task: ReportTask, tell: Tell) -> dict[str, Any]:
         sizes[str(place)] = place.stat().st_size
 
     def stage(share: float, text: str) -> None:
-        tell(Progress(share, text))
+        send(Progress(share, text))
 
     pdf = Path(task.pdf) if task.pdf else None
     _, quality = write_report(Path(task.session), Path(task.html), pdf, stage, written)
     return {"files": sizes, "verdict": str(quality.verdict)}
 
 
-def _compare(task: CompareTask, tell: Tell) -> dict[str, Any]:
+def _compare(task: CompareTask, send: Send) -> dict[str, Any]:
     from identify.compare import compare
 
     from .comparing import identified
     from .comparison_rows import comparison_lines
 
     def stage(done: float, text: str = "") -> None:
-        tell(Progress(done, text))
+        send(Progress(done, text))
 
     stage(_READ, "reading")
     results = identified(task.sessions, stage)
@@ -148,12 +148,12 @@ def _export(task: ExportTask) -> dict[str, Any]:
     return {"paths": [str(path) for path in done.paths], "notes": list(done.notes)}
 
 
-def _list(task: ListTask, tell: Tell) -> dict[str, Any]:
+def _list(task: ListTask, send: Send) -> dict[str, Any]:
     from .session_list import sessions_in
 
     count = 0
     for entry in sessions_in(Path(task.folder)):
-        tell(Item(asdict(entry)))
+        send(Item(asdict(entry)))
         count += 1
     return {"count": count}
 

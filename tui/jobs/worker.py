@@ -72,7 +72,7 @@ def _listen(
     loop: asyncio.AbstractEventLoop,
 ) -> None:
     """Pass on each line of a process, last its exit code; close its pipes."""
-    with suppress(RuntimeError), child:  # the loop is closed: nobody listens any more
+    with suppress(RuntimeError), child:  # the loop is closed
         assert child.stdout is not None
         for text in child.stdout:
             loop.call_soon_threadsafe(heard.put_nowait, text)

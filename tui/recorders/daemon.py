@@ -1,7 +1,7 @@
-"""The habits of a recorder that runs for weeks: signals, systemd, log, figures, progress.
+"""Runs a recorder for weeks: signals, systemd, log, figures file, progress.
 
-The engine has a thread of its own; here, in the main thread, is all that may be held up (a
-terminal, a file for the monitoring) without a frame being lost.
+The recorder has a thread of its own.  The main thread does all that may block (a terminal, a file
+for the monitoring) without losing a frame.
 """
 
 from __future__ import annotations
@@ -29,40 +29,41 @@ if TYPE_CHECKING:
     from daq.recorder.recorder import Recorder
 
 BY = "record"
-"""Whose orders these are, in the journal."""
+"""Author of the daemon's own orders, in the journal."""
 TURN_S = 0.2
 FIGURES_S = 5.0
 SAME_S = 0.5
-"""A signal to the process and to its group (as timeout(1) sends it) is one wish, not two."""
-TOLD_EVERY_S = 1.0
-"""systemd hears so often how the recorder is; its watchdog waits ten times as long."""
+"""Seconds within which two signals count as one: timeout(1) signals process and group."""
+REPORT_S = 1.0
+"""Seconds between two reports to systemd; its watchdog waits ten times as long."""
 _RELOAD: int | None = getattr(signal, "SIGHUP", None)
-"""Windows has none; there a bench is read anew by an order only."""
+"""Windows has no SIGHUP; there only an order reloads the bench."""
 
 
 @dataclass(frozen=True, slots=True)
 class Habits:
-    """How a recorder behaves."""
+    """Options of a recorder's life."""
 
     arm: bool
-    """Arm the whole campaign of each recording; else a terminal does."""
+    """Arm the whole campaign of each recording at its start; else a terminal arms."""
     keep_on: bool
-    """Live on when a campaign is complete, until a signal comes; the next vehicle's recording
-    begins."""
+    """Go on with the next vehicle's recording after a campaign, until a signal comes."""
     figures: Path | None
     """Prometheus text file, written every 5 s."""
     reread: Callable[[], Bench]
     """Reads and checks bench.toml again, for SIGHUP."""
     follow: Callable[[Status], None] = lambda _: None
-    """Hears every status, in the writer's thread."""
+    """Called with every status, in the writer's thread."""
     stay: bool = False
-    """Stay with a recording that is complete: a terminal goes on with it, to the results."""
+    """Keep a complete recording open, so that a terminal can go on to its results."""
     end: threading.Event = field(default_factory=threading.Event)
     """Ends the recorder as a signal does."""
 
 
-def run_recorder(engine: Recorder, folder: Path, habits: Habits, log: Log, stage: Stage) -> Status:
-    """Run a recorder until its campaign is complete, a signal comes or it is told to end.
+def run_recorder(
+    recorder: Recorder, folder: Path, habits: Habits, log: Log, stage: Stage
+) -> Status:
+    """Run a recorder until its campaign is complete, a signal comes or a client shuts it down.
 
     Returns
     -------
@@ -78,18 +79,18 @@ def run_recorder(engine: Recorder, folder: Path, habits: Habits, log: Log, stage
     from daq.control.server import Server
     from daq.control.systemd import Systemd
 
-    server = Server(engine.submit, control_address(folder))
+    server = Server(recorder.submit, control_address(folder))
     systemd = Systemd()
     try:
         with _signals(habits.end) as signals:
-            return _Daemon(engine, server, systemd, habits, log).run(signals, stage)
+            return _Daemon(recorder, server, systemd, habits, log).run(signals, stage)
     finally:
         server.close()
         systemd.close()
 
 
 class _Signals:
-    """What the operating system asked for."""
+    """Signals received from the operating system."""
 
     def __init__(self, end: threading.Event) -> None:
         self.end, self.reload = end, threading.Event()
@@ -120,12 +121,12 @@ def _signals(end: threading.Event) -> Iterator[_Signals]:
 
 
 class _Daemon:
-    """One life of a recorder, from the first block to the last."""
+    """Main loop of a recorder, from its first block to its last."""
 
     def __init__(
-        self, engine: Recorder, server: Server, systemd: Systemd, habits: Habits, log: Log
+        self, recorder: Recorder, server: Server, systemd: Systemd, habits: Habits, log: Log
     ) -> None:
-        self._engine = engine
+        self._recorder = recorder
         self._server = server
         self._systemd = systemd
         self._habits = habits
@@ -135,12 +136,12 @@ class _Daemon:
         self._failure: Exception | None = None
         self._ending: Future[Reply] | None = None
         self._armed = self._ended = ""
-        self._told: Status | None = None
-        self._told_s = self._figures_s = 0.0
+        self._reported: Status | None = None
+        self._reported_s = self._figures_s = 0.0
         self._writer = threading.Thread(target=self._write, name="writer", daemon=True)
 
     def run(self, signals: _Signals, stage: Stage) -> Status:
-        """Turn until the engine has ended; return its last status."""
+        """Loop until the recorder has ended; return its last status."""
         self._writer.start()
         while self._writer.is_alive():
             self._writer.join(TURN_S)
@@ -152,17 +153,17 @@ class _Daemon:
                 signals.reload.clear()
                 self._reload()
             self._lead(self._status, signals.end.is_set())
-            self._tell(self._status)
+            self._report(self._status)
             stage(*progress_words(self._status))
         self._systemd.stopping()
         if self._failure:
             raise self._failure
-        assert self._status is not None, "the engine tells its last status"
+        assert self._status is not None, "the recorder publishes its last status"
         return self._status
 
     def _write(self) -> None:
         try:
-            self._engine.run(self._stop, self._publish)
+            self._recorder.run(self._stop, self._publish)
         except Exception as error:
             self._failure = error
 
@@ -179,20 +180,20 @@ class _Daemon:
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
         if self._habits.arm and waits:
             self._armed = status.recording
-            self._engine.submit(Arm(Until.COMPLETE), BY)
+            self._recorder.submit(Arm(Until.COMPLETE), BY)
         ends = self._habits.arm and not self._habits.stay
         complete = ends and status.phase is Phase.COMPLETE
         over = complete or (end and not self._habits.keep_on)
         if over and status.recording not in ("", self._ended):
             self._ended = status.recording
-            self._ending = self._engine.submit(Stop(), BY)
+            self._ending = self._recorder.submit(Stop(), BY)
         elif self._ending and self._ending.done() and not self._habits.keep_on:
             derived = status.session.state in (SessionState.READY, SessionState.FAILED)
             if derived or self._ending.exception():
                 self._stop.set()
 
     def _reload(self) -> None:
-        """Take bench.toml over if it is good; else go on with the one in force."""
+        """Reload bench.toml if it is valid; else keep the one in force."""
         from daq.errors import BumpbenchError
 
         self._systemd.reloading()
@@ -201,24 +202,24 @@ class _Daemon:
         except BumpbenchError as error:
             self._log.line(f"reload: {error}; the bench.toml in force stays")
             return
-        answer = self._engine.reload(bench)
-        answer.add_done_callback(self._say_reloaded)
+        answer = self._recorder.reload(bench)
+        answer.add_done_callback(self._log_reload)
 
-    def _say_reloaded(self, answer: Future[Reply]) -> None:
+    def _log_reload(self, answer: Future[Reply]) -> None:
         error = None if answer.cancelled() else answer.exception()
-        text = f"{error}; the bench.toml in force stays" if error else "bench.toml taken over"
+        text = f"{error}; the bench.toml in force stays" if error else "bench.toml reloaded"
         self._log.line(f"reload: {text}")
 
-    def _tell(self, status: Status) -> None:
-        """Tell systemd, the log and the file of figures."""
+    def _report(self, status: Status) -> None:
+        """Report a status to systemd, the log and the figures file."""
         now_s = time.monotonic()
-        if status is not self._told:
-            for text, key in news(self._told, status):
+        if status is not self._reported:
+            for text, key in news(self._reported, status):
                 self._log.line(text, key)
-            self._told = status
-        if now_s - self._told_s >= TOLD_EVERY_S:
-            self._told_s = now_s
-            if hanging := self._systemd.notify(self._engine.heartbeats(), status, now_s):
+            self._reported = status
+        if now_s - self._reported_s >= REPORT_S:
+            self._reported_s = now_s
+            if hanging := self._systemd.notify(self._recorder.heartbeats(), status, now_s):
                 self._log.line(hanging, "hanging")
         if self._habits.figures and now_s - self._figures_s >= FIGURES_S:
             from daq.control.figures_file import write_figures

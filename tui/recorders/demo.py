@@ -1,4 +1,4 @@
-"""A recorder on a simulated bench: the operator's terminal to try out, without any hardware.
+"""A recorder on a simulated bench: runs the operator's terminal without any hardware.
 
 ``python -m tui.recorders.demo FOLDER --speed 1 --fault double-bump --seed 1``
 """
@@ -21,14 +21,14 @@ def demo_recorder(
     folder: Annotated[Path, typer.Argument(help="Folder for journal and sessions.")],
     bench: Annotated[Path | None, typer.Option(help="bench.toml; the shipped bench.")] = None,
     speed: Annotated[float, typer.Option(min=0.1, max=20.0, help="Times real time.")] = 1.0,
-    fault: Annotated[str | None, typer.Option(help="What spoils a run.")] = None,
+    fault: Annotated[str | None, typer.Option(help="Fault that spoils a run.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Draws noise and sensor errors.")] = 1,
     wiggles: Annotated[
         bool, typer.Option("--wiggles", help="Push corner after corner while nothing is armed.")
     ] = False,
     log: Annotated[Path | None, typer.Option(help="Log to this file.")] = None,
 ) -> None:
-    """Record a simulated bench, idle, until told to shut down."""
+    """Record a simulated bench, idle, until a client shuts it down."""
     import time
 
     from daq.bench.config import BusConfig, bench_codec, load_bench

@@ -1,4 +1,4 @@
-"""A recorder in words: what its log holds of a status, and its line of progress."""
+"""A recorder's status in words: for its log, its progress line and `bumpbench status`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
-    """Yield what a log is to hold of a status: the lines, and the keys that limit their number."""
+    """Yield the log lines of a change of status, each with the key that limits its number."""
     if before is None:
         yield f"recording {status.vehicle} into {status.folder}", ""
     known = {(alarm.code, alarm.subject) for alarm in before.alarms} if before else set()
@@ -21,8 +21,8 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
                 f"alarm {alarm.code}{subject}: {alarm.text} ({alarm.advice})",
                 f"{alarm.code}{subject}",
             )
-    standing = {(alarm.code, alarm.subject) for alarm in status.alarms}
-    for code, subject in sorted(known - standing):
+    active = {(alarm.code, alarm.subject) for alarm in status.alarms}
+    for code, subject in sorted(known - active):
         yield f"over: {code} {subject}".rstrip(), f"over {code} {subject}"
     judged = {run.label: run.status for run in before.runs} if before else {}
     for run in status.runs:
@@ -72,7 +72,7 @@ def status_lines(status: Status) -> Iterator[str]:
         f"{disk.recorded_frames:,} frames on the disk; journal {disk.journal_bytes / 1e6:,.0f} MB;"
         f" queue {queue.blocks} of {queue.room} blocks, at most {queue.high}"
     )
-    yield f"in control: {status.controller or 'nobody'}; {status.viewers} looking on"
+    yield f"in control: {status.controller or 'no terminal'}; {status.viewers} viewers"
     for alarm in status.alarms:
         subject = f" {alarm.subject}" if alarm.subject else ""
         yield f"ALARM {alarm.code}{subject}: {alarm.text} ({alarm.advice})"

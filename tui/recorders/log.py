@@ -1,4 +1,4 @@
-"""Lines of log that hold nothing up: not when stderr is a full pipe, not when a fault repeats."""
+"""A log that never blocks its caller: neither on a full pipe nor on a fault that repeats."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 
 BURST, PER_S = 5, 60.0
-"""So many lines of one key are written in so long; the others are counted."""
+"""Most lines with one key in a period, and the period, s; further lines are only counted."""
 HELD_LINES = 1000
 MAX_FILE_BYTES = 1_000_000
 _FLUSH_S = 0.5
@@ -23,7 +23,7 @@ _FLUSH_S = 0.5
 class Log:
     """Writes lines to stderr or to a file, from a thread of its own.
 
-    What other libraries log, warn of, or die of in a thread comes here as well.
+    Log records, warnings and uncaught thread errors of libraries are written too.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Log:
     def __init__(self, path: Path | None) -> None:
         self._bounded = path is not None
         self._file = sys.stderr.fileno() if path is None else _opened(path)
-        # A bar of progress may stand in the line: it draws itself again below.
+        # Clears a progress bar in this line; the bar draws itself again below.
         self._before = "\r\x1b[K" if os.isatty(self._file) else ""
         self._lines: deque[str] = deque(maxlen=HELD_LINES)
         self._dropped = 0
@@ -70,7 +70,7 @@ class Log:
         threading.excepthook = self._hook
         self._closing.set()
         self._fresh.set()
-        self._thread.join(_FLUSH_S)  # behind a full pipe it is left to itself
+        self._thread.join(_FLUSH_S)  # behind a full pipe it may not end
         if self._bounded and not self._thread.is_alive():
             os.close(self._file)
 
@@ -105,7 +105,7 @@ class Log:
                     self._dropped = 0
                 if dropped:
                     text = f"{dropped} lines of log dropped; {text}"
-                with suppress(OSError):  # nobody reads: so be it
+                with suppress(OSError):  # no reader is left
                     if self._bounded and os.fstat(self._file).st_size > MAX_FILE_BYTES:
                         os.ftruncate(self._file, 0)
                     os.write(self._file, f"{self._before}bumpbench: {text}\n".encode())

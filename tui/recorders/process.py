@@ -1,4 +1,4 @@
-"""Recorders started by a terminal, which live on when it is closed or its line drops."""
+"""Starts recorders from a terminal; they go on when it is closed or disconnected."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _POLL_S = 0.05
 def start_recorder(
     bench: Path | None, folder: Path, interface: str | None = None, channel: str | None = None
 ) -> subprocess.Popen[bytes]:
-    """Start the recorder of a folder, idle, until it is told to shut down.
+    """Start the recorder of a folder, idle; it runs until a client shuts it down.
 
     Parameters
     ----------
@@ -116,8 +116,12 @@ def last_line(folder: Path) -> str:
             lines = file.read().decode("utf-8", "replace").split("\n")
     except OSError:
         return "no log"
-    said = [line for line in lines if line.strip()]
-    return said[-1].removeprefix("bumpbench: ").removeprefix("error: ") if said else "no word"
+    words = [line for line in lines if line.strip()]
+    return (
+        words[-1].removeprefix("bumpbench: ").removeprefix("error: ")
+        if words
+        else "its log is empty"
+    )
 
 
 def _start(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:

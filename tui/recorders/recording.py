@@ -1,4 +1,4 @@
-"""A campaign from the buses into a session file: what `record` and `demo` share."""
+"""Records a campaign from the buses into a session file, for `record` and `demo`."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 class OpenedAtStart:
-    """Opens the buses of a bench at once: with none at all, nothing is begun.
+    """Opens the buses of a bench at once, so that without any bus nothing begins.
 
-    Called as `daq.bus.interfaces.open_source`, it hands over what it has opened, and opens anew
-    later on.
+    Called like `daq.bus.interfaces.open_source`: the first call for a bus returns the source opened
+    here, later calls open it again.
 
     Parameters
     ----------
@@ -97,21 +97,21 @@ def record_campaign(
     codec = bench_codec(bench)
     say_left_out(codec)
     map_channels(bench.channels, codec.messages, bench.dbc_name)  # before anything is made
-    if habits.arm:  # nobody is asked whether a run will do: the next bump may come at once
+    if habits.arm:  # no operator reviews the runs: the next bump may come at once
         reread = habits.reread
-        habits = replace(habits, reread=lambda: _unasked(reread()))
-        bench = _unasked(bench)
-    engine = Recorder(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
-    return run_recorder(engine, out, habits, log, stage)
+        habits = replace(habits, reread=lambda: _unreviewed(reread()))
+        bench = _unreviewed(bench)
+    recorder = Recorder(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
+    return run_recorder(recorder, out, habits, log, stage)
 
 
-def _unasked(bench: Bench) -> Bench:
-    """Return a bench whose runs are taken without a person's time to reject them."""
+def _unreviewed(bench: Bench) -> Bench:
+    """Return a bench whose runs are accepted without a pause for the operator to reject them."""
     return replace(bench, procedure=replace(bench.procedure, accept_after_s=0.0))
 
 
 def recorded_session(last: Status) -> tuple[Path, Session]:
-    """Return the session file that a recorder has left behind, and what is in it.
+    """Return the session file of a recorder's last recording, and its contents.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A recorder on a recorded session: the operator's terminal shows it as if it happened now.
+"""A recorder on a recorded session: the operator's terminal shows it as if it were live.
 
 ``python -m tui.recorders.replay FOLDER SESSION --speed 1``
 """
@@ -46,7 +46,7 @@ def replay_recorder(
     frames = whole_frames(played, session)
     about = played.provenance
     bench = parse_bench(about["bench_toml"], str(session), Path(), dbc_text=about["dbc"])
-    # No driver is behind it: a bus that tells when it ends, and is not opened anew.
+    # Without a driver: such a bus reports its end and is not opened again.
     buses = tuple(BusConfig("virtual", f"session{i}", b.bitrate) for i, b in enumerate(bench.buses))
     bench = replace(bench, buses=buses)
 

@@ -123,7 +123,7 @@ class BenchApp(App[None]):
         self.bell_on = False
         self._ascii = PlainAscii()
         self.typed: dict[str, str] = {}
-        """What was typed last in answer to each question."""
+        """Text typed last in answer to each question."""
         self._news: deque[News] = deque(maxlen=MOST_NEWS)
         self._role = Role(False)
         self._started = False
@@ -243,7 +243,7 @@ class BenchApp(App[None]):
 
     @property
     def _early(self) -> bool:
-        """Whether the screen in front belongs to a step before the bumps."""
+        """True while the screen in front belongs to a step before the bumps."""
         return self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
 
     # Orders -------------------------------------------------------------------------------------
@@ -388,10 +388,10 @@ class BenchApp(App[None]):
 
 
 def _waits_unarmed(status: Status) -> bool:
-    """Whether a recorder waits for a first bump that no terminal has armed."""
+    """Return True if the recorder waits for a first bump that no terminal has armed."""
     return _in_run(status) and progress(status).due <= BenchStep.BASELINE
 
 
 def _in_run(status: Status) -> bool:
-    """Whether the recorder waits for a bump or follows one."""
+    """Return True if the recorder waits for a bump or follows one."""
     return status.phase not in (Phase.IDLE, Phase.COMPLETE)

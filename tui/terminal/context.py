@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class BenchContext(Protocol):
-    """What the recorder last sent, orders to it, and the ways from screen to screen."""
+    """Gives the recorder's last news, takes orders to it, and opens screens."""
 
     folder: Path
     """The recorder's folder; sessions, reports and drafts are in it."""
@@ -30,13 +30,13 @@ class BenchContext(Protocol):
     clock: Callable[[], float]
     """Monotonic seconds."""
     typed: dict[str, str]
-    """What was typed last in answer to each question."""
+    """Text typed last in answer to each question."""
     status: Status | None
     """The newest status; None before the first, and kept after the recorder is lost."""
     lost: Lost | None
     """Why the recorder does not answer; None while it does."""
     in_control: bool
-    """Whether this terminal may give orders."""
+    """True if this terminal may give orders."""
     lanes: Lanes
     bench: Bench | None
     """The bench in force; None until the recorder has sent it."""

@@ -7,6 +7,7 @@ import inspect
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from textual.app import App
@@ -18,11 +19,10 @@ from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
 from .fake_recorder import FakeRecorder
 
 SNAPSHOTS = Path(__file__).parent / "snapshots"
-TRIES = 20
-CALM = 3
-"""Looks in a row at which nothing waits: what is done may put off something more."""
-MOST_LOOKS = 20
-"""Some screens are never calm: they draw what is measured."""
+REDRAWS = 3
+"""Frames drawn before an app counts as settled: layout, then what was waiting for it, twice."""
+MOST_S = 0.5
+"""Seconds to wait for a thread: some wait for a process, or for a time-out."""
 REWRITE = "BUMPBENCH_REWRITE_SNAPSHOTS"
 SIZES = {"80x24": (80, 24), "140x40": (140, 40), "200x50": (200, 50)}
 
@@ -34,15 +34,7 @@ async def at_every_size(
     for size, (width, height) in SIZES.items():
         await pilot.resize_terminal(width, height)
         await pilot.pause()
-        await pilot.pause()
-        for left in reversed(range(TRIES)):
-            try:
-                snapshot(pilot.app, f"{name}_{size}")
-                break
-            except AssertionError:  # on a busy machine it takes longer to come to that
-                if not left:
-                    raise
-                await pilot.pause(0.1)
+        snapshot(pilot.app, f"{name}_{size}")
 
 
 def screen_text(app: App[None]) -> str:
@@ -63,30 +55,54 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
 
 @pytest.fixture(autouse=True)
 def _settled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a pilot wait until no message waits, and then as it does by itself.
+    """Let a pilot wait until the app has nothing left to do.
 
-    Its own way alone is to look whether the process uses little time, and on a busy machine every
-    process does.
+    Textual's pilot looks whether the process uses little time in 20 ms.  On a busy machine that
+    holds too early, and on a quiet one it takes most of the time of a test.
     """
-    once = Pilot._wait_for_screen
 
-    async def until_calm(pilot: Pilot[None], timeout: float = 30.0) -> bool:
-        calm = 0
-        for _ in range(MOST_LOOKS):
-            if not await once(pilot, timeout):
-                return False
-            await asyncio.sleep(0)
-            calm = calm + 1 if _is_calm(pilot.app) else 0
-            if calm == CALM:
-                break
+    async def wait_for_screen(pilot: Pilot[None], timeout: float = 30.0) -> bool:
+        await settle(pilot.app)
         return True
 
-    monkeypatch.setattr(Pilot, "_wait_for_screen", until_calm)
+    async def wait_for_idle(_: float = 0.0) -> None:
+        await _drain()
+
+    monkeypatch.setattr(Pilot, "_wait_for_screen", wait_for_screen)
+    monkeypatch.setattr("textual.pilot.wait_for_idle", wait_for_idle)
+    monkeypatch.setattr("textual.app.wait_for_idle", wait_for_idle)
 
 
-def _is_calm(app: App[None]) -> bool:
-    nodes = [app, *app.screen.walk_children(with_self=True)]
-    return not any(node.message_queue_size for node in nodes) and not getattr(app, "_news", None)
+async def settle(app: App[Any]) -> None:
+    """Wait until messages, threads and drawing of an app are done."""
+    for _ in range(REDRAWS):
+        await _drain()
+        if app._resize_timer is not None:
+            app._check_resize()  # now in place of 8 ms later
+        if app.screen_stack:
+            app.screen._on_timer_update()  # draws now what the next frame would
+    await _drain()
+
+
+async def _drain() -> None:
+    """Wait until every task of the loop waits for a timer, and no thread works for the loop."""
+    loop: Any = asyncio.get_running_loop()
+    end_s = loop.time() + MOST_S
+    while loop.time() < end_s:
+        await asyncio.sleep(0)
+        if loop._ready:
+            continue
+        if not _is_busy(loop._default_executor):
+            return
+        await asyncio.sleep(0.001)
+
+
+def _is_busy(threads: Any) -> bool:
+    """Return True while a thread of a pool works."""
+    if threads is None:
+        return False
+    idle: int = threads._idle_semaphore._value
+    return bool(threads._work_queue.qsize()) or idle < len(threads._threads)
 
 
 @pytest.fixture(autouse=True)

@@ -252,7 +252,7 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
         await _until(pilot, lambda: _order(recorder, Configure))
         for _ in range(6):
             await screen._tick()
-        await _until(pilot, lambda: "SPACE = answer for 1 WARN" in screen_text(app))
+        await _until(pilot, lambda: "SPACE = override 1 WARN" in screen_text(app))
         await pilot.press("space", *"old sensor", "enter")
         await _until(pilot, lambda: "go on to step 3" in screen_text(app))
         await pilot.press("space")
@@ -381,7 +381,7 @@ async def test_the_outlook_comes_from_a_process_of_its_own(make_app: Make) -> No
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
         await _screen(pilot, MassesScreen)
-        assert "being computed" in screen_text(app)
+        assert "computing" in screen_text(app)
         await _until(pilot, lambda: "bounce 1.05 -> 1.00 Hz" in screen_text(app))
 
 

@@ -62,7 +62,7 @@ def _told_by(recorder: FakeRecorder, text: str) -> None:
 async def test_foreign_text_only_shows(
     name: str, make_app: Callable[..., BenchApp], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(MassesScreen, "_think", lambda _: None)
+    monkeypatch.setattr(MassesScreen, "_predict", lambda _: None)
     text = FOREIGN[name]
     warned = replace(NOISY, subject=f"channel {text}", reason=text, advice=text)
     recorder = FakeRecorder(check=(warned, replace(UPSIDE_DOWN, reason=text, advice=text)))

@@ -25,7 +25,7 @@ from tui.terminal.forms.inventory import (
     sag_line,
     shift_line,
     sketch,
-    told_entries,
+    entry_values,
     with_bolted,
 )
 from tui.terminal.state.bench_check import (
@@ -47,7 +47,7 @@ ENTRIES = (
 
 
 def test_a_draft_of_the_weights_is_read_back() -> None:
-    told = json.loads(json.dumps({"entries": told_entries(ENTRIES)}))
+    told = json.loads(json.dumps({"entries": entry_values(ENTRIES)}))
     assert entries_of((), told) == ENTRIES
     weights = tuple(e.weight for e in ENTRIES)
     assert entries_of(weights, {}) == tuple(Entry(w) for w in weights)

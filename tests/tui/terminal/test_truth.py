@@ -88,7 +88,7 @@ async def test_the_results_of_this_recording_are_step_6(make_app: MakeApp) -> No
         await _settle(pilot)
         assert isinstance(app.screen, IdentifyScreen)
         app.screen.outcome = outcome()
-        await app.screen.show_results()
+        await app.open_results(app.screen.outcome)
         await _settle(pilot)
         assert app.step is BenchStep.IDENTIFY
         assert "[6 Identify]" in _line(app, 1)

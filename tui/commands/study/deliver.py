@@ -1,4 +1,4 @@
-"""What every study command does with its result: table or JSON to stdout, figure to a file."""
+"""Delivers the result of a study: table or JSON to stdout, figure to a file."""
 
 from __future__ import annotations
 

@@ -12,10 +12,10 @@ from .deliver import FigureFile, Json, check_figure_file, deliver
 if TYPE_CHECKING:
     from daq.runs import Excitation
 
-Rate = Annotated[float, typer.Option(help="Samples a second.")]
-Noise = Annotated[float, typer.Option(help="Distance from signal to noise.")]
+Rate = Annotated[float, typer.Option(help="Samples per second.")]
+Noise = Annotated[float, typer.Option(help="Signal-to-noise ratio in dB.")]
 Fits = Annotated[int, typer.Option(min=1, max=100_000, help="Number of campaigns.")]
-Seed = Annotated[int, typer.Option(min=0, help="Draws the noise of the first campaign.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the first campaign's noise.")]
 Workers = Annotated[int, typer.Option(min=1, max=64, help="Processes.")]
 Scheduler = Annotated[
     str | None, typer.Option(help="Address of a Dask scheduler: its workers, not processes here.")

@@ -12,7 +12,7 @@ from .deliver import FigureFile, Json, check_figure_file, deliver
 
 
 class Response(StrEnum):
-    """How the runs are simulated."""
+    """Ways to simulate the runs."""
 
     EXACT = "exact"
     WILSON = "wilson"
@@ -65,9 +65,9 @@ def fig8(json: Json = False, figure: FigureFile = None) -> None:
 
 
 def fig9(
-    rate_hz: Annotated[float, typer.Option(help="Samples a second.")] = 1000.0,
-    noise_db: Annotated[float, typer.Option(help="Distance from signal to noise.")] = 30.0,
-    seed: Annotated[int, typer.Option(min=0, help="Draws the noise.")] = 1,
+    rate_hz: Annotated[float, typer.Option(help="Samples per second.")] = 1000.0,
+    noise_db: Annotated[float, typer.Option(help="Signal-to-noise ratio in dB.")] = 30.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 1,
     json: Json = False,
     figure: FigureFile = None,
 ) -> None:

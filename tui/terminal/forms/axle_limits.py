@@ -1,4 +1,4 @@
-"""What the axles of the car may carry, as its papers say, and whether the weights are too much."""
+"""The permitted axle loads of the car, and a check of the weights against them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..state.drafts import read_draft, write_draft
 from .fields import FieldError, number
 
 _FILE = "axle_limits.json"
-"""Beside the recording: the next vehicle's are told anew."""
+"""File in the recorder's folder; each vehicle has its own."""
 _LEAST_KG, _MOST_KG = 100.0, 10_000.0
 _AXLES = ("front", "rear")
 
@@ -33,18 +33,18 @@ def parse_limits(text: str) -> AxleLimits:
     InputError
         If they are not.
     """
-    told = [number(word) for word in text.replace("/", " ").split()]
-    if len(told) != len(_AXLES) or not all(t and _LEAST_KG <= t <= _MOST_KG for t in told):
+    loads = [number(word) for word in text.replace("/", " ").split()]
+    if len(loads) != len(_AXLES) or not all(t and _LEAST_KG <= t <= _MOST_KG for t in loads):
         advice = "type two numbers in kg, front and rear, as 1050 980 (100 to 10000)"
-        raise InputError("axle limits", f"'{text}' does not tell them", advice)
-    return AxleLimits(*(t for t in told if t))
+        raise InputError("axle limits", f"'{text}' is not a pair of loads", advice)
+    return AxleLimits(*(t for t in loads if t))
 
 
 def read_limits(folder: Path) -> AxleLimits | None:
-    """Return the limits that were told before, if any."""
-    told = read_draft(folder / _FILE)
+    """Return the stored limits; None if there are none."""
+    stored = read_draft(folder / _FILE)
     try:
-        return parse_limits(f"{told.get('front_kg')} {told.get('rear_kg')}")
+        return parse_limits(f"{stored.get('front_kg')} {stored.get('rear_kg')}")
     except InputError:
         return None
 

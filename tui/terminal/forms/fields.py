@@ -1,4 +1,4 @@
-"""Forms as data: what may stand in a field, and why it may not.
+"""Forms as data: the fields, their limits and the reasons of the limits.
 
 Values are the text that a person typed.  Checking never changes them, and every error names the
 field, the limit and the reason.  The forms are in `tui.terminal.forms.vehicle_form` and
@@ -20,28 +20,30 @@ class Field:
     """One field of a form."""
 
     name: str
+    """Key of the value."""
     label: str
+    """Words on the screen."""
     unit: str = ""
-    """Key, what a person reads, unit; a field without unit is text."""
+    """Unit of a number; empty for text."""
     low: float = -math.inf
     high: float = math.inf
-    """`low`, `high`: limits of a number."""
+    """Limits of a number, both included."""
     reason: str = ""
     """Why these limits."""
     help: str = ""
-    """What to enter."""
+    """Text on what to enter."""
     needed: bool = False
-    """Whether it may be left empty."""
+    """True if it must not stay empty."""
     choices: tuple[str, ...] = ()
-    """What may stand in it, if that is a list."""
+    """The values to choose from; empty for free text."""
     whole: bool = False
-    """Whether it is a whole number."""
+    """True for a whole number."""
     most: int = 60
     """Characters of a text."""
 
     @property
     def is_number(self) -> bool:
-        """Whether a number stands in it."""
+        """True if the value is a number."""
         return bool(self.unit)
 
     @property
@@ -57,7 +59,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class FieldError:
-    """What is wrong with a field: its name and label, the limit, and the reason."""
+    """An error in a field: its name and label, the limit, and the reason."""
 
     field: str
     label: str

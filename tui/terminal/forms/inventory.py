@@ -25,7 +25,7 @@ _WIDE, _LONG = 13, 7
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A weight, its serial, and whether somebody has seen that it is bolted."""
+    """A weight, its serial number, and whether the operator has confirmed that it is bolted."""
 
     weight: Weight
     serial: str = ""
@@ -34,11 +34,11 @@ class Entry:
 
 def entries_of(weights: Sequence[Weight], draft: Mapping[str, Any]) -> tuple[Entry, ...]:
     """Return the weights of a draft if it has any that can be read, else those of the bench."""
-    told = draft.get("entries")
-    if not isinstance(told, list):
+    stored = draft.get("entries")
+    if not isinstance(stored, list):
         return tuple(Entry(weight) for weight in weights)
     entries = []
-    for values in told:
+    for values in stored:
         if not isinstance(values, dict):
             continue
         typed = {name: value for name, value in values.items() if isinstance(value, str)}
@@ -48,7 +48,7 @@ def entries_of(weights: Sequence[Weight], draft: Mapping[str, Any]) -> tuple[Ent
     return tuple(entries)
 
 
-def told_entries(entries: Sequence[Entry]) -> list[dict[str, Any]]:
+def entry_values(entries: Sequence[Entry]) -> list[dict[str, Any]]:
     """Return what a draft keeps of them."""
     return [{**weight_values(e.weight, e.serial), "bolted": e.bolted} for e in entries]
 
@@ -113,11 +113,11 @@ def _put(
         grid[row][column + offset] = letter
 
 
-def effect_line(told: Loading) -> str:
+def effect_line(load: Loading) -> str:
     """Say what the weights change on the car."""
     return (
-        f"{told.body_kg:+.1f} kg body, {told.hub_kg:+.1f} kg hubs, CG {told.x_shift_m * 1e3:+.0f}"
-        f" {told.y_shift_m * 1e3:+.0f} mm, Ixx {told.I_xx:+.0f} Iyy {told.I_yy:+.0f} kg m2"
+        f"{load.body_kg:+.1f} kg body, {load.hub_kg:+.1f} kg hubs, CG {load.x_shift_m * 1e3:+.0f}"
+        f" {load.y_shift_m * 1e3:+.0f} mm, Ixx {load.I_xx:+.0f} Iyy {load.I_yy:+.0f} kg m2"
     )
 
 
@@ -165,7 +165,7 @@ def sag_line(
     before: Mapping[str, Any],
     after: Mapping[str, float],
 ) -> str:
-    """Say what springs the sag of the body tells, beside the expected ones.
+    """Return the spring rates that the sag of the body gives, and the expected ones.
 
     Parameters
     ----------
@@ -181,8 +181,8 @@ def sag_line(
         return "no travel sensor"
     car = expected_car(bench.vehicle)
     was, now = (
-        {corner: float(told[name]) for name, corner in travels.items() if name in told}
-        for told in (before, after)
+        {corner: float(levels[name]) for name, corner in travels.items() if name in levels}
+        for levels in (before, after)
     )
     sunk = [abs(now[corner] - was[corner]) for corner in now if corner in was]
     if not sunk:
@@ -192,16 +192,16 @@ def sag_line(
         return "the body has not sunk: R measures again, with the weights on"
     parts = []
     for name, k, usual in zip(("front", "rear"), stiffness, (car.k_sf, car.k_sr), strict=True):
-        told = "?" if k is None else f"{k / 1e3:.1f}"
-        parts.append(f"{name} {told} kN/m (expected {usual / 1e3:.0f})")
+        measured = "?" if k is None else f"{k / 1e3:.1f}"
+        parts.append(f"{name} {measured} kN/m (expected {usual / 1e3:.0f})")
     return "spring " + ", ".join(parts)
 
 
-def axle_loads_with(told: Loading, car: VehicleParameters) -> tuple[float, tuple[float, float]]:
+def axle_loads_with(load: Loading, car: VehicleParameters) -> tuple[float, tuple[float, float]]:
     """Return the mass of the car without the weights, and what its axles carry with them, kg."""
     body = car.m_s / (car.a + car.b)
-    front = body * car.b + 2 * car.m_uf + told.front_kg
-    rear = body * car.a + 2 * car.m_ur + told.rear_kg
+    front = body * car.b + 2 * car.m_uf + load.front_kg
+    rear = body * car.a + 2 * car.m_ur + load.rear_kg
     return car.m_s + 2 * (car.m_uf + car.m_ur), (front, rear)
 
 

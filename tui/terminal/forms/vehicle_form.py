@@ -19,10 +19,10 @@ _SIGMA = "an uncertainty of nothing would outweigh every sensor"
 
 def _fact(name: str, label: str, unit: str, low: float, high: float, why: str) -> tuple[Field, ...]:
     weighed = unit == "kg"
-    told = "scales under the wheels, car as in the baseline" if weighed else "with a tape measure"
+    method = "scales under the wheels, car as in the baseline" if weighed else "with a tape measure"
     most = 0.05 * high
     return (
-        Field(name, label, unit, low, high, why, f"{told}; leave empty if it was not measured"),
+        Field(name, label, unit, low, high, why, f"{method}; leave empty if it was not measured"),
         Field(f"{name}.sigma", f"{label} ±", unit, 1e-3 if weighed else 1e-4, most, _SIGMA,
               _SCALES if weighed else _TAPE),
     )  # fmt: skip
@@ -44,13 +44,13 @@ _FLAGS = (
     ("tyre_damping", "Tyre damping", "a damper beside each tyre's spring"),
     ("cg_offset", "CG off the middle", "the centre of gravity may lie left or right"),
 )
-_TIMES = "each excitation is bumped so often, with and without the added mass"
+_TIMES = "number of accepted runs of each excitation, without and with the added mass"
 
 VEHICLE_FIELDS: tuple[Field, ...] = (
     Field("name", "Vehicle", needed=True, help="number plate or chassis number"),
     Field("operator", "Operator", needed=True, most=40, help="your name, for every verdict"),
     *(field for fact in FACTS for field in _fact(*fact)),
-    *(Field(f"flag.{n}", label, choices=(YES, NO), help=told) for n, label, told in _FLAGS),
+    *(Field(f"flag.{n}", label, choices=(YES, NO), help=text) for n, label, text in _FLAGS),
     *(
         Field(f"bump.{e}", e.capitalize(), choices=(YES, NO), help=f"whether {e} is bumped")
         for e in Excitation

@@ -1,4 +1,4 @@
-"""What every screen of the terminal has: top line, steps, keys, help, and the one key."""
+"""Base of every screen: top line, steps, key bar, help and SPACE."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from daq.control.messages import Status
 
 LOCK_OUT_S = 0.3
+"""Seconds in which a repeated key counts as held: keyboards repeat faster."""
 
 
 class BenchScreen(Screen[None]):
     """A screen of the campaign.
 
-    A screen composes what is its own in `compose_body`, does its next action in `action_next`,
-    and shows the recorder's news in `show_status`; `HELP_PAGE` is its page in `tui/help`.
+    A screen composes its own part in `compose_body`, does its next action in `action_next`, and
+    shows the recorder's status in `show_status`; `HELP_PAGE` names its page in `tui/terminal/help`.
     """
 
     HELP_PAGE: ClassVar[str] = ""
@@ -52,17 +53,17 @@ class BenchScreen(Screen[None]):
 
     @property
     def ready(self) -> bool:
-        """Whether the next action would do something now; `--auto` presses it then."""
+        """True while `--auto` may press SPACE."""
         return True
 
     @property
     def step_shown(self) -> BenchStep | None:
-        """The step that is shown; none where what is shown is not of this recording."""
+        """The step of this screen; None where it shows another recording."""
         return self.STEP
 
     @property
     def acts(self) -> bool:
-        """Whether SPACE does something now; the line of keys promises nothing else."""
+        """True while SPACE does something; the key bar shows SPACE only then."""
         return True
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
@@ -70,24 +71,24 @@ class BenchScreen(Screen[None]):
         return self.acts if (action, parameters) == ("press", ("next",)) else True
 
     def compose(self) -> ComposeResult:
-        """Lay the screen out: what all have around what is its own."""
+        """Lay out the lines that all screens have, around the screen's own part."""
         yield TopLine(self.bench_app.glyphs)
         yield StepBar(self.bench_app.glyphs)
         yield from self.compose_body()
         yield KeyBar()
 
     def compose_body(self) -> ComposeResult:
-        """Lay out what is the screen's own."""
+        """Lay out the screen's own part."""
         return ()
 
     def show_status(self, status: Status) -> None:
-        """Show where the recorder stands; also called when the screen comes to the front."""
+        """Show a status; also called when the screen comes to the front."""
 
     async def action_next(self) -> None:
-        """Do what is next on this screen."""
+        """Do the next action of this screen."""
 
     async def action_press(self, name: str) -> None:
-        """Do an action of a key that may be held down by a glove: once a press."""
+        """Do the action of a key once a press, also while a glove holds the key down."""
         now_s = self.bench_app.clock()
         last, self._pressed = self._pressed, (name, now_s)
         if last[0] == name and now_s - last[1] < LOCK_OUT_S:
@@ -95,7 +96,7 @@ class BenchScreen(Screen[None]):
         await self.run_action(name)
 
     def on_screen_resume(self) -> None:
-        """Show what was told meanwhile; or that nobody has told anything yet."""
+        """Show the newest status, or that there is none yet."""
         app = self.bench_app
         if app.status is not None:
             self._show(app.status)
@@ -105,17 +106,17 @@ class BenchScreen(Screen[None]):
             self.refresh_bindings()
 
     def on_status_arrived(self, message: StatusArrived) -> None:
-        """Show where the recorder stands."""
+        """Show a new status."""
         self._show(message.status)
 
     def on_resize(self) -> None:
-        """Fit what is shown into the new room."""
+        """Fit the screen into its new size."""
         if self.bench_app.status is not None:
             self.call_after_refresh(self._show, self.bench_app.status)
             self.call_after_refresh(self.post_message, LiveArrived())
 
     def on_recorder_lost(self, _: RecorderLost) -> None:
-        """Show that the recorder is gone: the top line says so on every screen."""
+        """Show in the top line that the recorder is lost."""
         self.query_one(TopLine).show(self.bench_app.status, self.bench_app)
 
     def _show(self, status: Status) -> None:

@@ -1,4 +1,4 @@
-"""What home and run screen share: the keys of the run loop."""
+"""Base of the home and the run screen: the keys of the run loop."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ AT_EASE = (Phase.IDLE, Phase.COMPLETE)
 
 
 class BumpingScreen(BenchScreen):
-    """Arms, pauses, rejects, undoes; nothing asks whether one is sure, everything can be undone."""
+    """Arms, pauses, rejects and undoes; no key asks for confirmation, because all can be undone."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("backspace,pageup", "press('reject')", "Reject", key_display="Bksp"),
@@ -32,7 +32,7 @@ class BumpingScreen(BenchScreen):
         Binding("m", "more", "More", key_display="M"),
         Binding("up", "choose(-1)", show=False),
         Binding("down", "choose(1)", show=False),
-        Binding("a", "acknowledge", "Lamp out", key_display="A"),
+        Binding("a", "acknowledge", "Lamp off", key_display="A"),
         Binding("escape", "press('pause')", "Pause", key_display="Esc"),
         Binding("x", "restart", "Restart", key_display="X"),
     ]
@@ -45,13 +45,13 @@ class BumpingScreen(BenchScreen):
 
     @property
     def acts(self) -> bool:
-        """Whether there is a next action; a lost recorder takes none."""
+        """True while there is a next action and a recorder to take it."""
         app = self.bench_app
         return app.lost is None and self._next.words.startswith("SPACE")
 
     @property
     def ready(self) -> bool:
-        """Whether SPACE would begin something; a countdown is left to run out."""
+        """True while SPACE would begin something; `--auto` lets a countdown run out."""
         status = self.bench_app.status
         return status is not None and status.phase in AT_EASE and not status.halted and self.acts
 
@@ -87,15 +87,15 @@ class BumpingScreen(BenchScreen):
             await app.open("run")
 
     async def action_reject(self) -> None:
-        """Reject the run under way, or the last one."""
+        """Reject the run in progress, or the last one."""
         await self.bench_app.ask(Reject())
 
     async def action_undo(self) -> None:
-        """Take the last verdict back."""
+        """Undo the last verdict."""
         await self.bench_app.ask(Undo())
 
     async def action_redo(self) -> None:
-        """Take the last undo back."""
+        """Redo the last undo."""
         await self.bench_app.ask(Redo())
 
     async def action_pause(self) -> None:
@@ -107,7 +107,7 @@ class BumpingScreen(BenchScreen):
             await self.bench_app.ask(Pause())
 
     async def action_acknowledge(self) -> None:
-        """Put the overload lamps out."""
+        """Acknowledge the overload lamps."""
         await self.bench_app.ask(Acknowledge())
 
     async def action_restart(self) -> None:
@@ -124,12 +124,12 @@ class BumpingScreen(BenchScreen):
                 self.bench_app.inform(f"next: {tally.mass_state} {tally.excitation.value}")
 
     def action_choose(self, by: int) -> None:
-        """Point to another kind of bump."""
+        """Mark another kind of bump."""
         if self.bench_app.status is not None:
             self.query_one(TallyList).move(by, self.bench_app.status)
 
     def action_take_back(self) -> None:
-        """Count a rejected run all the same; the reason goes into the journal with the name."""
+        """Accept a rejected run, with a reason; the journal stores reason and name."""
         run = self._rejected
         if run is None:
             return

@@ -1,4 +1,4 @@
-"""Step 2: is the bench fit; does every sensor sit where it says, the right way up, at zero."""
+"""Step 2: checks the bench, and the place, the sign and the zero of every sensor."""
 
 from __future__ import annotations
 
@@ -43,9 +43,11 @@ from .news import LiveArrived
 from .question import Question
 
 REST = "rest.json"
-"""Beside the recording: what the channels read at rest, before any weight is on the car."""
+"""File in the recorder's folder: levels of the channels at rest, before any weight is added."""
 AGAIN_S, WINDOW_S = 1.0, 3.0
+"""Seconds between two checks, and seconds of samples in each."""
 HANDS_OFF_S = 5.0
+"""Seconds over which the zero is measured."""
 _SEEN_S = 10.0
 _ZERO = "zero"
 _PUSH = "SPACE = push the corners"
@@ -55,7 +57,7 @@ _ON = "SPACE = the bench is fit: go on to step 3 Baseline"
 
 
 class CheckScreen(BenchScreen):
-    """Lines OK, WARN, FAIL; then the corners are pushed, then the zeros are set."""
+    """Shows lines OK, WARN or FAIL; then guides the push test, then the zeros."""
 
     HELP_PAGE: ClassVar[str] = "check"
     STEP: ClassVar[BenchStep] = BenchStep.CHECK
@@ -96,12 +98,12 @@ class CheckScreen(BenchScreen):
 
     @property
     def ready(self) -> bool:
-        """Whether SPACE would go on without a person's word."""
+        """True while SPACE would go on without an answer of the operator."""
         return self._due in (_PUSH, _HANDS_OFF, _TARE, _ON)
 
     @property
     def acts(self) -> bool:
-        """Whether SPACE does something: not while hands are on the car or have to be off it."""
+        """True while SPACE does something: not while the car is pushed or must be at rest."""
         return self._due.startswith("SPACE")
 
     def show_status(self, status: Status) -> None:
@@ -113,7 +115,7 @@ class CheckScreen(BenchScreen):
     # Asking -------------------------------------------------------------------------------------
 
     async def _tick(self) -> None:
-        """Ask again, unless hands are on the car or were a moment ago."""
+        """Ask again, except during a push and just after it."""
         if not self.is_current:
             return
         if self._hands_off_s:
@@ -129,7 +131,7 @@ class CheckScreen(BenchScreen):
             await self._ask(WINDOW_S)
 
     async def _ask(self, seconds: float) -> bool:
-        """Ask what the sensors have read; return whether there was an answer."""
+        """Ask for the check of the last seconds; return True if the recorder answered."""
         if self._asking or self.bench_app.status is None:
             return False
         self._asking = True
@@ -149,13 +151,13 @@ class CheckScreen(BenchScreen):
         app, status = self.bench_app, self.bench_app.status
         if status is None or app.bench is None or not self.query("#explained"):
             return
-        told = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
+        overridden = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
         rows = [*recorder_rows(status), *item_rows(self._items)]
         if not self._items:
             rows.append(CheckRow(WAIT, "sensors", "listening"))
-        rows = with_overrides(rows, told)
+        rows = with_overrides(rows, overridden)
         active = self._corner or ""
-        rows += wiggle_rows(self._pushed, active, told, can_tell(app.bench.channels))
+        rows += wiggle_rows(self._pushed, active, overridden, can_tell(app.bench.channels))
         rows.append(self._zero_row())
         self._rows = rows
         lines = self.query_one(RowList)
@@ -170,7 +172,7 @@ class CheckScreen(BenchScreen):
         if not self._zeroed:
             return CheckRow(WAIT, _ZERO, f"hands off for {HANDS_OFF_S:.0f} s")
         if not offsets:
-            return CheckRow(OK, _ZERO, "travels and rates read nothing at rest")
+            return CheckRow(OK, _ZERO, "travels and rates read zero at rest")
         text = ", ".join(offset.text for offset in offsets)
         advice = "Z takes this as zero, the car at ride height (goes to the report)"
         return CheckRow(NOW, _ZERO, text, advice)
@@ -181,21 +183,21 @@ class CheckScreen(BenchScreen):
             return
         row = self._rows[lines.cursor]
         box.border_title = printable(row.subject, 50).replace("[", "(")
-        said = [Content(printable(row.text, 300))]
+        lines_below = [Content(printable(row.text, 300))]
         if row.advice:
-            said.append(Content(printable(row.advice, 300)))
-        said.append(Content.styled(self._due, "bold $accent"))
-        box.update(Content("\n").join(said))
+            lines_below.append(Content(printable(row.advice, 300)))
+        lines_below.append(Content.styled(self._due, "bold $accent"))
+        box.update(Content("\n").join(lines_below))
 
     @property
     def _due(self) -> str:
-        """What SPACE would do, by the words it is explained with; '' while it would do nothing."""
+        """Text on what SPACE does now; it begins with SPACE only if it does something."""
         if self._corner is not None:
-            return f"Push the car at the corner that is marked {NOW}."
+            return f"Push the car down at the corner marked {NOW}."
         if self._hands_off_s:
             return "Hands off the car."
         if not self._items:
-            return "The sensors are being listened to."
+            return "Listening to the sensors."
         if blocked := sum(row.blocks for row in self._rows):
             return f"SPACE is blocked: {blocked} FAIL"
         if self._next_corner() is not None:
@@ -205,7 +207,7 @@ class CheckScreen(BenchScreen):
         if self._offsets():
             return _TARE
         if asks := sum(row.asks for row in self._rows):
-            return f"SPACE = answer for {asks} WARN"
+            return f"SPACE = override {asks} WARN"
         return _ON
 
     def action_mark(self, by: int) -> None:
@@ -227,7 +229,7 @@ class CheckScreen(BenchScreen):
     # SPACE --------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
-        """Do the first thing that is not done: corners, zero, warnings, and on."""
+        """Do the first of these that is open: push test, zero, warnings, next step."""
         app, due = self.bench_app, self._due
         corner = self._next_corner()
         if due == _PUSH and corner is not None:
@@ -248,7 +250,7 @@ class CheckScreen(BenchScreen):
             self.action_override()
 
     async def action_again(self) -> None:
-        """Ask again; on a line of the wiggle, push that corner again; on zero, measure again."""
+        """Repeat the marked check: push that corner again, measure zero again, or ask again."""
         row = self._marked
         corner = next((c for c in ORDER if row and row.subject == wiggle_subject(c)), None)
         if self._corner is not None:
@@ -263,28 +265,28 @@ class CheckScreen(BenchScreen):
     # Warnings -----------------------------------------------------------------------------------
 
     def action_override(self) -> None:
-        """Answer for the marked warning, with a reason; the name goes along."""
+        """Override the marked warning, with a reason and the operator's name."""
         row = self._marked
         if row is None or row.state != WARN or row.overridden:
-            self.bench_app.warn("O answers for a line that says WARN: mark one")
+            self.bench_app.warn("O overrides a line that says WARN: mark one")
             return
-        self._ask_reason(row.subject, f"{row.text}. Why is that no harm here?")
+        self._ask_reason(row.subject, f"{row.text}. Why is that acceptable here?")
 
     def action_skip(self) -> None:
-        """Leave out the corner that is to be pushed, with a reason."""
+        """Skip the corner that is due, with a reason."""
         row = self._marked
-        told = wiggle_subject(self._corner) if self._corner else row.subject if row else ""
-        if not told.startswith("wiggle "):
-            self.bench_app.warn("S skips a corner that is to be pushed: mark its line")
+        subject = wiggle_subject(self._corner) if self._corner else row.subject if row else ""
+        if not subject.startswith("wiggle "):
+            self.bench_app.warn("S skips a corner of the push test: mark its line")
             return
-        self._ask_reason(told, "Why is this corner not pushed?")
+        self._ask_reason(subject, "Why is this corner not pushed?")
 
     def _ask_reason(self, subject: str, question: str) -> None:
         async def answered(reason: str | None) -> None:
             if not reason or await self.bench_app.ask(OverrideWarning(subject, reason)) is None:
                 return
             if subject.startswith("wiggle "):
-                self._skipped.add(subject)  # the recorder's word comes a moment later
+                self._skipped.add(subject)  # the recorder's status confirms it a moment later
                 self._pushed = {
                     c: w for c, w in self._pushed.items() if wiggle_subject(c) != subject
                 }
@@ -300,12 +302,12 @@ class CheckScreen(BenchScreen):
         app = self.bench_app
         if app.bench is None or app.status is None or not can_tell(app.bench.channels):
             return None
-        told = {override.subject for override in app.status.overrides} | self._skipped
-        open_corners = (c for c in ORDER if wiggle_subject(c) not in told)
+        skipped = {override.subject for override in app.status.overrides} | self._skipped
+        open_corners = (c for c in ORDER if wiggle_subject(c) not in skipped)
         return next((c for c in open_corners if c not in self._pushed), None)
 
     async def _begin_wiggle(self, corner: Corner) -> None:
-        """Wait for a push; the mark in the recording says which corner was asked for."""
+        """Wait for a push; a mark in the recording names the corner."""
         app = self.bench_app
         if app.status is None or app.status.phase is not Phase.IDLE:
             app.warn("a run is armed: pause it first")
@@ -319,7 +321,7 @@ class CheckScreen(BenchScreen):
             self._show_rows()
 
     async def on_live_arrived(self, _: LiveArrived) -> None:
-        """Look whether the corner was pushed."""
+        """Judge the push on the corner that is due."""
         app, corner = self.bench_app, self._corner
         if corner is None or app.bench is None or not app.lanes.bin_s:
             return
@@ -335,7 +337,7 @@ class CheckScreen(BenchScreen):
             self._show_rows()
 
     async def _go_on(self) -> None:
-        """Ask for the next corner after one that was right; stop at one that was wrong."""
+        """Ask for the next corner if the last one was right; else stop."""
         corner, self._corner = self._corner, None
         self._still_s = WINDOW_S + AGAIN_S
         right = corner is None or corner not in self._pushed or self._pushed[corner].passed
@@ -347,7 +349,7 @@ class CheckScreen(BenchScreen):
     # Sign and zero ------------------------------------------------------------------------------
 
     async def action_invert(self) -> None:
-        """Turn the sign of the channel that the marked line is about."""
+        """Invert the sign of the channel of the marked line."""
         app, row = self.bench_app, self._marked
         if row is None or app.bench is None:
             return
@@ -357,7 +359,7 @@ class CheckScreen(BenchScreen):
             names = list(self._pushed[corner].inverted) if corner in self._pushed else []
         channel = next((c for c in app.bench.channels if c.name in names[:1]), None)
         if channel is None or row.state != FAIL:
-            app.warn("I turns the sign of a channel whose line says FAIL: mark one")
+            app.warn("I inverts the sign of a channel whose line says FAIL: mark one")
             return
         if await self._configure({channel.name: (-channel.sign, -channel.tare)}):
             app.inform(f"sign of {channel.name} is now {-channel.sign:+.0f}")
@@ -374,19 +376,19 @@ class CheckScreen(BenchScreen):
         return zero_offsets(self._items, bench.channels) if bench and self._zeroed else ()
 
     async def action_zero(self) -> None:
-        """Take what travels and rates read at rest as their zero; measure it first."""
+        """Set the zero of travels and rates to their levels at rest; measure these first."""
         if not self._zeroed:
             self._begin_zero()
             return
         tares = {offset.channel: (None, offset.tare) for offset in self._offsets()}
         if not tares or not await self._configure(tares):
             return
-        self._items = ()  # what was read before the new zero does not count any more
+        self._items = ()  # readings from before the new zero are void
         self._still_s = WINDOW_S
         self._show_rows()
 
     async def _configure(self, changes: Mapping[str, tuple[float | None, float]]) -> bool:
-        """Tell the recorder another sign and tare of channels: so it is in the journal."""
+        """Send new signs and tares to the recorder; return True if it accepted them."""
         app = self.bench_app
         text = app.bench_text
         try:

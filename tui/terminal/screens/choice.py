@@ -1,4 +1,4 @@
-"""A small list over the screen: one of it is chosen, or none."""
+"""A short list over the screen, to choose one entry of."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from textual.widgets.option_list import Option
 
 
 class ChoiceScreen(ModalScreen[str | None]):
-    """Enter (or SPACE) chooses; Esc leaves things as they are.
+    """Returns the chosen entry; None after Esc.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ class ChoiceScreen(ModalScreen[str | None]):
         with Vertical():
             yield Static(self._title, markup=False)
             yield OptionList(*(Option(Content(words)) for _, words in self._options))
-            yield Static("Enter chooses   Esc leaves it", markup=False)
+            yield Static("Enter = choose   Esc = cancel", markup=False)
 
     def action_choose(self) -> None:
-        """Choose what is marked."""
+        """Choose the marked entry."""
         self.query_one(OptionList).action_select()
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """Return what was chosen."""
+        """Return the chosen entry."""
         self.dismiss(self._options[event.option_index][0])

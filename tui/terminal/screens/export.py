@@ -1,4 +1,4 @@
-"""Which format a session is written in for another tool, and that it is done."""
+"""Asks for a format and exports a session in it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FORMATS = (
 
 
 async def export_session(app: App[None], path: str) -> None:
-    """Ask for the format, write the session in a worker, tell where it is; run in a worker."""
+    """Ask for the format, export in a worker process and show the files; needs a Textual worker."""
     name = printable(Path(path).name, 40)
     form = await app.push_screen_wait(ChoiceScreen(f"Export {name} as", FORMATS))
     if form is None:

@@ -1,4 +1,4 @@
-"""Help over any screen: what it is for, what its keys do, what the marked thing is."""
+"""Help over a screen: its purpose, its keys and the marked field."""
 
 from __future__ import annotations
 
@@ -45,16 +45,16 @@ class HelpScreen(ModalScreen[None]):
                 yield Static("\n".join(self._keys()), id="keys", markup=False)
 
     def _keys(self) -> list[str]:
-        """Say what the keys of the screen below do, hidden ones included."""
+        """Return the keys of the screen below, hidden ones included, with their actions."""
         stack = self.app.screen_stack
         below: Screen[object] = stack[-2] if stack[-1] is self else stack[-1]
-        told: dict[str, str] = {}
+        actions: dict[str, str] = {}
         for _, binding, enabled, _ in below.active_bindings.values():
             words = binding.tooltip or binding.description
-            if enabled and words and words not in told.values():
-                told[binding.key_display or self.app.get_key_display(binding)] = words
+            if enabled and words and words not in actions.values():
+                actions[binding.key_display or self.app.get_key_display(binding)] = words
         lines = ["Keys of this screen", ""]
-        lines += [f"  {key:<12} {words}" for key, words in told.items()]
+        lines += [f"  {key:<12} {words}" for key, words in actions.items()]
         focused = below.focused
         if focused is not None and focused.tooltip:
             lines += ["", f"Marked: {focused.tooltip}"]

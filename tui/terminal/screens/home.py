@@ -18,12 +18,12 @@ from .news import LiveArrived, RecorderLost
 
 
 class HomeScreen(BumpingScreen):
-    """What is next, how it is bumped, progress, runs and journal."""
+    """Shows the next action, how to bump, progress, runs and journal."""
 
     HELP_PAGE: ClassVar[str] = "home"
 
     def compose_body(self) -> ComposeResult:
-        """Lay out what is next and what is done."""
+        """Lay out the next action and the lists."""
         glyphs = self.bench_app.glyphs
         with Horizontal(id="body"):
             with Vertical(id="left"):
@@ -37,18 +37,18 @@ class HomeScreen(BumpingScreen):
         yield AlarmList(glyphs)
 
     def on_mount(self) -> None:
-        """Say what is waited for: a recorder that is being started takes a moment."""
+        """Show at once that the terminal waits for a recorder."""
         self._show_next()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Leave Esc out while nothing is armed: it would go home."""
+        """Hide Esc while nothing is armed: it would only come back here."""
         status = self.bench_app.status
         if (action, parameters) == ("press", ("pause",)) and status and status.phase in AT_EASE:
             return False
         return super().check_action(action, parameters)
 
     def show_status(self, status: Status) -> None:
-        """Show what is next and what is done."""
+        """Show the next action and the lists."""
         self._show_next()
         self.query_one(SketchBox).show(status, self.bench_app.bench)
         self.query_one(TallyList).show(status)
@@ -62,7 +62,7 @@ class HomeScreen(BumpingScreen):
         draw_lanes(self, self.bench_app)
 
     def on_recorder_lost(self, message: RecorderLost) -> None:
-        """Say what to do."""
+        """Show what to do."""
         super().on_recorder_lost(message)
         self._show_next()
         self.refresh_bindings()

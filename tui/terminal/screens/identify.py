@@ -23,7 +23,7 @@ from .work import OUTDATED, WorkScreen
 
 _BUILD_ADVICE = "SPACE = try again; the journal is untouched"
 _KEPT = 8
-"""Outcomes kept: the operator goes back and forth between sessions."""
+"""Outcomes kept in memory, for an operator who switches between sessions."""
 
 
 class IdentifyScreen(WorkScreen):
@@ -43,40 +43,40 @@ class IdentifyScreen(WorkScreen):
 
     @property
     def step_shown(self) -> BenchStep | None:
-        """Step 6 of this recording; no step of it where a session of the past is identified."""
+        """Step 6; None while a session of the past is identified."""
         path = self.work.session
         return BenchStep.IDENTIFY if not path or self._is_current(path) else None
 
     @property
     def acts(self) -> bool:
-        """Whether SPACE does something: not while the work goes on."""
+        """True while SPACE does something: not during the work."""
         return self.work.stage in (Stage.IDLE, Stage.FAILED, Stage.DONE)
 
     @property
     def ready(self) -> bool:
-        """Whether SPACE would do something."""
+        """True while `--auto` may press SPACE."""
         return self.work.stage in (Stage.IDLE, Stage.DONE)
 
     async def action_next(self) -> None:
-        """Build and identify; show the results if they are there."""
+        """Build and identify; show the results once they are there."""
         if self.work.stage in (Stage.IDLE, Stage.FAILED) or self._outdated:
             await self.build()
         elif self.work.stage is Stage.DONE and self.outcome is not None:
             await self.bench_app.open_results(self.outcome)
 
     async def build(self) -> None:
-        """Have the recorder derive its session file; identify it as soon as it is there."""
+        """Order the session file from the recorder; identify it as soon as it is built."""
         reply = await self.bench_app.ask(Build())
         if reply is None or reply.status is None:
             return
         self.workers.cancel_node(self)
         self._asked_ns = reply.status.wall_ns
-        self.work = LongWork(Stage.BUILDING, told=(Stage.BUILDING.value,))
+        self.work = LongWork(Stage.BUILDING, begun=(Stage.BUILDING.value,))
         self.show_status(reply.status)
 
     def show_status(self, status: Status) -> None:
         """Follow the recorder while it builds."""
-        # News that were on their way when the order was given tell of the file before.
+        # A status sent before the order shows the older file.
         if self.work.stage is Stage.BUILDING and status.wall_ns >= self._asked_ns:
             session = status.session
             if session.state is SessionState.READY:
@@ -87,10 +87,10 @@ class IdentifyScreen(WorkScreen):
         self.draw()
 
     def begin(self, path: str, without: tuple[str, ...] = ()) -> None:
-        """Identify a session file in a worker; what is known already is shown at once."""
+        """Identify a session file in a worker; show a stored result at once."""
         self.workers.cancel_node(self)
-        told = (Stage.BUILDING.value,) if self.work.stage is Stage.BUILDING else ()
-        self.work = LongWork(Stage.WORKING, path, 0.0, told)
+        begun = (Stage.BUILDING.value,) if self.work.stage is Stage.BUILDING else ()
+        self.work = LongWork(Stage.WORKING, path, 0.0, begun)
         self.draw()
         self.run_worker(self._identify(path, without), exclusive=True)
 
@@ -116,7 +116,7 @@ class IdentifyScreen(WorkScreen):
             self.bench_app.inform("identified: step 6 shows the results")
 
     def lines(self, width: int) -> list[str]:
-        """Return what the box holds."""
+        """Return the lines of the box."""
         glyphs, work = self.bench_app.glyphs, self.work
         lines = [*self._about(), ""]
         match work.stage:
@@ -153,10 +153,10 @@ class IdentifyScreen(WorkScreen):
 
     @property
     def _outdated(self) -> bool:
-        """Whether what is identified is of this recording, and this has changed since."""
+        """True if this recording was identified and has changed since."""
         status, work = self.bench_app.status, self.work
-        mine = work.stage is Stage.DONE and self._is_current(work.session)
-        return mine and status is not None and status.outdated
+        is_own = work.stage is Stage.DONE and self._is_current(work.session)
+        return is_own and status is not None and status.outdated
 
     def _is_current(self, path: str) -> bool:
         status = self.bench_app.status

@@ -1,4 +1,4 @@
-"""Lanes on a screen: the chart in its frame, and what is drawn in it."""
+"""The live chart of a screen, and its drawing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def live_chart(glyphs: Glyphs) -> LaneChart:
 
 
 def draw_lanes(screen: Screen[None], app: BenchContext, page: int = 0) -> None:
-    """Draw the newest samples on the chart of a screen, if it is seen."""
+    """Draw the newest samples on the chart of a screen, if it is visible."""
     chart = screen.query_one(LaneChart)
     if not chart.display or not chart.size.height:
         return

@@ -1,4 +1,4 @@
-"""Step 4: which weights are on the car, where, and what they will gain."""
+"""Step 4: the weights on the car, their places, and the expected gain."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from ..forms.inventory import (
     baseline_spread,
     effect_line,
     entries_of,
+    entry_values,
     gain_line,
     sag_line,
     shift_line,
     sketch,
     table_head,
     table_line,
-    told_entries,
     with_bolted,
 )
 from ..forms.weight_form import BODY, check_inventory, check_weight, weight_of, weight_values
@@ -87,7 +87,7 @@ class MassesScreen(BenchScreen):
         self._entries: tuple[Entry, ...] = ()
         self._before: list[tuple[Entry, ...]] = []
         self._open: dict[str, dict[str, str]] = {}
-        """What was typed into a weight and not applied, by its number."""
+        """Text typed into a weight and not applied, by the weight's number."""
         self._gain: Gain | None = None
         self._limits: AxleLimits | None = None
         self._asked_text = ""
@@ -106,16 +106,16 @@ class MassesScreen(BenchScreen):
 
     @property
     def ready(self) -> bool:
-        """Whether SPACE would go on."""
+        """True while SPACE would go on."""
         return self._filled and not self._errors()
 
     @property
     def acts(self) -> bool:
-        """Whether SPACE does something: nothing goes on while something is wrong."""
+        """True while SPACE does something: not while an entry is wrong."""
         return self.ready
 
     def show_status(self, status: Status) -> None:
-        """Fill the table as soon as the bench in force is known."""
+        """Fill the table as soon as the bench is known."""
         app = self.bench_app
         if app.bench is None:
             return
@@ -123,25 +123,25 @@ class MassesScreen(BenchScreen):
             self._filled = True
             draft = read_draft(app.folder / DRAFT)
             self._entries = entries_of(app.bench.mass_states[1].added.weights, draft)
-            told = draft.get("open")
-            if isinstance(told, dict):
+            typed = draft.get("open")
+            if isinstance(typed, dict):
                 self._open = {
-                    at: {name: text for name, text in typed.items() if isinstance(text, str)}
-                    for at, typed in told.items()
-                    if isinstance(typed, dict)
+                    at: {name: text for name, text in values.items() if isinstance(text, str)}
+                    for at, values in typed.items()
+                    if isinstance(values, dict)
                 }
             self._limits = read_limits(app.folder)
             rest = read_draft(app.folder / REST)
             self._rest = {k: v for k, v in rest.items() if isinstance(v, float)}
-            self._think()
+            self._predict()
             self.run_worker(self.action_measure())
         self._show_all()
 
-    # What is known ------------------------------------------------------------------------------
+    # Car and weights ----------------------------------------------------------------------------
 
     @property
     def _car(self) -> VehicleParameters:
-        assert self.bench_app.bench is not None  # held by show_status
+        assert self.bench_app.bench is not None  # show_status returns before without one
         return expected_car(self.bench_app.bench.vehicle)
 
     @property
@@ -169,12 +169,12 @@ class MassesScreen(BenchScreen):
 
     def _show_outlook(self) -> None:
         app, car = self.bench_app, self._car
-        assert app.bench is not None  # held by show_status
-        told = loading(self._weights, car)
-        total, axles = axle_loads_with(told, car)
-        lines = [self._next_line(), Content(f"Effect    {effect_line(told)}")]
+        assert app.bench is not None  # show_status returns before without one
+        load = loading(self._weights, car)
+        total, axles = axle_loads_with(load, car)
+        lines = [self._next_line(), Content(f"Effect    {effect_line(load)}")]
         if self._gain is None:
-            lines.append(Content(f"Expected  {app.glyphs.now} being computed"))
+            lines.append(Content(f"Expected  {app.glyphs.now} computing"))
         else:
             lines += self._expected(self._gain)
         lines.append(
@@ -229,28 +229,28 @@ class MassesScreen(BenchScreen):
 
     # Changing -----------------------------------------------------------------------------------
 
-    def _change(self, entries: tuple[Entry, ...], thinks: bool = True) -> None:
+    def _change(self, entries: tuple[Entry, ...], predict: bool = True) -> None:
         self._before.append(self._entries)
         self._entries = entries
-        self._after_change(thinks)
+        self._after_change(predict)
 
-    def _after_change(self, thinks: bool) -> None:
-        if thinks:
-            self._think()
+    def _after_change(self, predict: bool) -> None:
+        if predict:
+            self._predict()
         self._show_all()
         self.run_worker(self._keep_draft(), group="draft", exclusive=True)
 
     async def _keep_draft(self) -> None:
-        told = {"entries": told_entries(self._entries), "open": self._open}
+        draft = {"entries": entry_values(self._entries), "open": self._open}
         async with self._drafting:
             path = self.bench_app.folder / DRAFT
-            error = await asyncio.to_thread(write_draft, path, told)
+            error = await asyncio.to_thread(write_draft, path, draft)
         if error and error != self._lost_draft:
             self.bench_app.warn(error)
         self._lost_draft = error
 
     def action_add(self) -> None:
-        """Add a weight: what was typed into one that was given up is still there."""
+        """Add a weight; text typed into a cancelled one is still there."""
         self._edit("Add a weight", _NEW, len(self._entries))
 
     def action_edit(self) -> None:
@@ -290,27 +290,27 @@ class MassesScreen(BenchScreen):
             self._change((*self._entries[:at], *self._entries[at + 1 :]))
 
     def _renumber(self) -> None:
-        """Forget what was typed into weights that are other ones now."""
+        """Discard text typed into weights whose number has changed."""
         self._open = {key: typed for key, typed in self._open.items() if key == _ANOTHER}
 
     def action_undo(self) -> None:
-        """Take the last change back."""
+        """Undo the last change."""
         if self._before:
             self._renumber()
             self._entries = self._before.pop()
             self._after_change(True)
 
     def action_bolt(self) -> None:
-        """Say that the marked weight is bolted, or that it is not."""
+        """Mark the weight as bolted, or as not bolted."""
         at = self.query_one(RowList).cursor
         if at < len(self._entries):
             bolted = not self._entries[at].bolted
-            self._change(with_bolted(self._entries, at, bolted), thinks=False)
+            self._change(with_bolted(self._entries, at, bolted), predict=False)
 
     # The outlook --------------------------------------------------------------------------------
 
-    def _think(self) -> None:
-        """Compute the outlook of these weights in a process of its own."""
+    def _predict(self) -> None:
+        """Predict the gain of these weights, in a process of its own."""
         app = self.bench_app
         try:
             text = with_weights(app.bench_text, self._weights)
@@ -336,11 +336,11 @@ class MassesScreen(BenchScreen):
         except (subprocess.TimeoutExpired, ValueError):
             self._gain = Gain(error="the planner did not answer")
         finally:
-            process.kill()  # the weights were changed meanwhile, or the terminal ends
+            process.kill()  # the weights have changed, or the terminal ends
         self._show_outlook()
 
     def action_limits(self) -> None:
-        """Say what the axles may carry."""
+        """Ask for the permitted axle loads."""
 
         def take(limits: AxleLimits) -> None:
             self._limits = limits
@@ -349,7 +349,7 @@ class MassesScreen(BenchScreen):
         ask_limits(self, take)
 
     async def action_measure(self) -> None:
-        """Read where the body stands now: with the weights on it has sunk."""
+        """Measure the levels at rest, from which the sag under the weights follows."""
         reply = await self.bench_app.ask(AskCheck(_REST_S))
         if reply is not None:
             self._levels = rest_levels(reply.check)
@@ -358,7 +358,7 @@ class MassesScreen(BenchScreen):
     # SPACE --------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
-        """Look at the first weight that is not bolted, say that it is, and at last go on."""
+        """Mark the first weight that is not bolted, then confirm it; go on when all are bolted."""
         app = self.bench_app
         if not self._filled:
             return
@@ -372,7 +372,7 @@ class MassesScreen(BenchScreen):
             self._show_outlook()
             return
         if loose:
-            self._change(with_bolted(self._entries, loose[0], True), thinks=False)
+            self._change(with_bolted(self._entries, loose[0], True), predict=False)
             if len(loose) > 1:
                 rows.move_to(loose[1])
                 self._show_outlook()

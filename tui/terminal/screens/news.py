@@ -1,4 +1,4 @@
-"""What the app tells the active screen."""
+"""Messages of the app to the screen in front."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from daq.control.messages import Status
 
 
 class StatusArrived(Message):
-    """The recorder told where it stands."""
+    """A new status of the recorder."""
 
     def __init__(self, status: Status) -> None:
         self.status = status

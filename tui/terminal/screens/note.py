@@ -1,4 +1,4 @@
-"""A note on the session or on the last run; what was typed outlives the dialog."""
+"""A note on the session or on the last run; its text is kept when the dialog is left."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _DRAFT_S = 0.5
 
 
 class NoteScreen(ModalScreen[None]):
-    """Ctrl+S keeps the note, Esc leaves and keeps what was typed for the next time.
+    """Ctrl+S stores the note; Esc leaves and keeps the text as a draft.
 
     Parameters
     ----------
     label : str
-        The run it is about; empty for the session.
+        The run that the note is on; empty for the session.
     """
 
     HELP_PAGE: ClassVar[str] = "note"
@@ -63,29 +63,29 @@ class NoteScreen(ModalScreen[None]):
             yield Static(id="about", markup=False)
             yield TextArea(text if isinstance(text, str) else "", soft_wrap=True)
             yield Static(
-                "Ctrl+S keeps it   Ctrl+R session or run   Esc leaves, the text waits",
+                "Ctrl+S = store   Ctrl+R = session or run   Esc = leave, keep the text",
                 markup=False,
             )
 
     def on_text_area_changed(self, _: TextArea.Changed) -> None:
-        """Keep what was typed, also if this terminal should end now."""
+        """Store a draft, in case this terminal ends now."""
         if self._writing is not None:
             self._writing.stop()
         self._writing = self.set_timer(_DRAFT_S, self._save)
 
     def on_mount(self) -> None:
-        """Type at once."""
+        """Put the cursor behind the text."""
         area = self.query_one(TextArea)
         area.focus()
         area.move_cursor(area.document.end)
-        self._tell()
+        self._show_subject()
 
     def action_about(self) -> None:
         """Change between the session and the last run."""
         status = self._bench_app.status
         last = status.runs[-1].label if status is not None and status.runs else ""
         self._label = "" if self._label else last
-        self._tell()
+        self._show_subject()
 
     async def action_keep(self) -> None:
         """Send the note."""
@@ -105,7 +105,7 @@ class NoteScreen(ModalScreen[None]):
             self.dismiss()
 
     def action_leave(self) -> None:
-        """Keep what was typed for the next time."""
+        """Leave; keep the text as a draft."""
         self._save()
         self.dismiss()
 
@@ -122,6 +122,6 @@ class NoteScreen(ModalScreen[None]):
         if trouble:
             self._bench_app.warn(trouble)
 
-    def _tell(self) -> None:
+    def _show_subject(self) -> None:
         about = f"on run {printable(self._label, 50)}" if self._label else "on the session"
         self.query_one("#about", Static).update(f"Note {about}")

@@ -17,17 +17,17 @@ from ..widgets.line import Line
 
 
 class Question(ModalScreen[str | None]):
-    """Ask for a line of text; None if it is left.
+    """Returns a line of text; None after Esc.
 
-    What was typed is there again when the same is asked once more: after Esc, and after an
-    answer that the recorder refused.
+    The same question shows the text typed before: after Esc, and after an answer that the recorder
+    refused.
 
     Parameters
     ----------
     words : str
-        What is asked.
+        The question.
     field : str
-        What the line holds.
+        Placeholder of the line.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "Leave")]
@@ -41,19 +41,19 @@ class Question(ModalScreen[str | None]):
         return cast("BenchContext", self.app)
 
     def compose(self) -> ComposeResult:
-        """Question, line, keys."""
+        """Lay out question, line and keys."""
         typed = self._bench_app.typed.get(self._words, "")
         with Vertical(classes="box"):
             yield Static(self._words, markup=False)
             yield Line(typed, placeholder=self._field, max_length=300, select_on_focus=False)
-            yield Static("Enter = done   Esc = leave as it is", markup=False)
+            yield Static("Enter = done   Esc = cancel", markup=False)
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Keep what was typed."""
+        """Keep the text for the same question."""
         self._bench_app.typed[self._words] = event.value
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Answer, unless nothing was typed."""
+        """Return the answer unless it is empty."""
         if event.value.strip():
             self.dismiss(event.value.strip())
 

@@ -1,4 +1,4 @@
-"""Step 7: the report as a page and as PDF; then what was recorded, where it is, what is next."""
+"""Step 7: writes the report as HTML and PDF, then lists the files and the runs."""
 
 from __future__ import annotations
 
@@ -37,43 +37,43 @@ class ReportScreen(WorkScreen):
 
     @property
     def step_shown(self) -> BenchStep | None:
-        """Step 7 of this recording; no step of it for the report of a session of the past."""
+        """Step 7; None for a session of the past."""
         status = self.bench_app.status
         own = not self._session or (status is not None and status.own_session == self._session)
         return BenchStep.REPORT if own else None
 
     @property
     def _outdated(self) -> bool:
-        """Whether the recording has changed since this session file of it was built."""
+        """True if the recording has changed since its session file was built."""
         status = self.bench_app.status
         return status is not None and status.own_session == self._session and status.outdated
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer to write again only what was begun once."""
+        """Show R only after a report was written or failed."""
         if action == "again":
             return bool(self._session) and self.work.stage in (Stage.DONE, Stage.FAILED)
         return super().check_action(action, parameters)
 
     @property
     def acts(self) -> bool:
-        """Whether SPACE does something: not while the report is written, nor after."""
+        """True while SPACE does something: not during the writing, nor after it."""
         idle = self.work.stage in (Stage.IDLE, Stage.FAILED)
         return not self._session or idle or (self._outdated and self.work.stage is Stage.DONE)
 
     @property
     def ready(self) -> bool:
-        """Whether SPACE would do something."""
+        """True while `--auto` may press SPACE."""
         return self.work.stage is Stage.IDLE
 
     def show_session(self, path: str) -> None:
-        """Choose the session that the report is of."""
+        """Choose the session of the report."""
         if path != self._session:
             self.workers.cancel_node(self)
             self._session, self.work = path, LongWork()
         self.draw()
 
     def show_status(self, status: Status) -> None:
-        """Take the recording's own session where none was chosen: this terminal has just come."""
+        """Take the recording's own session if none was chosen."""
         ready = status.session.state is SessionState.READY
         if not self._session and ready:
             self._session = status.own_session
@@ -120,7 +120,7 @@ class ReportScreen(WorkScreen):
             self.draw()
 
     def lines(self, width: int) -> list[str]:
-        """Return what the box holds."""
+        """Return the lines of the box."""
         glyphs = self.bench_app.glyphs
         if not self._session:
             return [f"{glyphs.now} no session file yet: SPACE = step 6 Identify"]
@@ -138,7 +138,7 @@ class ReportScreen(WorkScreen):
                 return [*lines, *self.under_way(width)]
 
     def _done(self) -> list[str]:
-        """Say what was made and what is next."""
+        """Return the files, the runs and the next keys."""
         glyphs, status = self.bench_app.glyphs, self.bench_app.status
         lines = [f"{glyphs.good} WRITTEN   verdict {printable(str(self.work.answer['verdict']))}"]
         files: dict[str, int] = self.work.answer["files"]

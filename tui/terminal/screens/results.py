@@ -1,4 +1,4 @@
-"""What was found: the verdict first, then parameters, modes, M C K, decays and findings."""
+"""Results: the verdict first, then parameters, modes, M C K, decays and findings."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from .work import OUTDATED
 _PAGES = ("Parameters", "Modes", "M C K", "Decays", "Findings", "Derived")
 _DECAYS = _PAGES.index("Decays")
 _WIDE = 160
-"""From here on a decay has its place beside every page."""
+"""Columns from which the decays are shown next to every page."""
 _VERDICT_LINES, _VERDICT_LINES_TALL = 4, 8
 _REASON = "excluded at the results"
 
@@ -77,7 +77,7 @@ class ResultsScreen(BenchScreen):
         self.outcome: Outcome | None = None
         self._page = 0
         self._recording = ""
-        self._told_outdated = False
+        self._shown_outdated = False
 
     def compose_body(self) -> ComposeResult:
         """Lay out verdict, page and decay."""
@@ -91,7 +91,7 @@ class ResultsScreen(BenchScreen):
                 yield DecayPlot(self.bench_app.glyphs)
 
     def on_mount(self) -> None:
-        """Show what was told before."""
+        """Show an outcome that came before the screen."""
         self._fill()
 
     def on_resize(self) -> None:
@@ -100,12 +100,12 @@ class ResultsScreen(BenchScreen):
 
     @property
     def step_shown(self) -> BenchStep | None:
-        """Step 6 of this recording; no step of it for the results of a session of the past."""
+        """Step 6; None for a session of the past."""
         return BenchStep.IDENTIFY if self._is_current(self.bench_app.status) else None
 
     def show_status(self, status: Status) -> None:
-        """Say so when the recording has changed since."""
-        if self._outdated is not self._told_outdated:
+        """Show when the recording has changed since."""
+        if self._outdated is not self._shown_outdated:
             self._draw()
 
     @property
@@ -115,7 +115,7 @@ class ResultsScreen(BenchScreen):
 
     @property
     def ready(self) -> bool:
-        """Whether SPACE would do something."""
+        """True while `--auto` may press SPACE."""
         return self.outcome is not None
 
     def show_outcome(self, outcome: Outcome) -> None:
@@ -185,13 +185,13 @@ class ResultsScreen(BenchScreen):
             self.run_worker(export_session(self.app, self.outcome.session), group="export")
 
     def on_option_list_option_highlighted(self, _: OptionList.OptionHighlighted) -> None:
-        """Show the decay of the run."""
+        """Show the decay of the marked run."""
         self._draw_run()
 
     # Inside -------------------------------------------------------------------------------------
 
     async def _decide(self, label: str, status: LoggedStatus) -> None:
-        """Reject a run of the recording, or take it back: the recorder's book is the truth."""
+        """Reject or accept a run of the recording, then build and identify it again."""
         order = (
             Reject(label, _REASON)
             if status is LoggedStatus.ACCEPTED
@@ -201,7 +201,7 @@ class ResultsScreen(BenchScreen):
             await self.bench_app.open_build()
 
     async def _try_without(self, outcome: Outcome, label: str) -> None:
-        """Identify a file of the past without a run; the file stays as it is."""
+        """Identify a session of the past without a run; its file stays unchanged."""
         without = tuple(sorted(set(outcome.without) ^ {label}))
         await self.bench_app.open_identify(outcome.session, without)
 
@@ -210,7 +210,7 @@ class ResultsScreen(BenchScreen):
         return self._page == _DECAYS or self.size.width >= _WIDE
 
     def _is_current(self, status: Status | None) -> bool:
-        """Whether the outcome is of what the recorder records; while it builds, too."""
+        """Return True if the outcome belongs to the present recording."""
         return status is not None and status.recording == self._recording
 
     def _fill(self) -> None:
@@ -235,8 +235,8 @@ class ResultsScreen(BenchScreen):
             return
         glyphs, size = self.bench_app.glyphs, self.size
         most = _VERDICT_LINES if size.height < 36 else _VERDICT_LINES_TALL
-        self._told_outdated = self._outdated
-        lines = [f"{glyphs.warn} {OUTDATED}"] if self._told_outdated else []
+        self._shown_outdated = self._outdated
+        lines = [f"{glyphs.warn} {OUTDATED}"] if self._shown_outdated else []
         lines += verdict_lines(outcome, glyphs, size.width - 2, most - len(lines))
         verdict.update("\n".join(lines))
         verdict.set_classes(outcome.verdict)
@@ -244,7 +244,7 @@ class ResultsScreen(BenchScreen):
         name = printable(Path(outcome.session).name, 60)
         tail = f"  {name}" if size.width >= _WIDE else ""
         step = f"step {BenchStep.REPORT.title}" if self.step_shown else f"report of {name}"
-        if self._told_outdated:
+        if self._shown_outdated:
             step = f"step {BenchStep.IDENTIFY.title}"
         pages = Content.assemble("".join(names) + tail, "  ", (f"SPACE = {step}", "bold $accent"))
         self.query_one("#pages", Static).update(pages)

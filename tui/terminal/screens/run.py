@@ -1,4 +1,4 @@
-"""The run: what the car does and what becomes of it."""
+"""The run screen: state and live traces of the run in progress."""
 
 from __future__ import annotations
 
@@ -55,17 +55,17 @@ class RunScreen(BumpingScreen):
         draw_lanes(self, self.bench_app, self._page)
 
     def on_recorder_lost(self, message: RecorderLost) -> None:
-        """Say in the banner what to do."""
+        """Show in the banner what to do."""
         super().on_recorder_lost(message)
         self._show_banner()
         self.refresh_bindings()
 
     def action_view(self) -> None:
-        """Begin with the lanes of the wheels, of another quantity there, of the body again."""
+        """Show the next group of lanes: body, then each quantity at the wheels."""
         self._page += 1
         draw_lanes(self, self.bench_app, self._page)
 
     def _show_banner(self) -> None:
         app = self.bench_app
-        said = banner(app.status, app.lost, self._next, app.glyphs)
-        self.query_one(BannerBar).show(said)
+        shown = banner(app.status, app.lost, self._next, app.glyphs)
+        self.query_one(BannerBar).show(shown)

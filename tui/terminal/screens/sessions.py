@@ -1,4 +1,4 @@
-"""The sessions of the folder: found as you type, opened, reported, compared, exported."""
+"""The sessions of the folder: search, open, report, compare, export."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ENTRY = TypeAdapter(SessionEntry)
 
 
 class SessionsScreen(BenchScreen):
-    """A list that is read anew whenever the screen comes to the front."""
+    """A list that is read again whenever the screen comes to the front."""
 
     HELP_PAGE: ClassVar[str] = "sessions"
     DEFAULT_CSS = """
@@ -59,7 +59,7 @@ class SessionsScreen(BenchScreen):
         self._stale = True
 
     def compose_body(self) -> ComposeResult:
-        """Lay out heading, list, what is chosen, and where one types."""
+        """Lay out heading, list, place of the marked session and search line."""
         yield Static(id="head", markup=False)
         yield OptionList(id="list")
         yield Static(id="about", markup=False)
@@ -73,7 +73,7 @@ class SessionsScreen(BenchScreen):
             self.run_worker(self._read(), group="list", exclusive=True)
 
     def on_screen_suspend(self) -> None:
-        """Keep the list under a dialog; elsewhere a session may be made."""
+        """Read the folder again after another screen, not after a dialog."""
         self._stale = not isinstance(self.app.screen, ModalScreen)
 
     def on_resize(self) -> None:
@@ -82,16 +82,16 @@ class SessionsScreen(BenchScreen):
 
     @property
     def acts(self) -> bool:
-        """Whether there is a session to open."""
+        """True while a session is marked."""
         return self._chosen() is not None
 
     @property
     def ready(self) -> bool:
-        """Nobody is here by himself."""
+        """Never: `--auto` opens no session."""
         return False
 
     def show_status(self, status: Status) -> None:
-        """Tell which session is open."""
+        """Mark the session that is being recorded."""
         before = self._entries
         self._entries = [with_open(entry, status.recording) for entry in before]
         if self._entries != before:
@@ -100,7 +100,7 @@ class SessionsScreen(BenchScreen):
     # Keys ---------------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
-        """Open what is chosen."""
+        """Open the marked session."""
         await self.action_open()
 
     async def action_open(self) -> None:
@@ -125,7 +125,7 @@ class SessionsScreen(BenchScreen):
             await self.bench_app.open_report(entry.path, write=True)
 
     def action_replay(self) -> None:
-        """Say how a session is shown once more through these screens."""
+        """Show the command that replays the session."""
         entry = self._chosen()
         if entry is not None and self._is_file(entry):
             path = printable(entry.path, 400)
@@ -133,7 +133,7 @@ class SessionsScreen(BenchScreen):
             self.app.push_screen(TextScreen("Replay", lines))
 
     def action_compare(self) -> None:
-        """Choose the first session, then the second; show what they differ in."""
+        """Choose the first session, then the second; show their differences."""
         entry = self._chosen()
         if entry is None or not self._is_file(entry):
             return
@@ -151,7 +151,7 @@ class SessionsScreen(BenchScreen):
             self.run_worker(export_session(self.app, entry.path), group="export")
 
     def action_find(self) -> None:
-        """Type what is looked for."""
+        """Put the cursor into the search line."""
         self.query_one("#find", Input).focus()
 
     async def action_back(self) -> None:
@@ -164,15 +164,15 @@ class SessionsScreen(BenchScreen):
             await self.bench_app.action_home()
 
     def on_input_changed(self, _: Input.Changed) -> None:
-        """Show what fits."""
+        """Show the matching sessions."""
         self._draw()
 
     def on_input_submitted(self, _: Input.Submitted) -> None:
-        """Go to what was found."""
+        """Go to the list of matches."""
         self.query_one("#list", OptionList).focus()
 
     def on_option_list_option_highlighted(self, _: OptionList.OptionHighlighted) -> None:
-        """Tell of what is chosen."""
+        """Show where the marked session is."""
         self._about()
 
     async def on_option_list_option_selected(self, _: OptionList.OptionSelected) -> None:
@@ -252,7 +252,7 @@ class SessionsScreen(BenchScreen):
         if self._trouble:
             about.update(self._trouble)
         elif entry is None:
-            words = "nothing fits what was typed" if self._entries else "no session here yet"
+            words = "no session matches" if self._entries else "no session here yet"
             about.update("reading the folder ..." if self._reading else words)
         else:
             first = "compare: now choose the second and press C" if self._first else ""

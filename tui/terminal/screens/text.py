@@ -1,4 +1,4 @@
-"""Lines of text over the screen, to be read and left again."""
+"""Lines of text over the screen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Step 1: which car this is, what scales and tape measure say of it, and how it is bumped."""
+"""Step 1: the car, its measured masses and dimensions, and the planned bumps."""
 
 from __future__ import annotations
 
@@ -69,18 +69,18 @@ class VehicleScreen(BenchScreen):
         self._writing: Timer | None = None
 
     def compose_body(self) -> ComposeResult:
-        """Lay out the form, and what is to be said of the field below it."""
+        """Lay out the form, and a box for help on the field."""
         by_name = {field.name: field for field in VEHICLE_FIELDS}
         yield Form([[by_name[name] for name in row] for row in _ROWS], 15)
         yield Static(id="help", classes="box", markup=False)
 
     @property
     def ready(self) -> bool:
-        """Whether the form is complete."""
+        """True while the form is complete."""
         return self._filled and not self._errors()
 
     def show_status(self, status: Status) -> None:
-        """Fill the form as soon as the bench in force is known."""
+        """Fill the form as soon as the bench is known."""
         bench = self.bench_app.bench
         if bench is None or self._filled:
             return
@@ -88,15 +88,15 @@ class VehicleScreen(BenchScreen):
         form = self.query_one(Form)
         form.fill(vehicle_values(bench, self.bench_app.operator or os.environ.get("USER", "")))
         draft = read_draft(self.bench_app.folder / DRAFT)
-        told = {name: value for name, value in draft.items() if isinstance(value, str)}
-        form.fill(told)
-        self._touched = set(told)
+        typed = {name: value for name, value in draft.items() if isinstance(value, str)}
+        form.fill(typed)
+        self._touched = set(typed)
         self._advise()
 
     # Editing ------------------------------------------------------------------------------------
 
     def action_edit(self) -> None:
-        """Begin with the first field that needs it; go on to the next one."""
+        """Go to the first field with an error; from a field to the next one."""
         if self.query_one(Form).current is not None:
             self.focus_next()
             return
@@ -104,16 +104,16 @@ class VehicleScreen(BenchScreen):
         self.query_one(Form).enter(errors[0].field if errors else "")
 
     def action_leave(self) -> None:
-        """Leave the fields: SPACE and the numbers are keys again."""
+        """Leave the fields, so that SPACE and the digits are keys again."""
         self.set_focus(None)
         self._advise()
 
     def on_descendant_focus(self, _: DescendantFocus) -> None:
-        """Say what belongs into the field."""
+        """Show help on the field."""
         self._advise()
 
     def on_form_changed(self, _: Form.Changed) -> None:
-        """Keep what was typed, be it right or wrong."""
+        """Keep the text, right or wrong."""
         field = self.query_one(Form).current
         if field is not None:
             self._touched.add(field.name)
@@ -130,13 +130,13 @@ class VehicleScreen(BenchScreen):
         await self.action_next()
 
     def _remember(self, name: str) -> None:
-        """Take over what was said of this vehicle last time, where nothing was typed."""
+        """Fill untouched fields from the last form of this vehicle."""
         before = last_form(self.bench_app.folder, VEHICLE_FORM, name) if name else {}
         kept = self._touched | {"name", "operator", "notes"}
         self.query_one(Form).fill({k: v for k, v in before.items() if k not in kept})
 
     def on_unmount(self) -> None:
-        """Keep what was typed in the last moment before the terminal is closed."""
+        """Store the draft when the terminal is closed."""
         if self._writing is not None and self._typed:
             write_draft(self.bench_app.folder / DRAFT, self._typed)
 
@@ -181,10 +181,10 @@ class VehicleScreen(BenchScreen):
     # Applying -----------------------------------------------------------------------------------
 
     async def action_next(self) -> None:
-        """Tell the recorder, and go on to the check."""
+        """Send the form to the recorder and go on to the check."""
         app, values = self.bench_app, self.query_one(Form).values
         if app.bench is None:
-            app.warn("the recorder has not told its bench.toml yet")
+            app.warn("the recorder has not sent its bench.toml yet: wait a second")
             return
         errors = self._errors()
         if errors:

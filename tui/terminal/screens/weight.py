@@ -1,4 +1,4 @@
-"""One weight: where it is and what it weighs."""
+"""The form of one weight: place, mass and serial number."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Values = dict[str, str]
 
 
 class WeightScreen(ModalScreen[Values | None]):
-    """Edit a weight; Esc goes back and keeps what was typed for the next time.
+    """Returns the values of a weight; Esc keeps the text for the next time.
 
     Parameters
     ----------
     values : mapping of field to str
-        What the fields begin with.
+        Initial values.
     check : callable
-        Returns what is wrong with the values.
+        Returns the errors of the values.
     keep : callable
-        Takes the values whenever something was typed.
+        Called with the values after every change.
     """
 
     DEFAULT_CSS = """
@@ -70,12 +70,12 @@ class WeightScreen(ModalScreen[Values | None]):
         form.enter()
 
     def on_form_changed(self, _: Form.Changed) -> None:
-        """Keep what was typed, be it right or wrong."""
+        """Keep the text, right or wrong."""
         self._keep(self.query_one(Form).values)
         self._advise()
 
     def on_descendant_focus(self, _: DescendantFocus) -> None:
-        """Say what belongs into the field."""
+        """Show help on the field."""
         self._advise()
 
     def on_form_submitted(self, _: Form.Submitted) -> None:
@@ -96,7 +96,7 @@ class WeightScreen(ModalScreen[Values | None]):
         self.query_one("#help", Static).update(Content("\n").join(lines))
 
     def action_apply(self) -> None:
-        """Take the weight, if nothing is wrong with it."""
+        """Return the weight if it has no error."""
         form = self.query_one(Form)
         errors = self._check(form.values)
         if errors:
@@ -106,5 +106,5 @@ class WeightScreen(ModalScreen[Values | None]):
         self.dismiss(form.values)
 
     def action_leave(self) -> None:
-        """Leave the weight as it was."""
+        """Leave the weight unchanged."""
         self.dismiss(None)

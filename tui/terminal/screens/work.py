@@ -1,4 +1,4 @@
-"""A screen that shows long work: one box, drawn anew with every line of the worker."""
+"""Base of the screens of long work: one box, drawn again with every line of the worker."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OUTDATED = "runs, weights or vehicle have changed since the session file was bui
 
 
 class WorkScreen(BenchScreen):
-    """Work that a worker does, how far it is, and what SPACE does before and after."""
+    """Shows the progress of a worker, and what SPACE does before and after."""
 
     DEFAULT_CSS = """
     WorkScreen #work { height: 1fr; }
@@ -33,7 +33,7 @@ class WorkScreen(BenchScreen):
         yield box
 
     def on_mount(self) -> None:
-        """Show where it stands."""
+        """Show the present state."""
         self.draw()
 
     def on_resize(self) -> None:
@@ -41,7 +41,7 @@ class WorkScreen(BenchScreen):
         self.draw()
 
     async def action_cancel(self) -> None:
-        """End the worker, or go back to what is next."""
+        """End the worker; without one, go to the home screen."""
         if self.work.stage in (Stage.BUILDING, Stage.WORKING):
             self.workers.cancel_node(self)
             self.work = LongWork()
@@ -57,10 +57,10 @@ class WorkScreen(BenchScreen):
 
     @abstractmethod
     def lines(self, width: int) -> list[str]:
-        """Return what the box holds."""
+        """Return the lines of the box."""
 
     def under_way(self, width: int) -> list[str]:
-        """Return bar and stages, and how to end it; or what went wrong, and how to try again."""
+        """Return progress and how to cancel; after a failure its reason and how to try again."""
         glyphs = self.bench_app.glyphs
         failed = self.work.stage is Stage.FAILED
         end = f"{glyphs.now} SPACE = try again" if failed else "Esc cancels; nothing is lost"

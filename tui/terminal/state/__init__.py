@@ -1,1 +1,1 @@
-"""What the terminal shows, as pure functions of the status."""
+"""Pure functions from the recorder's status to what the terminal shows."""

@@ -1,4 +1,4 @@
-"""What the banner says: the state as a symbol, a word and digits, the same in every colour."""
+"""Text of the banner: the state as symbol, word and digits, readable without colour."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ class Banner:
     words."""
     symbol: str
     word: str
+    """The state in one word."""
     title: str
-    """`symbol`, `word`, `title`: the first line."""
+    """The run, behind symbol and word."""
     first: str
+    """Present event."""
     second: str = ""
-    """`first`, `second`: what happens and what to do."""
+    """Next step of the operator."""
     digits: str = ""
-    """Seconds, in figures three lines high; may be empty."""
+    """Seconds, in digits three lines high; may be empty."""
     folds: bool = True
-    """Whether what is too long in `first` goes on before `second`; else it is cut, for `second`
-    must not be lost."""
+    """True if a long `first` may continue in the second line; else it is cut."""
 
 
 def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs: Glyphs) -> Banner:
@@ -45,7 +46,7 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         return Banner("bad", glyphs.bad, "RECORDER LOST", "", printable(lost.text, 300), advice)
     if status is None:
         return Banner("quiet", glyphs.paused, "CONNECTING", "", "waiting for the recorder")
-    told = printable(" ".join(due.instruction.split()), 300) if (due := status.due) else ""
+    instruction = printable(" ".join(due.instruction.split()), 300) if (due := status.due) else ""
     title = _title(status)
     match status.phase:
         case Phase.WAITING:
@@ -55,7 +56,9 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         case Phase.ARMED:
             good = glyphs.good
             rest = f"at rest {good}  pre-trigger {good}"
-            return Banner("armed", glyphs.bus, "ARMED", f"{title}   {rest}", told, digits="-.-")
+            return Banner(
+                "armed", glyphs.bus, "ARMED", f"{title}   {rest}", instruction, digits="-.-"
+            )
         case Phase.TRIGGERED:
             return Banner(
                 "moving", glyphs.now, "TRIGGERED", title, "Hands off. Recording the bump.",
@@ -71,7 +74,7 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         case Phase.REJECTED:
             return _rejected(status, action, glyphs)
         case Phase.PAUSED:
-            first = "Bumps are not counted; raw data are still recorded."
+            first = "Bumps are not counted; frames are still recorded."
             return Banner("quiet", glyphs.paused, "PAUSED", title, first, action.words)
         case Phase.COMPLETE:
             first = "Every planned run is accepted."
@@ -83,7 +86,7 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         )
     if action.step is not None:
         return Banner("good", glyphs.good, "DONE", "", "This step is complete.", action.words)
-    return Banner("quiet", glyphs.paused, "IDLE", f"next: {title}", told, action.words)
+    return Banner("quiet", glyphs.paused, "IDLE", f"next: {title}", instruction, action.words)
 
 
 def run_words(run: LoggedRun) -> str:

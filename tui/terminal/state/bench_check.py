@@ -1,4 +1,4 @@
-"""The lines of the check screen, from what the recorder tells: pure."""
+"""Builds the lines of the check screen from the recorder's answers."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from daq.vehicle import Corner
 
 OK, WARN, FAIL, NOW, WAIT = "OK", "WARN", "FAIL", "NOW", "wait"
 TARED = (Quantity.SUSPENSION_TRAVEL, Quantity.PITCH_RATE, Quantity.ROLL_RATE)
-"""What reads nothing at rest; a tare of an accelerometer would hide gravity."""
+"""Quantities that are zero at rest; not accelerations, where a tare would hide gravity."""
 _SMALL = {"m": 0.5e-3, "rad/s": 1e-3}
-"""A zero nearer than this is right."""
+"""Largest offset that counts as zero, by unit: below what a tare can improve."""
 _LITTLE_BYTES, _LEAST_BYTES = 5e9, 0.5e9
 _HEAVY_LOAD = 0.8
 
@@ -31,18 +31,18 @@ class CheckRow:
 
     @property
     def blocks(self) -> bool:
-        """Whether a campaign may not begin with it."""
+        """True if no campaign may begin with it."""
         return self.state == FAIL and not self.overridden
 
     @property
     def asks(self) -> bool:
-        """Whether a person must answer for it."""
+        """True if the operator must override it."""
         return self.state == WARN and not self.overridden
 
 
 @dataclass(frozen=True, slots=True)
 class ZeroOffset:
-    """A channel that does not read nothing at rest, and the tare that it would need, SI."""
+    """A channel with an offset at rest, and the tare that removes it, SI."""
 
     channel: str
     level: float
@@ -51,7 +51,7 @@ class ZeroOffset:
 
     @property
     def text(self) -> str:
-        """The offset as it is read aloud."""
+        """Channel and offset in words."""
         if self.unit == "m":
             return f"{self.channel} {self.level * 1e3:+.1f} mm"
         return f"{self.channel} {self.level:+.4f} {self.unit}"
@@ -103,10 +103,10 @@ def wiggle_rows(
     skipped : mapping of subject to str
         Why a corner was left out.
     possible : bool
-        Whether any sensor of the bench can tell.
+        True if a sensor of the bench can distinguish corners.
     """
     if not possible:
-        text = "no sensor of this bench tells a push on one corner from another"
+        text = "no sensor of this bench can distinguish the corners"
         return (CheckRow(OK, "wiggle", text),)
     rows = []
     for corner in ORDER:
@@ -140,7 +140,7 @@ def rest_levels(items: Sequence[CheckItem]) -> dict[str, float]:
 
 
 def zero_offsets(items: Sequence[CheckItem], channels: Sequence[Channel]) -> tuple[ZeroOffset, ...]:
-    """Return the channels that should read nothing at rest and read something."""
+    """Return the channels that should read zero at rest and do not."""
     levels = rest_levels(items)
     return tuple(
         ZeroOffset(c.name, levels[c.name], c.unit, round(c.tare + levels[c.name], 7))
@@ -150,7 +150,7 @@ def zero_offsets(items: Sequence[CheckItem], channels: Sequence[Channel]) -> tup
 
 
 def with_overrides(rows: Sequence[CheckRow], overridden: Mapping[str, str]) -> list[CheckRow]:
-    """Return the lines with the warnings that somebody has answered for marked as such."""
+    """Return the lines, overridden warnings marked as such."""
     return [
         CheckRow(row.state, row.subject, row.text, f"overridden: {overridden[row.subject]}", True)
         if row.state == WARN and row.subject in overridden

@@ -26,7 +26,7 @@ _QUADRANT_BITS = np.array([[1, 2], [4, 8]])
 
 
 class Ink(StrEnum):
-    """What a piece of a row belongs to."""
+    """Kinds of pieces of a row."""
 
     AXIS = "axis"
     MEASURED = "measured"
@@ -38,7 +38,7 @@ Piece = tuple[str, Ink]
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """From times and values to dots of a canvas of `columns` x `rows` dots."""
+    """Maps times and values to a canvas of `columns` x `rows` dots."""
 
     first_s: float
     last_s: float

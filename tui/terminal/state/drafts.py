@@ -1,6 +1,6 @@
-"""Drafts of forms: what was typed survives a screen change and a crash.
+"""Drafts of forms: typed text survives a change of screen and a crash.
 
-A draft is a small JSON file beside the recording, replaced as a whole.
+A draft is a small JSON file in the recorder's folder, replaced as a whole.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 from daq.files import write_text
 
 VEHICLE_FORM = "vehicle.json"
-"""The form of the vehicle as it was applied, beside the recording."""
+"""File of the applied vehicle form, in the recorder's folder."""
 _LARGEST = 1_000_000
 
 
@@ -22,10 +22,10 @@ def read_draft(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > _LARGEST:
             return {}
-        told = json.loads(path.read_text("utf-8"))
+        form = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    return told if isinstance(told, dict) else {}
+    return form if isinstance(form, dict) else {}
 
 
 def write_draft(path: Path, values: Mapping[str, Any]) -> str:
@@ -46,8 +46,8 @@ def last_form(folder: Path, name: str, vehicle: str) -> dict[str, str]:
     """Return the newest form of that vehicle among the folders beside this one; empty if none."""
     found = []
     for path in folder.resolve().parent.glob(f"*/{name}"):
-        told = read_draft(path)
-        if told.get("name") == vehicle and path.parent != folder.resolve():
-            found.append((path.stat().st_mtime, told))
+        form = read_draft(path)
+        if form.get("name") == vehicle and path.parent != folder.resolve():
+            found.append((path.stat().st_mtime, form))
     newest = max(found, key=lambda pair: pair[0], default=(0.0, {}))[1]
     return {key: value for key, value in newest.items() if isinstance(value, str)}

@@ -1,4 +1,4 @@
-"""Where the terminal's news come from and its orders go: the recorder, over its sockets."""
+"""Connects the terminal to its recorder: news in, orders out, over its sockets."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ RETRY_S = 0.5
 SLICE_S = 0.25
 ANSWER_S, SLOW_S = 2.0, 15.0
 HEIR_S = 4.0
-"""A terminal that comes just after one that was killed has the control as soon as that is free."""
+"""Seconds in which a new terminal takes control once it is free: the one before was killed."""
 BIRTH_S = 5.0
-"""A recorder that a terminal starts needs a second or two, on a slow machine more."""
+"""Seconds that a new recorder may take to answer; two suffice on a fast machine."""
 SILENT_S = 2.0
-"""A recorder speaks ten times a second; silent for so long, it is gone or hangs."""
+"""Seconds without news after which a recorder counts as lost; it publishes ten times a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,16 +32,17 @@ class Lost:
     """The recorder does not answer."""
 
     text: str
+    """The failure."""
     advice: str
-    """`text`, `advice`: what happened; what to do."""
+    """The remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """Who this terminal is to the recorder."""
+    """Role of this terminal at the recorder."""
 
     in_control: bool
-    """Whether it may give orders."""
+    """True if it may give orders."""
     text: str = ""
     """Why it may not; empty if it may."""
 
@@ -54,7 +55,7 @@ class Refused(Exception):  # noqa: N818 - that is what happened
 
 
 class Feed(Protocol):
-    """What the screens talk to."""
+    """News and orders of a recorder."""
 
     def start(self, post: Callable[[News], None]) -> None:
         """Begin to post news, from any thread, until `stop`."""
@@ -69,7 +70,7 @@ class Feed(Protocol):
         """
 
     def take_over(self) -> None:
-        """Ask for control, whoever has it."""
+        """Ask for control, also if another terminal has it."""
 
     def restart(self) -> None:
         """Start a recorder if none runs."""
@@ -148,28 +149,28 @@ class RecorderFeed:
         return reply
 
     def _listen(self, post: Callable[[News], None]) -> None:
-        """Connect, tell the news, and connect again, until stopped."""
-        told: Lost | None = None
+        """Connect, post the news, and connect again, until stopped."""
+        reported: Lost | None = None
         patient_s = time.monotonic() + BIRTH_S
         while not self._stop.is_set():
             try:
                 client = self._connect(post)
             except BumpbenchError as error:
                 lost = Lost(error.what, error.advice)
-                # One that was started just now is not lost: it is not there yet.
-                if told is None and time.monotonic() > patient_s:
+                # A recorder that was started just now is not lost yet.
+                if reported is None and time.monotonic() > patient_s:
                     post(lost)
-                    told = lost
+                    reported = lost
                 self._stop.wait(RETRY_S)
                 continue
-            told, patient_s = None, 0.0
+            reported, patient_s = None, 0.0
             self._client = client
-            lost_text = self._tell(client, post)
+            lost_text = self._post_news(client, post)
             self._client = None
             client.close()
             if lost_text:
-                told = Lost(lost_text, "all up to then is on the disk")
-                post(told)
+                reported = Lost(lost_text, "all frames up to then are on the disk")
+                post(reported)
 
     def _connect(self, post: Callable[[News], None]) -> Client:
         """Return a connection: in control if that is free or asked for, else looking on."""
@@ -185,8 +186,8 @@ class RecorderFeed:
             post(Role(True))
         return client
 
-    def _tell(self, client: Client, post: Callable[[News], None]) -> str:
-        """Tell the news until the recorder falls silent; return what happened, '' if stopped."""
+    def _post_news(self, client: Client, post: Callable[[News], None]) -> str:
+        """Post news until the recorder is silent; return what happened, '' if stopped."""
         silent_s, in_control = 0.0, client.in_control
         begun_s, was_refused = time.monotonic(), not in_control
         while not self._stop.is_set() and not self._reconnect.is_set():
@@ -200,7 +201,7 @@ class RecorderFeed:
                 return f"the recorder has been silent for {SILENT_S:g} s"
             if in_control and not client.in_control:
                 in_control = False
-                post(Role(False, "somebody else has taken over"))
+                post(Role(False, "another terminal has taken control"))
             if was_refused and isinstance(news, Status) and not news.controller:
                 was_refused = False
                 if time.monotonic() - begun_s < HEIR_S:

@@ -1,4 +1,4 @@
-"""Which characters the terminal is trusted with; every mark has its word beside it all the same."""
+"""Sets of characters that a terminal can show; every symbol has its word next to it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MOST_PIECES = 10
 
 
 class GlyphSet(StrEnum):
-    """What `--glyphs` offers."""
+    """Values of `--glyphs`."""
 
     AUTO = "auto"
     BRAILLE = "braille"
@@ -53,7 +53,7 @@ _SETS = {glyphs.name: glyphs for glyphs in (_BRAILLE, _BLOCKS, _ASCII)}
 
 
 def choose_glyphs(wanted: GlyphSet, environment: Mapping[str, str], encoding: str) -> Glyphs:
-    """Return the set that is wanted; by the terminal's own word if that is left to us.
+    """Return the wanted set; for `auto` the best that the terminal reports to show.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def choose_glyphs(wanted: GlyphSet, environment: Mapping[str, str], encoding: st
         `TERM` of the Linux console and of old ones have no braille; Windows Terminal sets
         `WT_SESSION`, the old console host does not.
     encoding : str
-        Of stdout; anything but a Unicode one gets ASCII.
+        Encoding of stdout; any other than Unicode gets ASCII.
     """
     if wanted is not GlyphSet.AUTO:
         return _SETS[wanted]

@@ -1,7 +1,7 @@
-"""The pages of help: one a screen, one for each reason to reject a run, one for each alarm.
+"""Help pages: one a screen, one for each reason to reject a run, one for each alarm.
 
-The pages of screens are Markdown files in `tui/help`; the others come from the tables by which the
-recorder itself speaks (`daq.verdict.WORDS`, `daq.alarms.EXPLAINED`), so that they cannot differ.
+The pages of screens are Markdown files in `tui/help`; the others come from the recorder's own
+tables (`daq.verdict.WORDS`, `daq.alarms.EXPLAINED`), so that they cannot differ.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ SCREEN_PAGES = (
     "vehicle", "check", "home", "run", "masses", "identify", "results", "report", "sessions",
     "note",
 )  # fmt: skip
-_NONE = "# Help\n\nThere is no page for this. F1 on another screen tells of that screen.\n"
+_NONE = "# Help\n\nThere is no page for this. F1 on another screen shows its help.\n"
 
 
 def page_of(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Sketches beside the reasons to reject a run: what the decay looks like then."""
+"""Sketches of the decay for each reason to reject a run."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ SKETCHES: Mapping[str, str] = MappingProxyType(
         "lost_frames": (
             "   sent       1 2 3 4 5 6 7 8 9\n"
             "   recorded   1 2 3     6 7 8 9\n"
-            "                    ^ ^ never came: counters tell"
+            "                    ^ ^ lost: gap in the counter"
         ),
         "stale": (
             "   wheel FL   .-'`-.-'`-.-'`-.\n"

@@ -1,4 +1,4 @@
-"""Which channels are drawn, by which name and unit, and which seconds of them."""
+"""Chooses the channels to draw, their labels and units, and the time window."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class LaneSpec:
     unit: str
     """As shown."""
     factor: float
-    """From SI to what is shown."""
+    """Factor from SI to the shown unit."""
     least: float
-    """Smallest range, as shown."""
+    """Smallest range, in the shown unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ def lane_specs(bench: Bench | None, lanes: Lanes, page: int, room: int) -> list[
     Parameters
     ----------
     bench : Bench or None
-        In force; None while it is not known: then the channels are taken as they are told.
+        None while it is not known: then the channels are drawn as the recorder sends them.
     page : int
         With which of these groups to begin, counted round; groups follow as far as they fit whole.
     room : int

@@ -1,4 +1,4 @@
-"""The last seconds of every channel, as the recorder tells them: an envelope in a ring."""
+"""The last minute of every channel, as the recorder sends it: an envelope in a ring."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Lanes:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels that were told."""
+        """Names of the channels received so far."""
         return tuple(self._low)
 
     @property
@@ -40,7 +40,7 @@ class Lanes:
         self.__init__()  # type: ignore[misc]
 
     def add(self, live: Live) -> None:
-        """Take what the recorder tells; older bins than the newest fill gaps only."""
+        """Add live samples; bins older than the newest only fill gaps."""
         count = max((len(lane.low) for lane in live.lanes), default=0)
         if not count:
             return
@@ -54,9 +54,9 @@ class Lanes:
         for ring in (*self._low.values(), *self._high.values()):
             ring[fresh] = np.nan
         for lane in live.lanes:
-            for rings, told in ((self._low, lane.low), (self._high, lane.high)):
+            for rings, received in ((self._low, lane.low), (self._high, lane.high)):
                 ring = rings.setdefault(lane.channel, np.full(size, np.nan))
-                values = np.array(told, dtype=np.float64)
+                values = np.array(received, dtype=np.float64)
                 kept = bins > max(self.end, bins[-1] + 1) - 1 - size
                 ring[bins[kept] % size] = values[kept]
         self.end = int(max(self.end, bins[-1] + 1))

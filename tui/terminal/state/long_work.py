@@ -1,4 +1,4 @@
-"""Long work as a screen shows it: a fold over the lines of the worker."""
+"""State of long work for a screen: a fold over the lines of the worker."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .glyphs import Glyphs
 
 
 class Stage(StrEnum):
-    """Where the work stands."""
+    """Stages of the work."""
 
     IDLE = "idle"
     BUILDING = "building the session file"
@@ -24,38 +24,29 @@ class Stage(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LongWork:
-    """The state of the fold.
-
-    Parameters
-    ----------
-    session : str
-        What it is about.
-    share, text : float, str
-        How far it is, 0..1; what is being done.
-    told : tuple of str
-        What has been begun, in order.
-    trouble : Trouble or None
-        Why it failed.
-    answer : dict
-        What was made.
-    """
+    """The state of the work."""
 
     stage: Stage = Stage.IDLE
     session: str = ""
+    """The session file that is worked on."""
     share: float = 0.0
-    told: tuple[str, ...] = ()
+    """Share of the work that is done, 0..1."""
+    begun: tuple[str, ...] = ()
+    """The parts that were begun, in order."""
     trouble: Trouble | None = None
+    """Why it failed."""
     answer: dict[str, Any] = field(default_factory=dict)
+    """The worker's answer."""
 
 
 def after(work: LongWork, line: Line) -> LongWork:
     """Return the state after a line."""
     match line:
         case Progress(share, text):
-            told = work.told if text in work.told else (*work.told, text)
+            begun = work.begun if text in work.begun else (*work.begun, text)
             # Work in two processes reports in its own order; a bar never goes back.
             share = max(work.share, min(1.0, share))
-            return replace(work, stage=Stage.WORKING, share=share, told=told)
+            return replace(work, stage=Stage.WORKING, share=share, begun=begun)
         case Done(body):
             return replace(work, stage=Stage.DONE, share=1.0, answer=body)
         case Trouble():
@@ -81,7 +72,7 @@ def work_text(work: LongWork, glyphs: Glyphs, width: int) -> list[str]:
             f"  What to do: {printable(trouble.advice, 300)}",
         ]
     lines = [bar_line(work.share, width, glyphs), ""]
-    for i, text in enumerate(work.told):
-        done = work.stage is Stage.DONE or i < len(work.told) - 1
+    for i, text in enumerate(work.begun):
+        done = work.stage is Stage.DONE or i < len(work.begun) - 1
         lines.append(f"  {glyphs.good if done else glyphs.now} {printable(text)}")
     return lines

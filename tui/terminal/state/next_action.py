@@ -1,4 +1,4 @@
-"""What the one key does next, as a function of where the recorder stands."""
+"""The next action of SPACE, as a function of the recorder's status."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ _WITH_BUMPS = (BenchStep.BASELINE, BenchStep.ADDED)
 
 @dataclass(frozen=True, slots=True)
 class NextAction:
-    """What SPACE does on home and run screen."""
+    """Action of SPACE on the home and the run screen."""
 
     words: str = ""
-    """What the operator reads: `SPACE starts` and the like; empty if it does nothing now."""
+    """Text for the operator, such as `SPACE starts`; empty if there is no action now."""
     order: Order | None = None
-    """What the recorder is told."""
+    """Order to the recorder."""
     step: BenchStep | None = None
-    """The step that is gone to instead."""
+    """Step to go to instead of an order."""
 
 
 _LOOKS_ON = NextAction("C = take control")
 
 
 def next_action(status: Status | None, in_control: bool = True) -> NextAction:
-    """Return what is to be done next; who looks on has to take control for most of it."""
+    """Return the next action; for a viewer, to take control before an order."""
     action = _next_action(status)
     return action if in_control or action.order is None else _LOOKS_ON
 

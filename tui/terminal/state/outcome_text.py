@@ -1,4 +1,4 @@
-"""An identification as lines of text for a terminal: state is word and symbol, never colour alone.
+"""Lines of text on an identification; a state is a word and a symbol, never colour alone.
 
 Every function returns plain text; nothing in it is markup, and foreign names are made printable.
 """
@@ -37,10 +37,10 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most: int) -> li
     if outcome.without:
         tail += f"   trial without {printable(', '.join(outcome.without), 40)}"
     lines = [f"{head}   {tail}"] if len(head) + len(tail) + 3 <= width else [head, f"  {tail}"]
-    grave = [told for told in outcome.findings if told.severity != "ok"]
-    rest = [told for told in outcome.findings if told.severity == "ok"]
-    for told in (*grave, *(() if grave else rest)):
-        lines += finding_lines(told.severity, told.text, glyphs, width)
+    grave = [finding for finding in outcome.findings if finding.severity != "ok"]
+    rest = [finding for finding in outcome.findings if finding.severity == "ok"]
+    for finding in (*grave, *(() if grave else rest)):
+        lines += finding_lines(finding.severity, finding.text, glyphs, width)
     if not outcome.findings:
         lines += wrap(outcome.meaning, width - 2, initial_indent="  ", subsequent_indent="  ")
     if len(lines) > most:
@@ -60,8 +60,8 @@ def finding_lines(severity: str, text: str, glyphs: Glyphs, width: int) -> list[
 def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
     """Return all findings, and the warnings that a person answered for."""
     lines = [*wrap(outcome.meaning, width), ""]
-    for told in outcome.findings:
-        lines += finding_lines(told.severity, told.text, glyphs, width)
+    for finding in outcome.findings:
+        lines += finding_lines(finding.severity, finding.text, glyphs, width)
     if not outcome.findings:
         lines.append(f"{glyphs.good} nothing was found that speaks against the result")
     lines += ["", "Warnings of the bench check that a person answered for:"]

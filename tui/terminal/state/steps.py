@@ -44,15 +44,15 @@ SCREEN_OF = {
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a campaign is."""
+    """Progress of a campaign."""
 
     done: frozenset[BenchStep]
-    """Steps that are behind us."""
+    """Finished steps."""
     due: BenchStep
-    """The first that is not done."""
+    """The first step that is not done."""
 
     def reached(self, step: BenchStep) -> bool:
-        """Whether a person may go to a step."""
+        """Return True if the operator may go to a step."""
         return step <= self.due or step in self.done
 
 
@@ -88,7 +88,7 @@ def progress(status: Status | None) -> Progress:
 
 
 def is_marked(status: Status, step: BenchStep) -> bool:
-    """Whether a person has said that a step is done, and it still is."""
+    """Return True if the operator has ended a step and the recording has not changed since."""
     marks = {note.text: note.revision for note in status.notes if not note.by}
     if step < BenchStep.IDENTIFY:
         return step.mark in marks

@@ -77,7 +77,7 @@ FieldWidget = TextField | ChoiceField
 
 
 class Label(Static):
-    """What stands between two fields: the end of the one, the name of the other.
+    """Text between two fields: the end of the one, the label of the other.
 
     One widget and not three, because a form of thirty fields has to be there at once.
     """
@@ -155,7 +155,7 @@ class Form(VerticalScroll, can_focus=False):
 
     @property
     def values(self) -> dict[str, str]:
-        """What stands in the fields."""
+        """The texts of the fields, by name."""
         return {name: widget.value for name, widget in self._fields.items()}
 
     def fill(self, values: Mapping[str, str]) -> None:
@@ -183,12 +183,12 @@ class Form(VerticalScroll, can_focus=False):
         return focused.field if isinstance(focused, (TextField, ChoiceField)) else None
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Tell it on."""
+        """Post the form's own message."""
         event.stop()
         self.post_message(self.Changed())
 
     def on_choice_field_changed(self, event: ChoiceField.Changed) -> None:
-        """Tell it on."""
+        """Post the form's own message."""
         event.stop()
         self.post_message(self.Changed())
 

@@ -9,7 +9,7 @@ from .words import Words
 
 _FIRST, _LAST = "press('next')", "help"
 _DROPPED = ("app.sessions", "app.step(1)", "more", "press('redo')", "app.note", "view")
-"""What is left out first where the line is too short; help and palette tell all keys."""
+"""Actions to leave out first where the line is too short; help and palette list all keys."""
 
 
 class KeyBar(Words):
@@ -33,7 +33,7 @@ class KeyBar(Words):
             if binding.show and enabled and binding.action not in shown:
                 key = binding.key_display or self.app.get_key_display(binding)
                 shown[binding.action] = (key, binding.description)
-        # What only one screen has is more to the point there than what all have.
+        # Keys of the screen itself come before those that every screen has.
         common = ("app.step(1)", "app.note", "app.sessions")
         order = sorted(
             shown, key=lambda action: (action != _FIRST, action == _LAST, action in common)

@@ -38,7 +38,7 @@ class LaneChart(Widget):
 
     @property
     def room(self) -> int:
-        """How many lanes have room."""
+        """Number of lanes that fit."""
         return max(1, self.size.height // LANE_ROWS)
 
     def show(

@@ -1,4 +1,4 @@
-"""What has been done so far: tallies, runs with their reasons, notes and events."""
+"""Lists of tallies, runs with their reasons, journal entries and alarms."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class TallyList(Words):
             word = "rejected" if wide or not measured else "rej."
             rejected = f"  {tally.rejected} {word}  {why}".rstrip() if tally.rejected else ""
             if len(words) + len(count) + len(measured) + len(rejected) > self.size.width:
-                measured = ""  # a reject tells more
+                measured = ""  # the rejects are more important
             lines.append(
                 Content.assemble(
                     (f"{words}{count}", "bold" if here else ""), f"{measured}{rejected}"
@@ -105,20 +105,20 @@ class Journal(Words):
 
     def show(self, status: Status) -> None:
         """Show what happened."""
-        told = [(note.t_ns, _note(note.text, note.label, note.by)) for note in status.notes]
-        told += [
+        entries = [(note.t_ns, _note(note.text, note.label, note.by)) for note in status.notes]
+        entries += [
             (o.t_ns, f"WARN {o.subject} overridden by {o.by}: {o.reason}") for o in status.overrides
         ]
-        told += [
+        entries += [
             (run.t_ns, f"{run.excitation.value} {run.repeat} {_state(run)}") for run in status.runs
         ]
-        told.sort(key=lambda entry: entry[0], reverse=True)
-        lines = [f"{clock_time(t_ns)}  {printable(text, 120)}" for t_ns, text in told[:_KEPT]]
+        entries.sort(key=lambda entry: entry[0], reverse=True)
+        lines = [f"{clock_time(t_ns)}  {printable(text, 120)}" for t_ns, text in entries[:_KEPT]]
         self.say(Content("\n".join(lines) if lines else "nothing yet"))
 
 
 class AlarmList(Words):
-    """What is wrong now, with what to do; hidden when nothing is."""
+    """Active alarms with their advice; hidden without any."""
 
     def __init__(self, glyphs: Glyphs) -> None:
         super().__init__()
@@ -126,7 +126,7 @@ class AlarmList(Words):
 
     def show(self, status: Status) -> None:
         """Show the alarms."""
-        told = [
+        alarms = [
             (
                 f"{self._glyphs.warn} {printable(_upper(alarm.code), 40)}",
                 f"{printable(f'{alarm.subject}: ' if alarm.subject else '', 40)}"
@@ -134,26 +134,26 @@ class AlarmList(Words):
             )
             for alarm in status.alarms
         ]
-        told += [
+        alarms += [
             (
                 f"{self._glyphs.overload} OVERLOAD",
                 f"{printable(channel, 40)} touched the end of its range: A puts the lamp out",
             )
             for channel in status.overloaded
         ]
-        self.display = bool(told)
-        self.say(Content("\n").join(self._rows(told, self.size.width or self.app.size.width)))
+        self.display = bool(alarms)
+        self.say(Content("\n").join(self._rows(alarms, self.size.width or self.app.size.width)))
 
-    def _rows(self, told: list[tuple[str, str]], width: int) -> list[Content]:
+    def _rows(self, alarms: list[tuple[str, str]], width: int) -> list[Content]:
         """Fold what is too long: what to do comes last, and must not be cut off."""
         rows: list[Content] = []
-        for i, (head, text) in enumerate(told):
+        for i, (head, text) in enumerate(alarms):
             first, *rest = wrap(f"{head} {text}", width, subsequent_indent="  ")
             lines = [Content.assemble((head, "bold $error"), first.removeprefix(head))]
             lines += [Content(line) for line in rest[: _ROWS_EACH - 1]]
-            last = i == len(told) - 1
+            last = i == len(alarms) - 1
             if len(rows) + len(lines) > _ALARM_ROWS - (not last):
-                return [*rows, Content(f"{self._glyphs.warn} and {len(told) - i} more")]
+                return [*rows, Content(f"{self._glyphs.warn} and {len(alarms) - i} more")]
             rows += lines
         return rows
 
@@ -190,7 +190,7 @@ def _frequency(status: Status, tally: Tally, wide: bool) -> str:
 
 
 def _note(text: str, label: str, by: str) -> str:
-    """Return a note as such; a mark, which is nobody's, as it is."""
+    """Return the words for a note; a mark, which has no author, as it is."""
     about = f" on {label}" if label else ""
     return f"note{about}: {text} ({by})" if by else text
 

@@ -1,4 +1,4 @@
-"""What the operator is to do now."""
+"""The next action in words."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class NextPanel(Words):
     def show(self, status: Status | None, action: NextAction, lost: Lost | None) -> None:
         """Show what is next; without a recorder that is to start one."""
         if lost is not None:
-            said = banner(status, lost, action, self._glyphs)
-            head = Content.assemble((f"{said.symbol} {said.word}", "bold $error"))
-            words = Content.assemble((f"  {said.second}", "bold $accent"))
-            self.say(Content("\n").join([head, Content(f"  {said.first}"), Content(""), words]))
+            shown = banner(status, lost, action, self._glyphs)
+            head = Content.assemble((f"{shown.symbol} {shown.word}", "bold $error"))
+            words = Content.assemble((f"  {shown.second}", "bold $accent"))
+            self.say(Content("\n").join([head, Content(f"  {shown.first}"), Content(""), words]))
             return
         lines: list[Content] = []
         if status is None:

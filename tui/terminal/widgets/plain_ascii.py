@@ -1,4 +1,4 @@
-"""What a terminal gets that is trusted with ASCII alone, whatever a screen or a name holds."""
+"""Filter that replaces every character outside ASCII, for terminals that show no more."""
 
 from __future__ import annotations
 

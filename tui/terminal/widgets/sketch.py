@@ -1,4 +1,4 @@
-"""Where the boards lie, the blocks stand or the hands push, seen from above."""
+"""Sketch of the boards, blocks or hands at the car, seen from above."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ ENOUGH = (80, 24)
 
 
 class StepBar(Words):
-    """Which steps are done, and on which the screen is (in reverse, between bars)."""
+    """Shows the finished steps, and the step of the screen in brackets."""
 
     def __init__(self, glyphs: Glyphs) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Words on the screen that go to the terminal only when they change."""
+"""A text widget that is drawn only when its text changes."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from textual.widgets import Static
 
 
 class Words(Static):
-    """Text without markup; the recorder tells its status ten times a second, mostly the same."""
+    """Text without markup; ten statuses a second mostly give the same text."""
 
     def __init__(self, classes: str = "") -> None:
         super().__init__(markup=False, classes=classes)
-        self._said: Content | None = None
+        self._shown: Content | None = None
 
     def say(self, content: Content) -> None:
         """Show a text, unless it is the one that is shown."""
-        said = self._said
-        if said is not None and said.plain == content.plain and said.spans == content.spans:
+        shown = self._shown
+        if shown is not None and shown.plain == content.plain and shown.spans == content.spans:
             return
-        self._said = content
+        self._shown = content
         self.update(content)
