@@ -30,7 +30,7 @@ def tui(
     fault: Annotated[
         str | None,
         typer.Option(
-            help="Fault of the demo: double-bump, overload, lost-frames, weak, wrong-mode or unplug."
+            help="Fault of --demo: double-bump, overload, lost-frames, weak, wrong-mode, unplug."
         ),
     ] = None,
     speed: Annotated[

@@ -21,11 +21,11 @@ from tui.terminal.forms.inventory import (
     Entry,
     baseline_spread,
     entries_of,
+    entry_values,
     gain_line,
     sag_line,
     shift_line,
     sketch,
-    entry_values,
     with_bolted,
 )
 from tui.terminal.state.bench_check import (
