@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import InputError
+from dbc.finding import Severity
 from dbc.layout import SignalLayout
 from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 from dbc.units import G_M_S2, to_si
@@ -23,7 +24,7 @@ from ..channels import ON_BODY, Channel, Quantity
 from ..samples.converter import is_fine, is_stuck
 from ..samples.groups import Timekeeping
 from ..samples.mapping import MappedChannel
-from .result import CheckLine, Verdict
+from .result import CheckLine
 
 VERTICAL = frozenset({Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION})
 RATES = frozenset({Quantity.PITCH_RATE, Quantity.ROLL_RATE})
@@ -39,7 +40,7 @@ _SLOWEST_HZ = 50.0
 _GUESSED_M = 0.3
 _BLOCK_S = 0.1
 
-Found = tuple[Verdict, str, str]
+Found = tuple[Severity, str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +111,7 @@ def check_channel(
     samples = decoded.samples.get(channel.signal)
     subject = f"channel {channel.name}"
     if samples is None or not len(samples.t_ns):
-        verdict = Verdict.WARN if channel.quantity is Quantity.UNUSED else Verdict.FAIL
+        verdict = Severity.WARNING if channel.quantity is Quantity.UNUSED else Severity.ERROR
         found.append(
             (verdict, f"no sample of {channel.signal}", f"see message {mapped.message.name}")
         )
@@ -126,25 +127,27 @@ def check_channel(
     figures = {"level": rest.level, "noise": rest.noise, "motion": rest.motion, "rate_hz": rate}
     stuck = _stuck_lines(mapped, signal, samples.value[finite], value[finite])
     found += stuck
-    if channel.quantity is not Quantity.UNUSED and not any(v is Verdict.FAIL for v, _, _ in stuck):
+    if channel.quantity is not Quantity.UNUSED and not any(
+        v is Severity.ERROR for v, _, _ in stuck
+    ):
         found += _rest_lines(mapped, rest)
         if channel.quantity in VERTICAL:
             found += _gravity_lines(mapped, rest, len(value), _siblings(mapped, keeping, decoded))
         if rate < _SLOWEST_HZ and rate > 0:
             reason = f"{rate:.0f} Hz is slow: wheels hop at 10 to 15 Hz"
-            found.append((Verdict.WARN, reason, "ask the sensor for 100 Hz or more"))
+            found.append((Severity.WARNING, reason, "ask the sensor for 100 Hz or more"))
     if channel.quantity in ON_BODY and channel.position_sigma_m >= _GUESSED_M:
         reason = f"its position is a guess (+-{channel.position_sigma_m:g} m)"
         found.append(
-            (Verdict.WARN, reason, "measure x_m and y_m from the middle of the front axle")
+            (Severity.WARNING, reason, "measure x_m and y_m from the middle of the front axle")
         )
-    lines = [CheckLine(v, subject, r, a, figures) for v, r, a in found if v is not Verdict.OK]
-    if all(line.verdict is not Verdict.FAIL for line in lines):
-        proof = "".join(f", {reason}" for verdict, reason, _ in found if verdict is Verdict.OK)
+    lines = [CheckLine(v, subject, r, a, figures) for v, r, a in found if v is not Severity.NOTE]
+    if all(line.verdict is not Severity.ERROR for line in lines):
+        proof = "".join(f", {reason}" for verdict, reason, _ in found if verdict is Severity.NOTE)
         reason = (
             f"{rest.level:.4g} {rest.unit} at rest, noise {rest.noise:.2g}, {rate:.0f} Hz{proof}"
         )
-        lines.insert(0, CheckLine(Verdict.OK, subject, reason, "", figures))
+        lines.insert(0, CheckLine(Severity.NOTE, subject, reason, "", figures))
     return lines
 
 
@@ -172,10 +175,10 @@ def _calibration_lines(channel: Channel, days: int, today: date) -> list[Found]:
     which = f" (serial number {channel.serial_number})" if channel.serial_number else ""
     if age < 0:
         reason = f"calibrated on {channel.calibrated}, which is to come{which}"
-        return [(Verdict.WARN, reason, "mend calibrated, or the clock of this computer")]
+        return [(Severity.WARNING, reason, "mend calibrated, or the clock of this computer")]
     if age > days:
         reason = f"calibrated on {channel.calibrated}, {age} days ago{which}"
-        return [(Verdict.WARN, reason, f"have it calibrated; the limit is {days} days")]
+        return [(Severity.WARNING, reason, f"have it calibrated; the limit is {days} days")]
     return []
 
 
@@ -193,17 +196,19 @@ def _validity_lines(
     for bit, why in _UNUSABLE_BECAUSE.items():
         count = int(np.sum((samples.quality & bit) != 0))
         if count:
-            verdict = Verdict.FAIL if count > n / 2 else Verdict.WARN
+            verdict = Severity.ERROR if count > n / 2 else Severity.WARNING
             found.append(
                 (verdict, f"{count} of {n} samples are unusable: {why}", "see its message")
             )
     usable = (samples.quality & UNUSABLE) == 0
     odd = int(np.sum(usable & ~np.isfinite(value)))
     if odd:
-        found.append((Verdict.FAIL, f"{odd} of {n} samples are no numbers", "check the DBC's type"))
+        found.append(
+            (Severity.ERROR, f"{odd} of {n} samples are no numbers", "check the DBC's type")
+        )
     outside = int(np.sum(usable & ((samples.quality & Quality.OUT_OF_RANGE) != 0)))
     if outside:
-        verdict = Verdict.FAIL if outside > n / 2 else Verdict.WARN
+        verdict = Severity.ERROR if outside > n / 2 else Severity.WARNING
         limits = f"{signal.minimum:g} to {signal.maximum:g} {signal.unit}"
         reason = f"{outside} of {n} samples are outside {limits}"
         found.append((verdict, reason, "check the sensor, or the range and factor in the DBC"))
@@ -212,7 +217,7 @@ def _validity_lines(
         at_end = int(np.sum(usable & ((samples.value <= low) | (samples.value >= high))))
         # Zero is where many an unsigned signal rests, and a constant one is reported as such.
         if at_end and np.ptp(samples.value[usable]) > 0:
-            verdict = Verdict.FAIL if at_end > n / 100 else Verdict.WARN
+            verdict = Severity.ERROR if at_end > n / 100 else Severity.WARNING
             reason = f"{at_end} of {n} samples lie at the end of its range ({low:g} to {high:g})"
             found.append((verdict, reason, "it saturates, or says that it has no value"))
     return found
@@ -231,10 +236,10 @@ def _stuck_lines(
     fine = is_fine(quantity, mapped.channel.unit, mapped.step)
     at_end = not signal.is_float and signal.length > 1 and told[0] in signal.span and told[0] != 0
     if fine or at_end:
-        return [(Verdict.FAIL, reason, "the sensor is dead, frozen or not started")]
+        return [(Severity.ERROR, reason, "the sensor is dead, frozen or not started")]
     if quantity is Quantity.UNUSED:
         return []
-    return [(Verdict.WARN, reason, "move it: does it change?")]
+    return [(Severity.WARNING, reason, "move it: does it change?")]
 
 
 def _rest_lines(mapped: MappedChannel, rest: _Rest) -> list[Found]:
@@ -242,19 +247,19 @@ def _rest_lines(mapped: MappedChannel, rest: _Rest) -> list[Found]:
     limits = _limits(channel.quantity)
     if rest.motion > limits.motion:
         reason = f"moves by {rest.motion:.2g} {rest.unit}: not at rest"
-        found.append((Verdict.WARN, reason, "let the car stand still and check again"))
+        found.append((Severity.WARNING, reason, "let the car stand still and check again"))
     if rest.noise > limits.noise:
         reason = f"noise {rest.noise:.2g} {rest.unit} is more than the usual {limits.noise:g}"
-        found.append((Verdict.WARN, reason, "check mounting, cable and unit; stop the engine"))
+        found.append((Severity.WARNING, reason, "check mounting, cable and unit; stop the engine"))
     away = abs(rest.level)
     if away > limits.absurd:
         reason = f"reads {rest.level:.4g} {rest.unit} at rest, which cannot be"
         advice = _other_unit(mapped, rest.level, limits.absurd)
-        found.append((Verdict.FAIL, reason, advice))
+        found.append((Severity.ERROR, reason, advice))
     elif away > limits.zero:
         reason = f"reads {rest.level:.4g} {rest.unit} at rest instead of 0"
         tare = rest.level + channel.tare
-        found.append((Verdict.WARN, reason, f"set tare = {tare:.5g} at ride height"))
+        found.append((Severity.WARNING, reason, f"set tare = {tare:.5g} at ride height"))
     return found
 
 
@@ -288,9 +293,9 @@ def _gravity_lines(
     says = f"reads {rest.level:.4g} m/s2 at rest"
     flip = f"set sign = {-channel.sign:.0f}"
     if abs(share - 1) < _GRAVITY_TOLERANCE:
-        return [(Verdict.OK, "+1 g", "")]
+        return [(Severity.NOTE, "+1 g", "")]
     if abs(share + 1) < _GRAVITY_TOLERANCE:
-        return [(Verdict.FAIL, f"{says}: upside down", flip)]
+        return [(Severity.ERROR, f"{says}: upside down", flip)]
     sure = 5 * rest.noise / math.sqrt(n)
     for factor, unit in _SCALES:
         fits = abs(abs(share) / factor - 1) < _SCALE_TOLERANCE
@@ -300,19 +305,19 @@ def _gravity_lines(
             turn = f" and {flip}" if share < 0 else ""
             told = f'signal_unit = "{unit}"' if unit else f"gain = {channel.gain / factor:.6g}"
             reason = f"{says}: {factor:.4g} times gravity, so its unit is wrong"
-            return [(Verdict.FAIL, reason, f"state {told}{turn}")]
+            return [(Severity.ERROR, reason, f"state {told}{turn}")]
     if abs(share) < 0.5:
         upright = [(name, value) for name, value in siblings.items() if abs(abs(value) - 1) < 0.1]
         if upright:
             name, value = upright[0]
             turn = "" if value > 0 else " with sign = -1"
             reason = f"{says}, but {name} {value:+.2f} g: the wrong axis"
-            return [(Verdict.FAIL, reason, f'take signal = "{name}"{turn}')]
+            return [(Severity.ERROR, reason, f'take signal = "{name}"{turn}')]
     if abs(share) < _NONE_G:
-        return [(Verdict.OK, "no gravity (AC-coupled, or tared in the sensor)", "")]
+        return [(Severity.NOTE, "no gravity (AC-coupled, or tared in the sensor)", "")]
     tilt = math.degrees(math.acos(min(abs(share), 1.0)))
     angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
-    verdict = Verdict.FAIL if abs(abs(share) - 1) > 0.3 else Verdict.WARN
+    verdict = Severity.ERROR if abs(abs(share) - 1) > 0.3 else Severity.WARNING
     return [(verdict, f"{says}{angle}, or its scale is wrong", "mount it upright, or mend gain")]
 
 

@@ -12,6 +12,7 @@ from datetime import date
 import numpy as np
 
 from dbc import Codec
+from dbc.finding import Severity
 from dbc.frames import FrameBatch
 
 from ..bench.config import Bench
@@ -22,7 +23,7 @@ from ..samples.mapping import map_channels
 from ..samples.trigger import trigger_channels
 from .channel_checks import check_channel
 from .frame_checks import check_messages, check_traffic, frame_table
-from .result import CheckLine, Verdict
+from .result import WORDS, CheckLine
 
 _INCOMPLETE_SHARE = 0.01
 _PAUSE_S = 1.0
@@ -41,9 +42,14 @@ class CheckReport:
     """Bus, messages, sample sets and channels, in this order."""
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> Severity:
         """The worst of all lines."""
-        return max((line.verdict for line in self.lines), default=Verdict.OK)
+        return max((line.verdict for line in self.lines), default=Severity.NOTE)
+
+    @property
+    def word(self) -> str:
+        """OK, WARN or FAIL."""
+        return WORDS[self.verdict]
 
 
 def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> CheckReport:
@@ -69,7 +75,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     if not len(frames):
         advice = "check power, wiring, termination and the bit rate; sensors that must be started"
-        line = CheckLine(Verdict.FAIL, "bus", "no frame was received", advice)
+        line = CheckLine(Severity.ERROR, "bus", "no frame was received", advice)
         return CheckReport(0.0, 0, (line,))
     frames, pauses = _without_pauses(frames)
     seconds = float(np.ptp(frames.t_ns)) * 1e-9
@@ -82,7 +88,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     lines += [_set_line(each, groups) for each in bench.sample_sets if _is_used(each, groups)]
     if not trigger_channels(bench.channels):
         advice = "add a hub_acceleration or a body_acceleration"
-        lines.append(CheckLine(Verdict.FAIL, "trigger", "no channel can trigger", advice))
+        lines.append(CheckLine(Severity.ERROR, "trigger", "no channel can trigger", advice))
     for m in mapped:
         lines += check_channel(m, mapped, keeping, decoded, bench.calibration_days, today)
     return CheckReport(seconds, len(frames), tuple(lines))
@@ -105,7 +111,7 @@ def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[CheckLine]]:
     )
     advice = "a log that a trigger wrote has them; on a live bus look for plug and power"
     figures = {"pauses": len(before), "paused_s": paused_s}
-    line = CheckLine(Verdict.WARN, "bus", reason, advice, figures)
+    line = CheckLine(Severity.WARNING, "bus", reason, advice, figures)
     return frames.select(slice(int(first[k]), int(last[k]) + 1)), [line]
 
 
@@ -121,8 +127,8 @@ def _set_line(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> CheckLi
     rate = (n - 1) / float(group.time_s[-1] - group.time_s[0]) if n > 1 else 0.0
     figures = {"samples": n, "incomplete": missing, "rate_hz": rate}
     if missing > _INCOMPLETE_SHARE * n + 2:  # at the ends a set may be cut
-        verdict = Verdict.FAIL if missing > n / 2 else Verdict.WARN
+        verdict = Severity.ERROR if missing > n / 2 else Severity.WARNING
         reason = f"{missing} of {n} samples lack a frame"
         advice = f"are {', '.join(sample_set.messages)} sent at one rate, in one burst?"
         return CheckLine(verdict, subject, reason, advice, figures)
-    return CheckLine(Verdict.OK, subject, f"{n} samples at {rate:.1f} Hz", "", figures)
+    return CheckLine(Severity.NOTE, subject, f"{n} samples at {rate:.1f} Hz", "", figures)

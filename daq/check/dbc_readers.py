@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dbc import Codec
+from dbc.finding import Severity
 from dbc.witness.second_reader import Witness, WitnessReport
 
 from ..bench.config import Bench
-from .result import CheckLine, Verdict
+from .result import CheckLine
 
 _ADVICE = "one of the two is wrong: compare with the sensor's data sheet, and report it to us"
 
@@ -37,13 +38,13 @@ def reader_lines(reading: WitnessReport) -> list[CheckLine]:
     if reading.refusal:
         reason = f"values are not compared, because cantools does not read it: {reading.refusal}"
         advice = "compare some values with the sensors' own tools"
-        return [CheckLine(Verdict.WARN, "DBC", reason, advice)]
+        return [CheckLine(Severity.WARNING, "DBC", reason, advice)]
     if reading.differences:
         return [
-            CheckLine(Verdict.FAIL, f"message {found.message}", found.reason, _ADVICE)
+            CheckLine(Severity.ERROR, f"message {found.message}", found.reason, _ADVICE)
             for found in reading.differences
         ]
     if not reading.compared:
         return []
     reason = f"our reader and cantools read its {reading.compared} messages in use alike"
-    return [CheckLine(Verdict.OK, "DBC", reason)]
+    return [CheckLine(Severity.NOTE, "DBC", reason)]

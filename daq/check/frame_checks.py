@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.crc import CRC_RULES, covered
+from dbc.finding import Severity
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.layout import MessageLayout
 from dbc.samples import UNUSABLE, Decoded, Quality
@@ -19,7 +20,7 @@ from ..channels import Quantity
 from ..samples import health
 from ..samples.groups import Timekeeping
 from ..samples.mapping import MappedChannel
-from .result import CheckLine, Verdict
+from .result import CheckLine
 
 _RATE_WARN, _RATE_FAIL = 0.02, 0.10
 _LOST_FAIL = 0.01
@@ -109,12 +110,12 @@ def check_traffic(
     heavy = load > _LOAD_WARN
     advice = "a full bus delays and loses frames: lower rates or take two buses" if heavy else ""
     figures = {"frames": count, "seconds": table.seconds, "load": load}
-    verdict = Verdict.WARN if heavy else Verdict.OK
+    verdict = Severity.WARNING if heavy else Severity.NOTE
     lines = [CheckLine(verdict, "bus", reason, advice, figures)]
     if decoded.counts.error_frames:
         reason = f"{decoded.counts.error_frames} error frames"
         advice = "check termination (60 ohm between the wires), bit rate and plugs"
-        lines.append(CheckLine(Verdict.WARN, "bus", reason, advice))
+        lines.append(CheckLine(Severity.WARNING, "bus", reason, advice))
     if table.unknown:
         lines.append(_unknown_line(messages, table.unknown))
     return lines
@@ -133,7 +134,7 @@ def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]
             advice = (
                 f"{a.can_id:#x} comes with {bits[0]} bits; the DBC has {twin.name} with {bits[1]}"
             )
-    return CheckLine(Verdict.WARN, "bus", reason, advice, {"unknown": len(unknown)})
+    return CheckLine(Severity.WARNING, "bus", reason, advice, {"unknown": len(unknown)})
 
 
 def _hex(a: Arrivals) -> str:
@@ -154,7 +155,7 @@ def check_messages(
     for name in names:
         message, arrivals = keeping.messages[name], table.known.get(name)
         if arrivals is None:
-            verdict = Verdict.FAIL if name in used | carriers else Verdict.WARN
+            verdict = Severity.ERROR if name in used | carriers else Severity.WARNING
             lines.append(_missing_line(message, table.unknown, verdict))
             continue
         counter = counters.get(name)
@@ -170,16 +171,16 @@ def check_messages(
         figures = {"rate_hz": rate, "jitter_s": _jitter_s(arrivals), "frames": len(arrivals.t_ns)}
         if not found:
             reason = f"{rate:.1f} Hz, jitter {1e3 * figures['jitter_s']:.2f} ms"
-            found = [(Verdict.OK, reason, "")]
+            found = [(Severity.NOTE, reason, "")]
         lines += [CheckLine(v, f"message {name}", r, a, figures) for v, r, a in found]
     return lines
 
 
-Found = tuple[Verdict, str, str]
+Found = tuple[Severity, str, str]
 
 
 def _missing_line(
-    message: MessageLayout, unknown: Sequence[Arrivals], verdict: Verdict
+    message: MessageLayout, unknown: Sequence[Arrivals], verdict: Severity
 ) -> CheckLine:
     width = " with 29 bits" if message.is_extended else ""
     reason = f"no frame with identifier {message.can_id:#x}{width}"
@@ -209,16 +210,18 @@ def _rate_lines(
     rate, found = arrivals.rate_hz * sent / len(arrivals.t_ns), []
     last_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
     if last_s > max(_SILENT_S, 10 * (message.cycle_s or 0.0)):
-        found.append((Verdict.FAIL, f"silent for the last {last_s:.2f} s", "check plug and power"))
+        found.append(
+            (Severity.ERROR, f"silent for the last {last_s:.2f} s", "check plug and power")
+        )
     if message.cycle_s is None:
         if message.counter is not None and not has_time and rate > 0:
             reason = f"{rate:.1f} Hz; without a cycle time its counter gives no sample times"
-            found.append((Verdict.WARN, reason, f"state cycle_ms = {1e3 / rate:.3g} for it"))
+            found.append((Severity.WARNING, reason, f"state cycle_ms = {1e3 / rate:.3g} for it"))
         return found
     expected = 1 / message.cycle_s
     off = rate / expected - 1
     if abs(off) > _RATE_WARN:
-        verdict = Verdict.FAIL if abs(off) > _RATE_FAIL else Verdict.WARN
+        verdict = Severity.ERROR if abs(off) > _RATE_FAIL else Severity.WARNING
         reason = f"{rate:.1f} Hz instead of {expected:.1f} Hz"
         advice = f"set the sensor's rate, or state cycle_ms = {1e3 / max(rate, 1e-3):.3g} for it"
         found.append((verdict, reason, advice))
@@ -226,7 +229,7 @@ def _rate_lines(
     if message.counter is None and not has_time and jitter_s > message.cycle_s / 2:
         reason = f"frames arrive up to {1e3 * jitter_s:.2f} ms off their beat"
         advice = "without counter or time stamp these are errors of the sample times"
-        found.append((Verdict.WARN, reason, advice))
+        found.append((Severity.WARNING, reason, advice))
     return found
 
 
@@ -236,9 +239,9 @@ def _length_lines(message: MessageLayout, arrivals: Arrivals) -> list[Found]:
     sizes = "/".join(str(v) for v in np.unique(arrivals.length[arrivals.length != message.length]))
     says = f"have {sizes} bytes; the DBC says {message.length}"
     if short:
-        return [(Verdict.FAIL, f"{short} of {n} frames {says}", "mend the length, or the DBC")]
+        return [(Severity.ERROR, f"{short} of {n} frames {says}", "mend the length, or the DBC")]
     if long:
-        return [(Verdict.WARN, f"{long} of {n} frames {says}", "what is behind is not decoded")]
+        return [(Severity.WARNING, f"{long} of {n} frames {says}", "what is behind is not decoded")]
     return []
 
 
@@ -252,10 +255,10 @@ def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded
     reason = f"{bad} of {n} frames fail their checksum ({message.crc_rule})"
     others = fitting_rules(arrivals, message.signal(message.crc).first_byte, message.length)
     if others:
-        return [(Verdict.FAIL, reason, f"{others[0]} fits: state it as crc_rule in [[message]]")]
+        return [(Severity.ERROR, reason, f"{others[0]} fits: state it as crc_rule in [[message]]")]
     if bad > n / 2:
-        return [(Verdict.FAIL, reason, f"another rule than {', '.join(CRC_RULES)}: leave it out")]
-    verdict = Verdict.FAIL if bad > _LOST_FAIL * n else Verdict.WARN
+        return [(Severity.ERROR, reason, f"another rule than {', '.join(CRC_RULES)}: leave it out")]
+    verdict = Severity.ERROR if bad > _LOST_FAIL * n else Severity.WARNING
     return [(verdict, reason, "check wiring and power of the sensor")]
 
 
@@ -278,7 +281,7 @@ def _counter_lines(
     value = samples.value[(samples.quality & UNUSABLE) == 0]
     if len(value) > 10 and np.all(value == value[0]):
         reason = f"the counter {name} stands still at {value[0]:.0f}"
-        return [(Verdict.FAIL, reason, "the sensor hangs, or this is no counter")]
+        return [(Severity.ERROR, reason, "the sensor hangs, or this is no counter")]
     found: list[Found] = []
     n = counter.received
     step = np.diff(value)
@@ -286,15 +289,15 @@ def _counter_lines(
         reason = (
             f"the counter {name} reaches {value.max():.0f}, beyond {message.counter.modulus - 1}"
         )
-        return [(Verdict.FAIL, reason, "mend counter_modulus")]
+        return [(Severity.ERROR, reason, "mend counter_modulus")]
     if counter.missing:
-        verdict = Verdict.FAIL if counter.missing > _LOST_FAIL * n else Verdict.WARN
+        verdict = Severity.ERROR if counter.missing > _LOST_FAIL * n else Severity.WARNING
         reason = f"{counter.missing} frames are missing by the counter {name} (of {n})"
         advice = "frames are lost on the way, or the counter counts something else"
         found.append((verdict, reason, advice))
     if counter.restarts:
         reason = f"the counter {name} started anew {counter.restarts} times"
-        found.append((Verdict.FAIL, reason, "the sensor restarts: check its power"))
+        found.append((Severity.ERROR, reason, "the sensor restarts: check its power"))
     return found
 
 
@@ -311,7 +314,7 @@ def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded)
     rate = float(np.sum(gap) / (t_s[-1] - t_s[0]))
     reason = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
     if abs(rate - 1) > _CLOCK_FAIL:
-        return [(Verdict.FAIL, reason, f"mend time_unit or time_wrap; {MEND_MESSAGE}")]
+        return [(Severity.ERROR, reason, f"mend time_unit or time_wrap; {MEND_MESSAGE}")]
     if abs(rate - 1) > _CLOCK_WARN:
-        return [(Verdict.WARN, reason, "is the host's clock set while measuring?")]
+        return [(Severity.WARNING, reason, "is the host's clock set while measuring?")]
     return []

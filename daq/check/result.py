@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import IntEnum
 from types import MappingProxyType
 
+from dbc.finding import Severity
 
-class Verdict(IntEnum):
-    """How a line of the check ends, the worse the higher."""
-
-    OK = 0
-    WARN = 1
-    FAIL = 2
+WORDS = {Severity.NOTE: "OK", Severity.WARNING: "WARN", Severity.ERROR: "FAIL"}
+"""How a line of the check is printed and sent to the terminal."""
 
 
 def _nothing() -> Mapping[str, float]:
@@ -22,10 +18,10 @@ def _nothing() -> Mapping[str, float]:
 
 @dataclass(frozen=True, slots=True)
 class CheckLine:
-    """One finding."""
+    """One finding, with all that was measured of its subject."""
 
-    verdict: Verdict
-    """FAIL blocks a campaign, WARN is for the operator to judge."""
+    verdict: Severity
+    """An error blocks a campaign, a warning is for the operator to judge."""
     subject: str
     """``bus``, ``message X``, ``sample set X`` or ``channel X``."""
     reason: str
@@ -34,3 +30,8 @@ class CheckLine:
     """What to do; empty where nothing need be done."""
     figures: Mapping[str, float] = field(default_factory=_nothing)
     """The measured numbers, SI."""
+
+    @property
+    def word(self) -> str:
+        """OK, WARN or FAIL."""
+        return WORDS[self.verdict]

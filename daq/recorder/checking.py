@@ -46,7 +46,7 @@ def _answer(bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
     try:
         report = check_bench(bench, bench_codec(bench), frames, date.today())
         lines = tuple(
-            CheckItem(line.verdict.name, line.subject, line.reason, line.advice, dict(line.figures))
+            CheckItem(line.word, line.subject, line.reason, line.advice, dict(line.figures))
             for line in report.lines
         )
     except Exception as error:  # any exception is reported to the client

@@ -139,7 +139,7 @@ def payloads(message: MessageLayout) -> tuple[bytes, ...]:
 
 def _unread(codec: Codec, names: dict[str, str]) -> Sequence[Difference]:
     """Return the messages of cantools that our reader neither has nor names as left out."""
-    left_out = {remark.name.removeprefix("message ").split(".")[0] for remark in codec.left_out}
+    left_out = {each.subject.removeprefix("message ").split(".")[0] for each in codec.left_out}
     if "?" in left_out:  # a message whose name is not understood: any of them
         return []
     known = {key(message.can_id, message.is_extended) for message in codec.messages}

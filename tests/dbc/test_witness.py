@@ -67,7 +67,7 @@ def test_a_message_that_only_cantools_has_is_named() -> None:
 def test_a_message_that_is_left_out_by_name_is_no_difference() -> None:
     text = TEXT.replace("(0.1,-5)", "(0,-5)")
     codec = parse_codec(text, "x.dbc")
-    assert [remark.name for remark in codec.left_out] == ["N.s"]
+    assert [each.subject for each in codec.left_out] == ["N.s"]
     assert ask(text, codec) == WitnessReport((), "", 1)
 
 

@@ -74,9 +74,7 @@ def check(
         _print_document(report)
     else:
         _print_report(report)
-    from daq.check.result import Verdict
-
-    return ExitCode.ANSWER_IS_NO if report.verdict is Verdict.FAIL else ExitCode.OK
+    return ExitCode.ANSWER_IS_NO if report.word == "FAIL" else ExitCode.OK
 
 
 def _bench(
@@ -181,13 +179,15 @@ def _frames(bench: Bench, log: Path | None, seconds: float) -> FrameBatch:
 
 
 def _print_report(report: CheckReport) -> None:
+    from daq.check.result import WORDS
+
     from ..output import print_line
 
     for line in report.lines:
         advice = f" -> {line.advice}" if line.advice else ""
-        print_line(f"{line.verdict.name:<5}{line.subject:<28} {line.reason}{advice}")
-    counts = [f"{sum(x.verdict is v for x in report.lines)} {v.name}" for v in type(report.verdict)]
-    print_line(f"{report.verdict.name}: {', '.join(counts)}; {report.frames} frames")
+        print_line(f"{line.word:<5}{line.subject:<28} {line.reason}{advice}")
+    counts = [f"{sum(x.word == word for x in report.lines)} {word}" for word in WORDS.values()]
+    print_line(f"{report.word}: {', '.join(counts)}; {report.frames} frames")
 
 
 def _print_document(report: CheckReport) -> None:
@@ -195,7 +195,7 @@ def _print_document(report: CheckReport) -> None:
 
     lines = [
         {
-            "verdict": line.verdict.name,
+            "verdict": line.word,
             "subject": line.subject,
             "reason": line.reason,
             "advice": line.advice,
@@ -205,7 +205,7 @@ def _print_document(report: CheckReport) -> None:
     ]
     print_json(
         {
-            "verdict": report.verdict.name,
+            "verdict": report.word,
             "seconds": report.seconds,
             "frames": report.frames,
             "lines": lines,

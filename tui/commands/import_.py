@@ -60,10 +60,10 @@ def import_(
     from daq import write_session
     from daq.bench.config import bench_codec
     from daq.check.dbc_readers import bench_witness, reader_lines
-    from daq.check.result import Verdict
     from daq.derive.from_logs import labelled, numbered, parse_runs, session_from_parts, with_steps
     from daq.errors import InputError
     from daq.formats.log import read_log, read_logs
+    from dbc.finding import Severity
 
     from ..bench import bench_with_dbc
     from ..diagnostics import say, say_left_out
@@ -119,8 +119,8 @@ def import_(
     for text in _remarks(sources, session, bumps, len(steps)):
         say(text)
     for line in reader_lines(reading):
-        if line.verdict > Verdict.OK:
-            say(f"{line.verdict.name} {line.subject}: {line.reason} ({line.advice})")
+        if line.verdict > Severity.NOTE:
+            say(f"{line.word} {line.subject}: {line.reason} ({line.advice})")
     if reading.differences:
         return ExitCode.ANSWER_IS_NO
     lost = any(source.loss.any for source in sources)

@@ -13,11 +13,11 @@ import pytest
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.ready_maps import ready_map, ready_map_names
 from daq.check.check import check_bench
-from daq.check.result import Verdict
 from daq.errors import InputError
 from daq.runs import SampleGroup
 from daq.samples.groups import sample_groups, timekeeping
 from daq.samples.mapping import map_channels
+from dbc.finding import Severity
 from dbc.frames import FrameBatch
 from dbc.samples import Quality
 
@@ -288,10 +288,10 @@ def test_the_check_passes_a_good_sensor_and_finds_a_wrong_time_unit() -> None:
     bench = _bench("xsens_mti")
     codec = bench_codec(bench)
     good = check_bench(bench, codec, frame_batch(_xsens_rows(500, 100)), TODAY)
-    assert [line.reason for line in good.lines if line.verdict is Verdict.FAIL] == []
+    assert [line.reason for line in good.lines if line.verdict is Severity.ERROR] == []
     assert "+1 g" in next(x.reason for x in good.lines if x.subject == "channel body_acc_z")
     bad = check_bench(bench, codec, frame_batch(_xsens_rows(500, 1)), TODAY)
-    (line,) = [x for x in bad.lines if x.verdict is Verdict.FAIL]
+    (line,) = [x for x in bad.lines if x.verdict is Severity.ERROR]
     assert line.subject == "message SampleTime"
     assert "runs 99.99 times as fast" in line.reason
 

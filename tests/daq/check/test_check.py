@@ -11,10 +11,11 @@ import pytest
 from daq.bench.config import Bench, bench_codec, load_bench
 from daq.channels import Quantity
 from daq.check.check import CheckReport, check_bench
-from daq.check.result import CheckLine, Verdict
+from daq.check.result import CheckLine
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec
+from dbc.finding import Severity
 
 from ..sensor_frames import START_NS
 
@@ -47,7 +48,7 @@ def _check(
 
 
 def _bad(report: CheckReport) -> list[CheckLine]:
-    return [line for line in report.lines if line.verdict is not Verdict.OK]
+    return [line for line in report.lines if line.verdict is not Severity.NOTE]
 
 
 def _id(name: str) -> int:
@@ -84,7 +85,7 @@ def _channel(name: str, **changes: object) -> Bench:
 def test_a_sound_bench_passes_and_says_what_it_measured() -> None:
     report = _check(_rest())
     assert _bad(report) == []
-    assert report.verdict is Verdict.OK
+    assert report.verdict is Severity.NOTE
     lines = {line.subject: line for line in report.lines}
     figures = lines["message HUB_Front"].figures
     assert figures["rate_hz"] == pytest.approx(1000, rel=1e-3)
@@ -99,7 +100,7 @@ def test_a_sound_bench_passes_and_says_what_it_measured() -> None:
 
 def test_silence_is_a_failure() -> None:
     (line,) = _check(FrameBatch.empty()).lines
-    assert (line.verdict, line.reason) == (Verdict.FAIL, "no frame was received")
+    assert (line.verdict, line.reason) == (Severity.ERROR, "no frame was received")
 
 
 def _one(frames: FrameBatch, bench: Bench | None = None, codec: Codec | None = None) -> CheckLine:
@@ -115,14 +116,14 @@ def test_a_log_that_a_trigger_wrote_is_checked_without_its_pauses() -> None:
     # 0.5 s and 2.5 s of it, 10 s apart: by time 40,000 frames are missing between them.
     paused = replace(frames, t_ns=frames.t_ns + np.where(since_s > 0.5, 10 * 10**9, 0))
     (bad,) = _bad(_check(paused))
-    assert (bad.verdict, bad.subject) == (Verdict.WARN, "bus")
+    assert (bad.verdict, bad.subject) == (Severity.WARNING, "bus")
     assert bad.reason.startswith("a pause without any frame, 10.0 s in all")
     assert bad.reason.endswith("longest stretch without one, 2.5 s")
 
 
 def test_wrong_sign() -> None:
     line = _one(_rest(), _channel("hub_acc_rl", sign=-1.0))
-    assert (line.verdict, line.subject) == (Verdict.FAIL, "channel hub_acc_rl")
+    assert (line.verdict, line.subject) == (Severity.ERROR, "channel hub_acc_rl")
     assert "upside down" in line.reason
     assert line.advice == "set sign = 1"
 
@@ -137,14 +138,14 @@ def test_wrong_sign() -> None:
 def test_wrong_unit_of_a_hub(signal_unit: str, factor: float, advice: str) -> None:
     bad = _bad(_check(_rest(), _channel("hub_acc_fl", signal_unit=signal_unit)))
     line = bad[0]
-    assert line.verdict is Verdict.FAIL
+    assert line.verdict is Severity.ERROR
     assert f"{factor:.4g} times gravity" in line.reason
     assert advice in line.advice
 
 
 def test_metres_per_second_squared_taken_for_g() -> None:
     line = _one(_rest(), _channel("body_acc_z", signal_unit="g"))
-    assert line.verdict is Verdict.FAIL
+    assert line.verdict is Severity.ERROR
     assert 'state signal_unit = "m/s2"' in line.advice
 
 
@@ -155,7 +156,7 @@ def test_gravity_upside_down_in_a_wrong_unit() -> None:
 
 def test_wrong_axis() -> None:
     line = _one(_rest(), _channel("body_acc_z", signal="IMU_Accel.acc_x"))
-    assert (line.verdict, line.subject) == (Verdict.FAIL, "channel body_acc_z")
+    assert (line.verdict, line.subject) == (Severity.ERROR, "channel body_acc_z")
     assert 'take signal = "IMU_Accel.acc_z"' in line.advice
 
 
@@ -180,7 +181,7 @@ def test_a_missing_message_and_who_may_be_it() -> None:
     moved = FrameBatch(frames.t_ns, can_id, frames.flags, frames.bus, frames.length, frames.data)
     unknown, missing, *channels = _bad(_check(moved))
     assert unknown.reason.startswith("1 identifiers are not in the DBC: 0x3a1 (500 Hz)")
-    assert (missing.verdict, missing.subject) == (Verdict.FAIL, "message SUSP_Rear")
+    assert (missing.verdict, missing.subject) == (Severity.ERROR, "message SUSP_Rear")
     assert "0x3a1 has its length and rate" in missing.advice
     assert [line.subject for line in channels] == ["channel travel_rl", "channel travel_rr"]
 
@@ -200,7 +201,7 @@ def test_half_the_rate() -> None:
 
     frames = _with_payload("IMU_Rate", count_on)
     line = _one(frames.select(np.setdiff1d(np.arange(len(frames)), rows[1::2])))
-    assert (line.verdict, line.subject) == (Verdict.FAIL, "message IMU_Rate")
+    assert (line.verdict, line.subject) == (Severity.ERROR, "message IMU_Rate")
     assert line.reason == "250.0 Hz instead of 500.0 Hz"
     assert "cycle_ms = 4" in line.advice
 
@@ -209,7 +210,7 @@ def test_frames_lost_on_the_way() -> None:
     rows = np.flatnonzero(_rest().can_id == _id("HUB_Front"))
     lost = rows[100:2000:100]
     line = _one(_rest().select(np.setdiff1d(np.arange(len(_rest())), lost)))
-    assert line.verdict is Verdict.WARN
+    assert line.verdict is Severity.WARNING
     assert line.reason.startswith("19 frames are missing by the counter counter")
 
 
@@ -225,11 +226,11 @@ def test_a_counter_that_stands_still() -> None:
         part[:, 4] = 7
 
     line = _one(_with_payload("HUB_Rear", stop))
-    assert (line.verdict, line.reason) == (Verdict.FAIL, "the counter counter stands still at 7")
+    assert (line.verdict, line.reason) == (Severity.ERROR, "the counter counter stands still at 7")
 
 
-@pytest.mark.parametrize(("every", "verdict"), [(50, Verdict.FAIL), (500, Verdict.WARN)])
-def test_checksum_errors(every: int, verdict: Verdict) -> None:
+@pytest.mark.parametrize(("every", "verdict"), [(50, Severity.ERROR), (500, Severity.WARNING)])
+def test_checksum_errors(every: int, verdict: Severity) -> None:
     def flip(part: np.ndarray) -> None:
         part[5::every, 0] ^= 4
 
@@ -263,7 +264,7 @@ def test_a_stuck_sensor() -> None:
         part[:, 2:4] = part[0, 2:4]
 
     line = _one(_with_payload("HUB_Front", freeze))
-    assert (line.verdict, line.subject) == (Verdict.FAIL, "channel hub_acc_fr")
+    assert (line.verdict, line.subject) == (Severity.ERROR, "channel hub_acc_fr")
     assert line.reason.startswith("stuck: all 3")
 
 
@@ -278,17 +279,17 @@ def test_a_saturated_sensor() -> None:
 
 def test_travel_that_is_not_zero_or_cannot_be() -> None:
     line = _one(_rest(), _channel("travel_fl", tare=0.1))
-    assert line.verdict is Verdict.WARN
+    assert line.verdict is Severity.WARNING
     tare = float(line.advice.split("=")[1].split()[0])
     assert _bad(_check(_rest(), _channel("travel_fl", tare=tare))) == []
     bad = _bad(_check(_rest(), _channel("travel_rl", signal_unit="m")))
-    (line,) = [line for line in bad if line.verdict is Verdict.FAIL]
+    (line,) = [line for line in bad if line.verdict is Severity.ERROR]
     assert 'state signal_unit = "mm"' in line.advice
 
 
 def test_a_rate_with_an_offset() -> None:
     line = _one(_rest(), _channel("pitch_rate", tare=-0.05))
-    assert (line.verdict, line.subject) == (Verdict.WARN, "channel pitch_rate")
+    assert (line.verdict, line.subject) == (Severity.WARNING, "channel pitch_rate")
 
 
 def test_error_frames_and_foreign_traffic_are_warnings() -> None:
@@ -306,7 +307,7 @@ def test_error_frames_and_foreign_traffic_are_warnings() -> None:
         "10 error frames",
         "1 identifiers are not in the DBC",
     ]
-    assert report.verdict is Verdict.WARN
+    assert report.verdict is Severity.WARNING
 
 
 @pytest.mark.parametrize(
@@ -318,7 +319,7 @@ def test_error_frames_and_foreign_traffic_are_warnings() -> None:
 )
 def test_an_old_calibration_is_noted(day: str, reason: str) -> None:
     line = _one(_rest(), _channel("hub_acc_rr", calibrated=day, serial_number="17"))
-    assert (line.verdict, line.reason) == (Verdict.WARN, reason)
+    assert (line.verdict, line.reason) == (Severity.WARNING, reason)
     assert _bad(_check(_rest(), _channel("hub_acc_rr", calibrated="2026-05-01"))) == []
 
 
@@ -335,7 +336,7 @@ def test_a_moving_car_is_not_at_rest() -> None:
 def test_a_bench_that_cannot_trigger() -> None:
     channels = tuple(c for c in _bench().channels if c.quantity is Quantity.SUSPENSION_TRAVEL)
     line = _one(_rest(), replace(_bench(), channels=channels))
-    assert (line.verdict, line.subject) == (Verdict.FAIL, "trigger")
+    assert (line.verdict, line.subject) == (Severity.ERROR, "trigger")
 
 
 def test_a_sentinel_for_no_value_is_named() -> None:
@@ -347,13 +348,13 @@ def test_a_sentinel_for_no_value_is_named() -> None:
 
     bad = _bad(_check(_with_payload("SUSP_Front", absent), codec=codec))
     assert {line.subject for line in bad} == {"channel travel_fl"}
-    assert bad[0].verdict is Verdict.FAIL
+    assert bad[0].verdict is Severity.ERROR
 
 
 def test_a_channel_without_a_clock_says_so() -> None:
     text = _bench().dbc_text.replace('BA_ "GenMsgCycleTime" BO_ 257 2;', "")
     line = _one(_rest(), codec=parse_codec(text, "no cycle"))
-    assert line.verdict is Verdict.WARN
+    assert line.verdict is Severity.WARNING
     assert "state cycle_ms = 2" in line.advice
 
 
