@@ -166,11 +166,10 @@ def with_channels(decay: FreeDecay, change: Callable[[Channel], Channel | None])
     """
     recordings = []
     for r in decay.recordings:
-        changed = {c.name: change(c) for c in r.group.channels}
-        kept = tuple(c for c in changed.values() if c is not None)
-        order = [c.name for c in r.group.channels]
-        for members in _alike(kept):
-            columns = [order.index(c.name) for c in members]
+        changed = [change(c) for c in r.group.channels]
+        column = {c.name: number for number, c in enumerate(changed) if c is not None}
+        for members in _alike(tuple(c for c in changed if c is not None)):
+            columns = [column[c.name] for c in members]
             group = ChannelGroup(r.group.name, members)
             recordings.append(Recording(group, r.time_s, r.values[:, columns]))
     return replace(decay, recordings=tuple(recordings))

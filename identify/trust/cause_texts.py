@@ -8,7 +8,9 @@ from dbc.finding import Finding, Severity
 
 from ..fit.estimation import Estimation
 from .cause_ranking import Suspect
-from .sensor_faults import Explanation, gain_of, sensor_explanations
+from .refit import Explanation
+from .sensor_faults import gain_of, sensor_explanations
+from .swaps import swap_explanation
 
 _MATTERS = 0.02
 """Relative change of a parameter from which on an effect makes the result doubtful."""
@@ -48,6 +50,10 @@ def cause_findings(estimation: Estimation, suspects: Sequence[Suspect]) -> tuple
         Its causes as `rank_causes` has them.
     """
     ranked = [suspect for suspect in suspects if suspect.strength > 1.0]
+    if ranked or not estimation.holds:
+        swap = swap_explanation(estimation)
+        if swap is not None:
+            return (_swap_finding(swap),)
     if not ranked:
         return ()
     if estimation.holds:
@@ -90,3 +96,10 @@ def _finding(cause: Explanation) -> Finding:
         f"{cause.shifted} by about {min(cause.shift, 1.0) * 100:.1f} %): {cause.advice}"
     )
     return Finding(cause.name.split(" of ")[0].replace(" ", "_"), severity, text)
+
+
+def _swap_finding(swap: Explanation) -> Finding:
+    """Refuse the result however little it moves: a label can be set right and the rest kept."""
+    share = f"{min(swap.explained, 1.0) * 100:.0f} %"
+    text = f"likely cause: {swap.name} (explains {share} of the misfit): {swap.advice}"
+    return Finding("swapped_labels", Severity.ERROR, text)

@@ -8,21 +8,16 @@ fit says how much better it is.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.channels import Channel
 
-from ..decays.decay import FreeDecay, with_channels
 from ..fit.estimation import Estimation
-from ..fit.grey_box import SIGNED, GreyBox
-from ..fit.likelihood import Fit, fit, residuals
+from ..fit.likelihood import residuals
+from .refit import Explanation, Refit, as_described, largest_shift, parameters_as_start, refit
 
-_RATE_HZ = 250.0
-_LENGTH_S = 1.0
-"""Seconds of each decay that are fitted; the first second shows every sensor fault."""
 _SUSPECTED = 4
 """Channels that are left out in turn."""
 _CLEARS = 0.9
@@ -35,37 +30,6 @@ _COARSE_HZ = (15.0, 40.0)
 _FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Explanation:
-    """A likely cause."""
-
-    name: str
-    """Name of the fault."""
-    sizes: str
-    advice: str
-    """`sizes`, `advice`: how much, and what to do."""
-    explained: float
-    """Share of the excess of the squared residuals that it explains."""
-    shift: float
-    """Largest relative change of a parameter that it means."""
-    shifted: str
-    """Which parameter that is."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Problem:
-    """A problem with its channels described in some way, and its fit."""
-
-    box: GreyBox
-    decays: tuple[FreeDecay, ...]
-    fit: Fit
-
-    @property
-    def excess(self) -> float:
-        """Mean square residual above the noise's."""
-        return self.fit.cost / sum(decay.n_values for decay in self.decays) - 1.0
-
-
 def sensor_explanations(estimation: Estimation, suspected: Sequence[str]) -> list[Explanation]:
     """Return what a faulty sensor would explain, the best last.
 
@@ -76,7 +40,7 @@ def sensor_explanations(estimation: Estimation, suspected: Sequence[str]) -> lis
     suspected : sequence of str
         Channels whose gain is suspected, the most suspected first.
     """
-    before = _solved(estimation, lambda c: c, estimation.fit.eta)
+    before = refit(estimation, as_described, estimation.fit.eta)
     found = [*_wrong_channels(estimation, before, suspected[:_SUSPECTED])]
     if not found or found[0].explained < _ALONE:
         found += [*_late(estimation, before), *_slow(estimation, before)]
@@ -98,12 +62,12 @@ def gain_of(estimation: Estimation, name: str) -> Explanation:
     name : str
         Of the channel.
     """
-    before = _solved(estimation, lambda c: c, estimation.fit.eta)
+    before = refit(estimation, as_described, estimation.fit.eta)
     return _left_out(estimation, before, name)
 
 
 def _wrong_channels(
-    estimation: Estimation, before: _Problem, names: Sequence[str]
+    estimation: Estimation, before: Refit, names: Sequence[str]
 ) -> Iterator[Explanation]:
     for name in names:
         found = _left_out(estimation, before, name)
@@ -112,9 +76,9 @@ def _wrong_channels(
             return
 
 
-def _left_out(estimation: Estimation, before: _Problem, name: str) -> Explanation:
-    others = _solved(estimation, lambda c: None if c.name == name else c, before.fit.eta)
-    eta = _start(before.box, others.box, others.fit.eta)
+def _left_out(estimation: Estimation, before: Refit, name: str) -> Explanation:
+    others = refit(estimation, lambda c: None if c.name == name else c, before.fit.eta)
+    eta = parameters_as_start(before.box, others.box, others.fit.eta)
     noise = {**estimation.noise, name: 1e3 * estimation.noise[name]}
     predicted, measured = 0.0, 0.0
     left = residuals(before.box, before.decays, noise, eta)
@@ -129,7 +93,7 @@ def _left_out(estimation: Estimation, before: _Problem, name: str) -> Explanatio
     gain = measured / predicted if predicted > 0.0 else float("nan")
     sizes = f"it shows {gain:.3g} times what the other channels predict"
     explained = 1.0 - others.excess / before.excess
-    shift = _shift(before, others)
+    shift = largest_shift(before, others)
     return Explanation(f"gain of {name}", sizes, gain_advice(gain), explained, *shift)
 
 
@@ -142,7 +106,7 @@ def gain_advice(gain: float) -> str:
     return "check its calibration, unit and sign"
 
 
-def _late(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
+def _late(estimation: Estimation, before: Refit) -> Iterator[Explanation]:
     kinds = {c.corner is not None for group in before.box.groups for c in group.channels}
     if len(kinds) < 2:
         return
@@ -150,7 +114,7 @@ def _late(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
     def loose(c: Channel) -> Channel:
         return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.corner is not None else c
 
-    after = _solved(estimation, loose, before.fit.eta)
+    after = refit(estimation, loose, before.fit.eta)
     late = [
         delay
         for delay, group in zip(
@@ -165,11 +129,11 @@ def _late(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
         f"{abs(mean_ms):.2g} ms",
         "state delay_s and delay_sigma_s of these channels, or correct their clock",
         1.0 - after.excess / before.excess,
-        *_shift(before, after),
+        *largest_shift(before, after),
     )
 
 
-def _slow(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
+def _slow(estimation: Estimation, before: Refit) -> Iterator[Explanation]:
     channels = [c for group in before.box.groups for c in group.channels]
     kinds = {
         "body sensors": {c.name for c in channels if c.corner is None},
@@ -177,7 +141,7 @@ def _slow(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
         "all sensors": {c.name for c in channels},
     }
     tried = {
-        (kind, hz): _solved(estimation, _filtered(kinds[kind], hz), before.fit.eta)
+        (kind, hz): refit(estimation, _filtered(kinds[kind], hz), before.fit.eta)
         for kind in kinds
         if kinds[kind]
         for hz in _COARSE_HZ
@@ -186,7 +150,7 @@ def _slow(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
     eta = tried[kind, near_hz].fit.eta
     for hz in _FINE_HZ:
         if 0.4 < hz / near_hz < 2.5:
-            tried[kind, hz] = _solved(estimation, _filtered(kinds[kind], hz), eta)
+            tried[kind, hz] = refit(estimation, _filtered(kinds[kind], hz), eta)
     kind, hz = min(tried, key=lambda key: tried[key].fit.cost)
     after = tried[kind, hz]
     yield Explanation(
@@ -194,48 +158,9 @@ def _slow(estimation: Estimation, before: _Problem) -> Iterator[Explanation]:
         f"near {hz:.0f} Hz on {kind}",
         "state low_pass_hz of these channels from the data sheet, or switch the filter off",
         1.0 - after.excess / before.excess,
-        *_shift(before, after),
+        *largest_shift(before, after),
     )
 
 
 def _filtered(names: set[str], cut_off_hz: float) -> Callable[[Channel], Channel]:
     return lambda c: replace(c, low_pass_hz=cut_off_hz) if c.name in names else c
-
-
-def _solved(
-    estimation: Estimation,
-    change: Callable[[Channel], Channel | None],
-    near: NDArray[np.float64],
-) -> _Problem:
-    """Fit the problem with its channels described otherwise, roughly, on fewer samples."""
-    changed = (
-        with_channels(_short(decay.thinned(_RATE_HZ)), change) for decay in estimation.decays
-    )
-    decays = tuple(decay for decay in changed if decay.recordings)
-    groups = dict.fromkeys(r.group for decay in decays for r in decay.recordings)
-    old = estimation.box
-    box = GreyBox(tuple(groups), old.mass_states, old.geometry, old.structure, old.facts)
-    start = _start(box, old, near)
-    return _Problem(box, decays, fit(box, decays, estimation.noise, start, 0.3, 15))
-
-
-def _short(decay: FreeDecay) -> FreeDecay:
-    return replace(decay, recordings=tuple(r.between(0.0, _LENGTH_S) for r in decay.recordings))
-
-
-def _start(box: GreyBox, other: GreyBox, eta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the parameters of a fit as unknowns of a problem of the same structure."""
-    start = np.zeros(len(box.prior_sigma))
-    n = len(other.parameters)
-    start[:n] = eta[:n]
-    return start
-
-
-def _shift(before: _Problem, after: _Problem) -> tuple[float, str]:
-    """Return the largest relative change of a parameter, and which one it is."""
-    names = before.box.parameters
-    n = len(names)
-    moved = np.abs(after.fit.eta[:n] - before.fit.eta[:n])
-    moved[[name in SIGNED for name in names]] = 0.0
-    worst = int(np.argmax(moved))
-    return float(moved[worst]), names[worst]

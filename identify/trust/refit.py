@@ -1,0 +1,128 @@
+"""Fits a problem again under another description of the bench: the price of each hypothesis.
+
+A wrong sensor or label drags the whole fit along, so that a score test, which looks from the
+fitted point, sees it dimly.  Here the decays are described otherwise, the vehicle is fitted again
+on fewer samples, and the cost tells how much better that description is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import Channel
+
+from ..decays.decay import FreeDecay, with_channels
+from ..fit.estimation import Estimation
+from ..fit.grey_box import SIGNED, GreyBox
+from ..fit.likelihood import Fit, fit
+
+_RATE_HZ = 250.0
+_LENGTH_S = 1.0
+"""Length of the decays, s: the first second shows every fault of a sensor or label."""
+_TOLERANCE = 0.3
+_STEPS = 15
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """A likely cause."""
+
+    name: str
+    """What is wrong."""
+    sizes: str
+    """How much."""
+    advice: str
+    """What to do."""
+    explained: float
+    """Share of the excess of the squared residuals that it explains."""
+    shift: float
+    """Largest relative change of a parameter that it means."""
+    shifted: str
+    """Which parameter that is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refit:
+    """The problem under one description of the bench, and its fit."""
+
+    box: GreyBox
+    """Structure, with the channels as described."""
+    decays: tuple[FreeDecay, ...]
+    """Thinned and cut to the first second."""
+    fit: Fit
+    """The optimum."""
+
+    @property
+    def excess(self) -> float:
+        """Mean square residual above the noise's."""
+        return self.fit.cost / sum(decay.n_values for decay in self.decays) - 1.0
+
+
+def as_described(channel: Channel) -> Channel:
+    """Return the channel itself: the description of the bench as it is stated."""
+    return channel
+
+
+def refit(
+    estimation: Estimation,
+    change: Callable[[Channel], Channel | None],
+    near: NDArray[np.float64],
+    mass_states: Callable[[str], str] = str,
+    hold: float = 0.0,
+) -> Refit:
+    """Fit the problem with its channels or mass states described otherwise, on fewer samples.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        The fit as the bench is stated.
+    change : callable
+        From a channel to the channel in its place, or to None to leave it out.
+    near : (n,) float64
+        Unknowns to start from.
+    mass_states : callable, optional
+        From the stated mass state of a run to the one in its place.
+    hold : float
+        Of the first steps (`identify.fit.likelihood.fit`).
+    """
+    changed = (
+        with_channels(_short(decay.thinned(_RATE_HZ)), change) for decay in estimation.decays
+    )
+    decays = tuple(
+        replace(decay, mass_state=mass_states(decay.mass_state))
+        for decay in changed
+        if decay.recordings
+    )
+    groups = dict.fromkeys(r.group for decay in decays for r in decay.recordings)
+    old = estimation.box
+    box = GreyBox(tuple(groups), old.mass_states, old.geometry, old.structure, old.facts)
+    start = parameters_as_start(box, old, near)
+    return Refit(box, decays, fit(box, decays, estimation.noise, start, _TOLERANCE, _STEPS, hold))
+
+
+def parameters_as_start(
+    box: GreyBox, other: GreyBox, eta: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the parameters of a fit as unknowns of a problem of the same structure."""
+    start = np.zeros(len(box.prior_sigma))
+    n = len(other.parameters)
+    start[:n] = eta[:n]
+    return start
+
+
+def largest_shift(before: Refit, after: Refit) -> tuple[float, str]:
+    """Return the largest relative change of a parameter, and which one it is."""
+    names = before.box.parameters
+    n = len(names)
+    moved = np.abs(after.fit.eta[:n] - before.fit.eta[:n])
+    moved[[name in SIGNED for name in names]] = 0.0
+    worst = int(np.argmax(moved))
+    return float(moved[worst]), names[worst]
+
+
+def _short(decay: FreeDecay) -> FreeDecay:
+    return replace(decay, recordings=tuple(r.between(0.0, _LENGTH_S) for r in decay.recordings))

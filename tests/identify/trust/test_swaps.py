@@ -1,0 +1,63 @@
+"""Labels and signals that were exchanged are found, and nothing else is taken for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from daq.runs import ADDED, BASELINE
+from daq.sessions import Session
+from dbc.finding import Severity
+from identify.fit.estimation import estimate, generic_vehicles
+from identify.pipeline import grey_box, usable_records
+from identify.trust.cause_texts import cause_findings
+from identify.trust.swaps import swap_explanation
+
+from .campaigns import campaign, estimated, with_runs
+
+
+def _other_state(session: Session) -> Session:
+    other = {BASELINE: ADDED, ADDED: BASELINE}
+    return with_runs(session, lambda run: replace(run, mass_state=other[run.mass_state]))
+
+
+def _exchanged(session: Session, a: str, b: str) -> Session:
+    """Return the session with the samples of two channels under each other's name."""
+    other = {a: b, b: a}
+    return with_runs(
+        session,
+        lambda run: replace(
+            run,
+            groups=tuple(
+                replace(g, values={other.get(k, k): column for k, column in g.values.items()})
+                for g in run.groups
+            ),
+        ),
+    )
+
+
+SWAPPED = {
+    "mass states swapped": _other_state(campaign("linear", 1)),
+    "hub acceleration of front left and rear left swapped": _exchanged(
+        campaign("linear", 1), "hub_acc_fl", "hub_acc_rl"
+    ),
+    "pitch_rate and roll_rate swapped": _exchanged(
+        campaign("friction", 1), "pitch_rate", "roll_rate"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SWAPPED)
+def test_a_swap_is_named_and_refused(name: str) -> None:
+    session = SWAPPED[name]
+    records = usable_records(session)
+    estimation = estimate(grey_box(session, records), records, generic_vehicles())
+    (finding,) = cause_findings(estimation, ())
+    assert finding.severity is Severity.ERROR
+    assert f"likely cause: {name} " in finding.text
+
+
+@pytest.mark.parametrize("name", ["friction", "hubs_late_5ms", "hot_damper"])
+def test_what_is_no_swap_is_not_taken_for_one(name: str) -> None:
+    assert swap_explanation(estimated(name, 1)) is None
