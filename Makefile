@@ -26,7 +26,7 @@ lint: .venv/test
 
 # The reference of the public API as pages to browse, in build/docs/; needs no network.
 docs: .venv/test
-	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs/reference build/docs
+	$(BIN)/python -m sphinx --fresh-env --fail-on-warning --keep-going --quiet docs/reference build/docs
 
 bench: .venv/bench
 	$(BIN)/python -m tests.benchmarks
