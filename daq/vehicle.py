@@ -188,7 +188,17 @@ class Structure:
 
 
 _CORNER_KINDS = ("m_u", "k_s", "k_t", "c_s")
-_UNITS = {"m": "kg", "I": "kg m2", "k": "N/m", "c": "N s/m", "a": "m", "b": "m", "t": "m", "y": "m"}
+_UNITS = {
+    "m": "kg",
+    "I": "kg m2",
+    "k": "N/m",
+    "c": "N s/m",
+    "F": "N",
+    "a": "m",
+    "b": "m",
+    "t": "m",
+    "y": "m",
+}
 
 
 def parameter_names(structure: Structure) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from daq.vehicle import parameter_unit
 from identify.report.numbers import half_width_percent, largest_share, number
 
 from .output import print_line, print_table
@@ -40,10 +41,16 @@ def _print_beside_truth(
     columns = ["parameter", "truth", "estimate", "95 % interval", "error", "unit"]
     rows = []
     for name, e in parameters.items():
-        error = f"{(e['value'] / truth[name] - 1) * 100:+.2f} %"
-        found = number(e["value"])
-        rows.append([name, number(truth[name]), found, _interval(e), error, e["unit"]])
+        row = [number(e["value"]), _interval(e), _error(e, truth.get(name, 0.0)), e["unit"]]
+        rows.append([name, number(truth.get(name, 0.0)), *row])
+    absent = [name for name in truth if name not in parameters]
+    rows += [[name, number(truth[name]), "-", "", "", parameter_unit(name)] for name in absent]
     print_table("Parameters", columns, rows)
+
+
+def _error(e: EstimateEntry, truth: float) -> str:
+    """Return the error in per cent, or as it is where the truth is zero."""
+    return f"{(e['value'] / truth - 1) * 100:+.2f} %" if truth else number(e["value"])
 
 
 def _print_estimates(

@@ -32,6 +32,10 @@ class Branch(NamedTuple):
     knee_m_s: float
     """Speed of the knee, m/s; the force is ``high v + (low - high) knee tanh(v / knee)``."""
 
+    def times(self, factor: float) -> Branch:
+        """Return a damper of the same shape with other forces."""
+        return Branch(self.low_ns_m * factor, self.high_ns_m * factor, self.knee_m_s)
+
 
 @dataclass(frozen=True, slots=True)
 class Straight:
@@ -160,6 +164,12 @@ def secant_ns_m(curve: DamperCurve) -> float:
     speeds = np.array([[-SECANT_M_S, SECANT_M_S]])
     below, above = damper_law([curve], [1.0]).force(speeds)[0]
     return float((above - below) / (2.0 * SECANT_M_S))
+
+
+def scaled(shape: Digressive, secant: float) -> Digressive:
+    """Return a curve of a given shape whose `secant_ns_m` is `secant`, N s/m."""
+    factor = secant / secant_ns_m(shape)
+    return Digressive(shape.compression.times(factor), shape.rebound.times(factor))
 
 
 def _sides(curve: DamperCurve) -> tuple[float, float]:

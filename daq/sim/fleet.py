@@ -19,7 +19,7 @@ import numpy as np
 from ..vehicle import AddedMass, VehicleParameters
 from .campaign import Plan, Simulated, simulate
 from .car import SimulatedCar
-from .dampers import Branch, Digressive, Table, damper_law, secant_ns_m
+from .dampers import Branch, Digressive, Table, damper_law, scaled, secant_ns_m
 from .fleet_bench import facts_of, fitted_plan, spread
 from .imperfections import Friction, Imperfections, PerAxle, PerCorner
 from .instruments import HUBS, IMU, MESSAGES
@@ -197,14 +197,8 @@ def _damper(secant: float, ranges: Facts, rng: np.random.Generator) -> Digressiv
     shape = Digressive(bump, rebound)
     back, ahead = damper_law([shape], [1.0]).force(np.array([[-0.3, 0.3]]))[0]
     wanted = rng.uniform(*ranges["rebound_over_compression"])
-    shape = Digressive(bump, _times(rebound, -wanted * ahead / back))
-    factor = secant / secant_ns_m(shape)
-    curve = Digressive(_times(shape.compression, factor), _times(shape.rebound, factor))
+    curve = scaled(Digressive(bump, rebound.times(-wanted * ahead / back)), secant)
     return curve if rng.uniform() < 0.5 else _printed(curve)
-
-
-def _times(branch: Branch, factor: float) -> Branch:
-    return Branch(branch.low_ns_m * factor, branch.high_ns_m * factor, branch.knee_m_s)
 
 
 def _printed(curve: Digressive) -> Table:
@@ -217,19 +211,6 @@ def _printed(curve: Digressive) -> Table:
         tuple(zip(bump.tolist(), ahead.tolist(), strict=True)),
         tuple(zip(rebound.tolist(), (-back).tolist(), strict=True)),
     )
-
-
-def true_parameters(car: SimulatedCar) -> dict[str, float]:
-    """Return what an identification should find, by its parameters' names; c_s is the secant."""
-    p, i = car.parameters, car.imperfections
-    beyond = {
-        "k_af": i.bar_front_n_m,
-        "k_ar": i.bar_rear_n_m,
-        "c_tf": i.tyre_damping_front_ns_m,
-        "c_tr": i.tyre_damping_rear_ns_m,
-        "y_s": i.cg_offset_m,
-    }
-    return {name: float(getattr(p, name)) for name in VehicleParameters.__slots__} | beyond
 
 
 def elements(fleet_car: FleetCar, simulated: Simulated) -> frozenset[str]:

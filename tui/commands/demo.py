@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
+from .cars import CarName
 
 _PATIENCE_S = 10.0
 """Longer than the recorder needs for the last frames."""
@@ -18,22 +19,24 @@ def demo(
         "bumpbench-demo"
     ),
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")] = 1,
+    car: CarName = "granada",
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> int:
     """Bump a simulated car, record it on a virtual bus, identify it and compare with the truth."""
     import os
     import threading
     import time
-    from dataclasses import asdict
 
     import identify as method
-    from daq.bench.config import bench_codec, load_bench, on_bus
+    from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench
+    from daq.bench.edit import with_vehicle
     from daq.bus.interfaces import open_bus, open_source
     from daq.control.lock import lone_recorder
     from daq.control.messages import Phase, Status
     from daq.replay.replay import play
-    from daq.sim.car import SimulatedCar
+    from daq.sim.cars import GRANADA, named_car
     from daq.sim.ecu import campaign_frames
+    from daq.sim.reported import present_parameters
 
     from ..output import print_json, print_line, progress
     from ..recorders.daemon import Habits
@@ -47,8 +50,13 @@ def demo(
     )
     from ..result import print_identification
 
-    bench = on_bus(load_bench(None), "virtual", f"bumpbench-demo-{os.getpid()}")
-    car = SimulatedCar()
+    chosen = named_car(car)
+    described = load_bench(None)
+    if car != GRANADA:
+        text = with_vehicle(described.text, chosen.title, described.vehicle.structure)
+        described = parse_bench(text, "bench.toml (shipped)", Path())
+    bench = on_bus(described, "virtual", f"bumpbench-demo-{os.getpid()}")
+    simulated = chosen.simulated()
     armed, stop = threading.Event(), threading.Event()
 
     def follow(status: Status) -> None:
@@ -60,7 +68,7 @@ def demo(
     def drive() -> None:
         armed.wait()
         with open_bus(bench.bus) as bus:
-            frames = campaign_frames(bench, bench_codec(bench), car, seed, time.time_ns())
+            frames = campaign_frames(bench, bench_codec(bench), simulated, seed, time.time_ns())
             for _ in play(frames, bus, None):
                 if stop.is_set():
                     return
@@ -80,7 +88,7 @@ def demo(
     path, session = recorded_session(last)
     with progress("identify") as stage:
         result = method.identify(session, stage)
-    truth, document = asdict(car.parameters), result.document()
+    truth, document = present_parameters(simulated), result.document()
     if json:
         print_json({**document, "truth": truth, "session": str(path)})
     else:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from .cars import CarName
+
 
 def simulate(
     bench: Annotated[
@@ -16,32 +18,33 @@ def simulate(
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")] = 1,
     fast: Annotated[bool, typer.Option(help="Send as fast as the bus takes the frames.")] = False,
+    car: CarName = "granada",
     json: Annotated[bool, typer.Option("--json", help="Print the truth as JSON.")] = False,
 ) -> None:
     """Play a campaign of the simulated car on a bus, frame by frame, in real time."""
     import time
     from bisect import bisect_right
-    from dataclasses import asdict
     from itertools import accumulate
 
     from daq.bench.config import bench_codec
     from daq.bus.interfaces import open_bus
     from daq.replay.replay import play
-    from daq.sim.car import SimulatedCar
+    from daq.sim.cars import named_car
     from daq.sim.ecu import campaign_frames
+    from daq.sim.reported import present_parameters
     from identify.report.numbers import number
 
     from ..bench import shared_bench
     from ..output import print_json, print_table, progress
 
+    # On a busy host the frames of a bump arrive late, and the rest after it must still be seen.
+    simulated = named_car(car).simulated(tail_s=3.5)
     described = shared_bench(bench, interface, channel)
     codec = bench_codec(described)
-    # On a busy host the frames of a bump arrive late, and the rest after it must still be seen.
-    car = SimulatedCar(tail_s=3.5)
     steps = described.campaign.steps
     with open_bus(described.bus) as bus, progress("simulate") as stage:
         batches = []
-        for batch in campaign_frames(described, codec, car, seed, time.time_ns()):
+        for batch in campaign_frames(described, codec, simulated, seed, time.time_ns()):
             batches.append(batch)
             stage(0.0, f"computing run {len(batches)} of {len(steps)}")
         ends = list(accumulate(map(len, batches)))
@@ -50,7 +53,7 @@ def simulate(
             sent = count
             run = min(bisect_right(ends, sent), len(steps) - 1)
             stage(sent / ends[-1], f"playing {steps[run].label}")
-    truth = asdict(car.parameters)
+    truth = present_parameters(simulated)
     if json:
         print_json({"truth": truth, "frames": sent})
     else:

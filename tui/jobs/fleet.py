@@ -25,7 +25,8 @@ def identified_car(seed: int, facts: bool, travels: bool, number: int) -> FleetC
     from time import process_time
 
     import identify
-    from daq.sim.fleet import elements, fleet_car, true_parameters
+    from daq.sim.fleet import elements, fleet_car
+    from daq.sim.reported import true_parameters
     from identify.study.fleet import fleet_case
 
     drawn = fleet_car(number, seed, facts, travels)

@@ -8,9 +8,10 @@ import pytest
 from daq.runs import ADDED, BASELINE
 from daq.sim.balance import contact
 from daq.sim.dampers import Table, damper_law, secant_ns_m
-from daq.sim.fleet import FleetCar, elements, fleet_car, true_parameters
+from daq.sim.fleet import FleetCar, elements, fleet_car
 from daq.sim.load import load_car
 from daq.sim.motion import standing
+from daq.sim.reported import true_parameters
 from daq.vehicle import AddedMass, BodyWeight, FactQuantity
 
 CARS = tuple(fleet_car(number, 1) for number in range(100))

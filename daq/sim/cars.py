@@ -1,0 +1,119 @@
+"""Real cars by name, with their sources: parameter sets of public data, worn ones beside them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from functools import cache
+from importlib.resources import files
+from math import inf
+from typing import Any
+
+from ..errors import InputError
+from ..vehicle import FORD_GRANADA, VehicleParameters
+from .car import SimulatedCar
+from .dampers import Branch, DamperCurve, Digressive, Straight, Table, scaled, secant_ns_m
+from .imperfections import ALIKE, NONE, Friction, Imperfections, PerAxle
+
+GRANADA = "granada"
+"""The paper's car: linear, without any imperfection."""
+
+
+@dataclass(frozen=True, slots=True)
+class NamedCar:
+    """A car that can be asked for by its name."""
+
+    name: str
+    """For the command line."""
+    title: str
+    """For people."""
+    source: str
+    """Where its figures come from, and what is assumed."""
+    parameters: VehicleParameters
+    """Its 15 parameters; c_s is the secant of the damper curve of an axle without wear."""
+    imperfections: Imperfections
+    """What distinguishes it from them."""
+
+    def simulated(self, **changes: Any) -> SimulatedCar:
+        """Return it for a simulated bench; `changes` are fields of `SimulatedCar`."""
+        made = SimulatedCar(parameters=self.parameters, imperfections=self.imperfections)
+        return replace(made, **changes)
+
+
+def car_names() -> tuple[str, ...]:
+    """Return the names of all cars."""
+    return (GRANADA, *_entries())
+
+
+def named_car(name: str) -> NamedCar:
+    """Return a car by its name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name; it names the nearest ones.
+    """
+    if name == GRANADA:
+        return NamedCar(name, "Ford Granada", "the paper's Table 1", FORD_GRANADA, NONE)
+    entries = _entries()
+    if name not in entries:
+        near = get_close_matches(name.lower(), car_names(), 3, 0.5) or car_names()
+        raise InputError(f"--car {name}", "is unknown", f"did you mean {' or '.join(near)}?")
+    entry = entries[name]
+    described = {**entries[entry["like"]], **entry} if "like" in entry else entry
+    published = VehicleParameters(**described["parameters"])
+    front = _curve(described, "front", published.c_sf)
+    rear = _curve(described, "rear", published.c_sr)
+    return NamedCar(
+        name=name,
+        title=described["title"],
+        source=f"{described['source']}; assumed: {described['assumed']}",
+        parameters=replace(published, c_sf=secant_ns_m(front), c_sr=secant_ns_m(rear)),
+        imperfections=_imperfections(described, front, rear),
+    )
+
+
+@cache
+def _entries() -> Mapping[str, Mapping[str, Any]]:
+    text = files(__package__).joinpath("cars.toml").read_text("utf-8")
+    return {entry["name"]: entry for entry in tomllib.loads(text)["car"]}
+
+
+def _curve(entry: Mapping[str, Any], axle: str, c_s: float) -> DamperCurve:
+    """Return a damper: a printed table, a shape that is scaled to c_s, or a straight line."""
+    if table := entry.get(f"table_{axle}"):
+        return Table(*(tuple(map(_point, table[way])) for way in ("compression", "rebound")))
+    if shape := entry.get(f"damper_{axle}"):
+        return scaled(Digressive(Branch(*shape["compression"]), Branch(*shape["rebound"])), c_s)
+    return Straight(c_s, c_s)
+
+
+def _point(pair: list[float]) -> tuple[float, float]:
+    speed, force = pair
+    return speed, force
+
+
+def _imperfections(
+    entry: Mapping[str, Any], front: DamperCurve, rear: DamperCurve
+) -> Imperfections:
+    def axles(key: str, absent: float) -> PerAxle:
+        at_front, at_rear = entry.get(key, (absent, absent))
+        return at_front, at_rear
+
+    bars = axles("bars_n_m", 0.0)
+    fl, fr, rl, rr = entry.get("damper_factors", ALIKE)
+    return Imperfections(
+        friction=Friction(*axles("friction_n", 0.0)),
+        damper_front=front,
+        damper_rear=rear,
+        mount_n_m=axles("mounts_n_m", inf),
+        quadratic_n_m2=axles("quadratic_n_m2", 0.0),
+        stop_gap_m=axles("stop_gap_m", inf),
+        stop_n_m=axles("stop_n_m", 0.0),
+        bar_front_n_m=bars[0],
+        bar_rear_n_m=bars[1],
+        tyre_progression_per_m=axles("tyre_progression_per_m", 0.0),
+        damper=(fl, fr, rl, rr),
+    )

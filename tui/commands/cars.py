@@ -1,0 +1,18 @@
+"""The option `--car` of the commands that simulate one."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+CarName = Annotated[
+    str,
+    typer.Option(
+        "--car",
+        metavar="NAME",
+        help="Which car: granada (linear), granada-rough, granada-worn, escort, escort-worn,"
+        " bmw-320i, bmw-330i, vanagon, vanagon-worn, cherokee.",
+    ),
+]
+"""Names of `daq.sim.cars.car_names`; written out, so that --help reads no file."""
