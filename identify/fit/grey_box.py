@@ -210,8 +210,7 @@ class GreyBox:
             Derivative of the predicted value.
         """
         points = stepped(eta)
-        # The cross weight is the last unknown, if there is one; no other fact asks for it.
-        full, cross = self.full(points), _CROSS_SCALE_KG * points[:, -1]
+        full, cross = self.full(points), self.cross_kg(points)
         misfits, slopes = np.zeros(len(self.facts)), np.zeros((len(self.facts), len(eta)))
         for i, fact in enumerate(self.facts):
             value = predicted(fact, full, cross)
@@ -219,38 +218,63 @@ class GreyBox:
             slopes[i] = value[1:].imag / COMPLEX_STEP / fact.sigma
         return misfits, slopes
 
+    def cross_kg(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return what the front left corner carries beyond its share, (n,) kg, at `eta`, (n, P)."""
+        if not any(fact.quantity in CORNERS for fact in self.facts):
+            return np.zeros(len(eta), dtype=complex)
+        return np.asarray(_CROSS_SCALE_KG * eta[:, len(self.prior_sigma) - 1])
+
+    def masses_kg(
+        self, eta: NDArray[np.complex128], state: MassState
+    ) -> NDArray[np.complex128]:
+        """Return the weights of a mass state as corrected, (n, n_weights) kg, at `eta`, (n, P)."""
+        first = self._first_delay + len(self._late)
+        nominal = np.array([w.mass_kg for w in state.added.weights], dtype=complex)
+        masses = np.tile(nominal, (len(eta), 1))
+        for p, (name, i) in enumerate(self._weights, start=first):
+            if name == state.name:
+                masses[:, i] += eta[:, p]
+        return masses
+
     def _evaluate(
         self, eta: NDArray[np.complex128], state: MassState
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return A, (n, 14, 14), and the output rows, (n, n_channels, 14), at `eta`, (n, P)."""
         full = self.full(eta)
         M, C, K = full_matrices(full)
-        first = self._first_delay + len(self._late)
-        masses = np.tile(
-            np.array([w.mass_kg for w in state.added.weights], dtype=complex), (len(eta), 1)
-        )
-        for p, (name, i) in enumerate(self._weights, start=first):
-            if name == state.name:
-                masses[:, i] += eta[:, p]
+        masses = self.masses_kg(eta, state)
         A = state_matrix(M + delta_mass(state.added, full[:, 19], masses, full[:, 27]), C, K)
-        rows = [self._row(channel, eta, full, A) for channel in self._channels]
+        rows = [
+            self._row(channel, row, A)
+            for channel, row in zip(self._channels, self._motion_rows(eta, full), strict=True)
+        ]
         return A, np.stack(rows, axis=1)
 
+    def motion_rows(
+        self, eta: NDArray[np.complex128]
+    ) -> dict[str, NDArray[np.complex128]]:
+        """Return each channel's row on the seven motions, (n, 7), time derivative apart."""
+        rows = self._motion_rows(eta, self.full(eta))
+        return dict(zip([channel.name for channel in self._channels], rows, strict=True))
+
+    def _motion_rows(
+        self, eta: NDArray[np.complex128], full: NDArray[np.complex128]
+    ) -> list[NDArray[np.complex128]]:
+        rows = []
+        for channel in self._channels:
+            x, y = channel.x_m + full[:, 19], channel.y_m - full[:, 27]
+            if channel.at_cg:
+                x, y = 0.0 * x, 0.0 * y
+            elif channel.name in self._loose:
+                p = len(self.parameters) + 2 * self._loose.index(channel.name)
+                x, y = x + eta[:, p], y + eta[:, p + 1]
+            rows.append(motion_row(channel, x, y, full[:, [19, 20, 21, 22, 27]]))
+        return rows
+
     def _row(
-        self,
-        channel: Channel,
-        eta: NDArray[np.complex128],
-        full: NDArray[np.complex128],
-        A: NDArray[np.complex128],
+        self, channel: Channel, row: NDArray[np.complex128], A: NDArray[np.complex128]
     ) -> NDArray[np.complex128]:
         """Return the output row of a channel on the state (X, dX/dt), (n, 14)."""
-        x, y = channel.x_m + full[:, 19], channel.y_m - full[:, 27]
-        if channel.at_cg:
-            x, y = 0.0 * x, 0.0 * y
-        elif channel.name in self._loose:
-            p = len(self.parameters) + 2 * self._loose.index(channel.name)
-            x, y = x + eta[:, p], y + eta[:, p + 1]
-        row = motion_row(channel, x, y, full[:, [19, 20, 21, 22, 27]])
         zero = np.zeros_like(row)
         match TIME_DERIVATIVE[channel.quantity]:
             case 2:

@@ -1,0 +1,7 @@
+"""Maximum likelihood for a car that is not linear: friction, damper curves, stops, mounts, tyres.
+
+The states of a run are integrated over time with the elements of `identify.elements`; their
+derivatives by the unknowns are integrated along that path.  Everything that belongs to one run is
+eliminated run by run, so that what leaves this room is what leaves the linear fit: a share of cost,
+gradient and information for each run.
+"""

@@ -1,0 +1,53 @@
+"""The integrator by Numba."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import kernels
+from .car import Car
+from .level import PATH
+from .path import STATES, Own, Path, Sampled, first_state
+from .tangent import Plan, Start
+
+
+def integrate(car: Car, own: Own, end_s: float, step_s: float) -> Path | None:
+    """Return the path of a run up to `end_s` or just after; None if it does not stay finite."""
+    x0, speed = first_state(car, own)
+    steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8
+    states, slopes = np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES))
+    speeds = np.empty((steps + 1, 4))
+    reached = kernels.path(
+        x0, speed, steps, step_s, *_body(car), PATH, car.has_mount, states, slopes, speeds
+    )
+    return Path(step_s, states, slopes, speeds) if reached == steps + 1 else None
+
+
+def sample(car: Car, path: Path, times_s: NDArray[np.float64]) -> Sampled:
+    """Return the states at the given times, s."""
+    states, slopes = np.empty((len(times_s), STATES)), np.empty((len(times_s), STATES))
+    speeds = np.empty((len(times_s), 4))
+    kernels.sample(
+        times_s, path.step_s, path.states, path.slopes, path.speeds, *_body(car), PATH,
+        car.has_mount, states, slopes, speeds,
+    )  # fmt: skip
+    return Sampled(times_s, states, slopes, speeds)
+
+
+def tangents(car: Car, path: Path, start: Start, plan: Plan, sampled: Sampled) -> NDArray[np.float64]:
+    """Return the derivatives of heave, speed and acceleration at the samples, (n, 21, columns)."""
+    corner, knots, inverse, _ = _body(car)
+    out = np.empty((len(sampled.times_s), 21, start.matrix.shape[1]))
+    kernels.tangents(
+        start.matrix, path.step_s, path.states, path.slopes, path.speeds, corner, knots, inverse,
+        car.has_mount, start.sparse, start.body, plan.starts, plan.lengths, plan.fine, plan.levels,
+        sampled.times_s, sampled.states, sampled.slopes, sampled.speeds, out,
+    )  # fmt: skip
+    return out
+
+
+def _body(
+    car: Car,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    return car.corner, np.array(car.knots), np.linalg.inv(car.mass), car.pull

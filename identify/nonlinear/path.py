@@ -1,0 +1,107 @@
+"""The path of one run: all states over time, and what they are at the samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..elements.damper import knee, knee_slope
+from .car import C, KNEES, LENGTH, MOUNT, RATIO, Car, X, Y
+from .level import PATH
+
+STATES = 22
+"""Seven displacements, their speeds, and at each corner the share of friction and the mount."""
+STEP_S = 2.5e-3 / 8
+"""Of the path, s."""
+POLISH_STEP_S = 2.5e-3 / 10
+"""Of the path in the last steps of a fit, s: the tangents take two of them at once."""
+_SHORT_M = 0.15e-3
+"""Pre-sliding length, m, below which the friction asks for half the step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """What belongs to one run: how the car moves as the free decay begins."""
+
+    motion: NDArray[np.float64]
+    """(14,) displacements and speeds of `daq.vehicle.DOF`, from the rest of the bare car."""
+    friction: NDArray[np.float64]
+    """(4,) share of the friction that acts at each corner, -1..1."""
+    mount: NDArray[np.float64]
+    """(4,) deflection of each damper's mount beyond that of its force, m."""
+
+    def moved(self, step: NDArray[np.float64]) -> Own:
+        """Return the state after a step, (18,) or with mounts (22,)."""
+        mount = self.mount + step[18:] if len(step) > 18 else self.mount
+        friction = np.clip(self.friction + step[14:18], -1.2, 1.2)
+        return Own(self.motion + step[:14], friction, mount)
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """All states at evenly spaced nodes."""
+
+    step_s: float
+    states: NDArray[np.float64]
+    """(n, 22)."""
+    slopes: NDArray[np.float64]
+    """(n, 22), their rates of change."""
+    speeds: NDArray[np.float64]
+    """(n, 4), of the dampers, m/s."""
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last node, s."""
+        return (len(self.states) - 1) * self.step_s
+
+
+@dataclass(frozen=True, slots=True)
+class Sampled:
+    """The states at given times."""
+
+    times_s: NDArray[np.float64]
+    states: NDArray[np.float64]
+    """(n, 22)."""
+    slopes: NDArray[np.float64]
+    """(n, 22)."""
+    speeds: NDArray[np.float64]
+    """(n, 4)."""
+
+    def motion(self, derivative: int) -> NDArray[np.float64]:
+        """Return displacement, speed or acceleration of the degrees of freedom, (n, 7)."""
+        return self.slopes[:, 7:14] if derivative == 2 else self.states[:, 7 * derivative :][:, :7]
+
+
+def travel_speeds(car: Car, motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the speeds of the four suspensions, (..., 4) m/s, compression positive."""
+    body = motion[..., 7:8] - motion[..., 8:9] * car.corner[:, X] + motion[..., 9:10] * (
+        car.corner[:, Y]
+    )
+    return np.asarray(motion[..., 10:14] - body)
+
+
+def damper_curve(
+    car: Car, speed: NDArray[np.float64], width: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return force and slope of the axle's curve at the four dampers' speeds, (..., 4) each."""
+    force, slope = car.corner[:, C] * speed, car.corner[:, C] + 0.0 * speed
+    for j, at in enumerate(car.knots):
+        h = car.corner[:, KNEES + j]
+        force, slope = force + h * knee(speed, at, width), slope + h * knee_slope(speed, at, width)
+    return force, slope
+
+
+def first_state(car: Car, own: Own) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the state at the start, (22,), and the speeds of the dampers, (4,)."""
+    speed = travel_speeds(car, own.motion)
+    force, _ = damper_curve(car, speed, PATH.knee_m_s)
+    mount = car.corner[:, MOUNT] * car.corner[:, RATIO] * force + own.mount
+    return np.concatenate([own.motion, own.friction, mount]), speed
+
+
+def step_of(cars: list[Car], usual_s: float) -> float:
+    """Return the step that the shortest pre-sliding length allows, s."""
+    shortest = min(float(car.corner[:, LENGTH].min()) for car in cars)
+    return usual_s / 2.0 if shortest < _SHORT_M else usual_s

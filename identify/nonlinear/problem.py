@@ -1,0 +1,142 @@
+"""All runs, facts and priors at one point of the unknowns: cost, and normal equations reduced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .car import Car, Model, car
+from .path import POLISH_STEP_S, STEP_S, Own, step_of
+from .run import Block, Predicted, Rows, Run, block, predict, rows_of
+from .tangent import acting
+
+_FRICTION_PRIOR = 1.0
+"""Standard deviation of the share of friction that acts at the start."""
+_MOUNT_PRIOR_M = 5e8
+"""Standard deviation, m, of the mount's first deflection beyond its force, over sigma squared."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted, and which unknowns are free."""
+
+    model: Model
+    runs: tuple[Run, ...]
+    centre: NDArray[np.float64]
+    """(P,) mean of each prior."""
+    prior: NDArray[np.float64]
+    """(P,) its standard deviation; infinite where there is none."""
+    free: NDArray[np.intp]
+    """(F,) positions of the unknowns that are fitted."""
+
+    def releasing(self, free: NDArray[np.intp]) -> Problem:
+        """Return the problem with other free unknowns."""
+        return replace(self, free=free)
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest value of each free unknown."""
+        low, high = np.full(len(self.centre), -np.inf), np.full(len(self.centre), np.inf)
+        for i, e in enumerate(self.model.elements, start=self.model.first):
+            low[i], high[i] = e.unknown(e.low), e.unknown(e.high)
+        return low[self.free], high[self.free]
+
+
+@dataclass(frozen=True)
+class Point:
+    """The problem at one point; its blocks are made on demand."""
+
+    problem: Problem
+    eta: NDArray[np.float64]
+    owns: tuple[Own, ...]
+    cars: tuple[Car, ...]
+    """Of each run."""
+    rows: Rows
+    predicted: tuple[Predicted, ...]
+    cost: float
+    polish: bool
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations at a point."""
+
+    blocks: tuple[Block, ...]
+    shared: NDArray[np.float64]
+    """(F, F) of facts and priors alone."""
+    right: NDArray[np.float64]
+    """(F,)."""
+
+
+def _each(work: Callable[..., object], *lists: Sequence[object]) -> list:
+    """Return the results of independent runs; compiled code lets two of them run at a time."""
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(work, *lists))
+
+
+def point(
+    problem: Problem, eta: NDArray[np.float64], owns: tuple[Own, ...], polish: bool
+) -> Point | None:
+    """Return the problem at `eta`, (P,); None if a path does not stay finite."""
+    model = problem.model
+    present = {run.decay.mass_state for run in problem.runs}
+    states = {s.name: s for s in model.box.mass_states if s.name in present}
+    cars = {name: car(model, eta, state, problem.free) for name, state in states.items()}
+    rows = rows_of(model, eta, problem.free)
+    step_s = step_of(list(cars.values()), POLISH_STEP_S if polish else STEP_S)
+    each = tuple(cars[run.decay.mass_state] for run in problem.runs)
+    found = _each(
+        lambda run, one, own: predict(model, run, one, rows, own, step_s), problem.runs, each, owns
+    )
+    if any(one is None for one in found):
+        return None
+    cost = sum(one.cost for one in found)
+    cost += sum(float(own.friction @ own.friction) / _FRICTION_PRIOR**2 for own in owns)
+    for one, own in zip(each, owns, strict=True):
+        if one.has_mount:
+            cost += float(np.sum((own.mount / _mount_sd(one)) ** 2))
+    misfits, _ = model.box.fact_misfits(eta)
+    cost += float(misfits @ misfits)
+    cost += float(np.sum(((eta - problem.centre) / problem.prior)[problem.free] ** 2))
+    return Point(problem, eta, owns, each, rows, tuple(found), cost, polish)
+
+
+def _mount_sd(one: Car) -> NDArray[np.float64]:
+    from .car import MOUNT
+
+    return np.maximum(_MOUNT_PRIOR_M * one.corner[:, MOUNT] ** 2, 1e-9)
+
+
+def normal(at: Point) -> Normal:
+    """Return the normal equations at a point."""
+    problem, model = at.problem, at.problem.model
+    acts = acting(list({id(one): one for one in at.cars}.values()))
+    blocks = _each(
+        lambda run, one, own, found: _own_priors(
+            block(model, run, one, at.rows, own, found, acts, at.polish), one, own
+        ),
+        problem.runs, at.cars, at.owns, at.predicted,
+    )  # fmt: skip
+    misfits, slopes = model.box.fact_misfits(at.eta)
+    slopes = slopes[:, problem.free]
+    weight = problem.prior[problem.free] ** -2
+    shared = slopes.T @ slopes + np.diag(weight)
+    right = slopes.T @ misfits - weight * (at.eta - problem.centre)[problem.free]
+    return Normal(tuple(blocks), shared, right)
+
+
+def _own_priors(given: Block, one: Car, own: Own) -> Block:
+    A, right = given.A.copy(), given.own.copy()
+    k = np.arange(14, 18)
+    A[k, k] += _FRICTION_PRIOR**-2
+    right[k] -= own.friction * _FRICTION_PRIOR**-2
+    if one.has_mount:
+        k = np.arange(18, 22)
+        weight = _mount_sd(one) ** -2
+        A[k, k] += weight
+        right[k] -= own.mount * weight
+    return replace(given, A=A, own=right)

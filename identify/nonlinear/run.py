@@ -1,0 +1,223 @@
+"""One run: what the model predicts of its samples, and its normal equations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import TIME_DERIVATIVE
+
+from ..decay import FreeDecay, Recording
+from ..greybox import COMPLEX_STEP, stepped
+from ..low_pass import low_pass_of
+from . import fast
+from .car import Car, Model
+from .filtered import filtered
+from .path import Own, Path, Sampled
+from .tangent import plan_of, start_of
+
+_FILTER_STEP_S = 2.5e-3 / 4
+_LATE_S = 2e-4
+"""Step, s, of the derivative of a channel by time."""
+_EARLY_SIGMAS = 4.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """A free decay, and what of the problem it needs to know."""
+
+    decay: FreeDecay
+    weights: tuple[NDArray[np.float64], ...]
+    """Inverse standard deviation of each channel of each recording."""
+    early_s: float
+    """How much before the window the path begins, for sensors that may be late."""
+
+    @cached_property
+    def bases(self) -> tuple[NDArray[np.float64], ...]:
+        """Orthonormal functions of each recording that are its channels' own, (n, k)."""
+        result = []
+        for r in self.decay.recordings:
+            own = low_pass_of(r.clock.channels[0]).transients(r.time_s)
+            result.append(np.linalg.qr(np.hstack([np.ones((len(r.time_s), 1)), own]))[0])
+        return tuple(result)
+
+    @property
+    def freedom(self) -> float:
+        """Samples less what is the channels' own."""
+        pairs = zip(self.decay.recordings, self.bases, strict=True)
+        return float(sum((len(q) - q.shape[1]) * r.values.shape[1] for r, q in pairs))
+
+    @property
+    def end_s(self) -> float:
+        """Length of the path, s."""
+        last = max(float(r.time_s[-1]) for r in self.decay.recordings)
+        return last + 2.0 * self.early_s + 2e-3
+
+
+def run_of(model: Model, decay: FreeDecay, sigma: Mapping[str, float]) -> Run:
+    """Return a decay ready to be fitted."""
+    weights = tuple(
+        np.array([1.0 / sigma[c.name] for c in r.clock.channels]) for r in decay.recordings
+    )
+    unsure = max((clock.delay_sigma_s for clock in model.box.clocks), default=0.0)
+    return Run(decay, weights, _EARLY_SIGMAS * unsure + 2.0 * _LATE_S * (unsure > 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Output rows of all channels on the seven motions at one point, with their derivatives."""
+
+    rows: Mapping[str, NDArray[np.float64]]
+    """(7,) of each channel."""
+    slopes: Mapping[str, NDArray[np.float64]]
+    """(F, 7)."""
+    delays_s: NDArray[np.float64]
+    """Lateness of each clock beyond its nominal one."""
+    late: tuple[int | None, ...]
+    """Which of the free unknowns is that lateness."""
+
+
+def rows_of(model: Model, eta: NDArray[np.float64], free: NDArray[np.intp]) -> Rows:
+    """Return the output rows at `eta`, (P,), and their derivatives by the unknowns at `free`."""
+    points = stepped(eta)[np.concatenate([[0], 1 + free])]
+    found = model.box.motion_rows(points)
+    box = model.box
+    late = []
+    for i in range(len(box.clocks)):
+        p = box.delay_index(i)
+        late.append(int(np.flatnonzero(free == p)[0]) if p is not None and p in free else None)
+    return Rows(
+        {name: row[0].real for name, row in found.items()},
+        {name: row[1:].imag / COMPLEX_STEP for name, row in found.items()},
+        box.delays_s(eta),
+        tuple(late),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """A run's path, and what it leaves of the samples."""
+
+    path: Path
+    left: tuple[NDArray[np.float64], ...]
+    """Measured less predicted of each recording, (n, channels) in units of sigma; what is the
+    channels' own is taken out."""
+    cost: float
+
+
+def _times(run: Run, rows: Rows, model: Model, r: Recording) -> NDArray[np.float64]:
+    return np.asarray(r.time_s - rows.delays_s[model.box.clocks.index(r.clock)] + run.early_s)
+
+
+def predict(model: Model, run: Run, car: Car, rows: Rows, own: Own, step_s: float) -> Predicted | None:
+    """Return what a run leaves at one point; None where its path does not stay finite."""
+    path = fast.integrate(car, own, run.end_s, step_s)
+    if path is None:
+        return None
+    left = []
+    for r, weight, basis in zip(run.decay.recordings, run.weights, run.bases, strict=True):
+        values = _values(car, rows, path, r, _times(run, rows, model, r))
+        error = (r.values - values) * weight
+        left.append(error - basis @ (basis.T @ error))
+    return Predicted(path, tuple(left), float(sum(np.sum(e * e) for e in left)))
+
+
+def _values(
+    car: Car, rows: Rows, path: Path, r: Recording, times: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    low_pass = low_pass_of(r.clock.channels[0])
+    if not len(low_pass.poles):
+        return _seen(rows, r, fast.sample(car, path, times))
+    nodes = Sampled(np.zeros(0), path.states, path.slopes, path.speeds)
+    return filtered(low_pass, _seen(rows, r, nodes), path.step_s, times)
+
+
+def _seen(rows: Rows, r: Recording, sampled: Sampled) -> NDArray[np.float64]:
+    columns = [
+        sampled.motion(TIME_DERIVATIVE[c.quantity]) @ rows.rows[c.name] for c in r.clock.channels
+    ]
+    return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Normal equations of one run: its own unknowns, then the free ones of the car."""
+
+    A: NDArray[np.float64]
+    B: NDArray[np.float64]
+    C: NDArray[np.float64]
+    own: NDArray[np.float64]
+    """Right-hand side of the run's own unknowns."""
+    shared: NDArray[np.float64]
+    jacobian: tuple[NDArray[np.float64], ...]
+    """Of each recording, (n, channels, own + free), in units of sigma."""
+
+
+def block(
+    model: Model,
+    run: Run,
+    car: Car,
+    rows: Rows,
+    own: Own,
+    predicted: Predicted,
+    acts: NDArray[np.intp],
+    polish: bool,
+) -> Block:
+    """Return the normal equations of a run at the point of `predicted`."""
+    path = predicted.path
+    start, plan = start_of(car, own, acts), plan_of(car, path, polish)
+    n_own = start.matrix.shape[1] - len(acts)
+    n_free = car.d_corner.shape[2]
+    grid = np.zeros(0)
+    if any(len(low_pass_of(r.clock.channels[0]).poles) for r in run.decay.recordings):
+        grid = np.arange(0.0, path.end_s + 1e-9, _FILTER_STEP_S)
+        grid = grid[: len(grid) - (len(grid) + 1) % 2]
+    stamps = [
+        grid if len(low_pass_of(r.clock.channels[0]).poles) else _times(run, rows, model, r)
+        for r in run.decay.recordings
+    ]
+    every, back = np.unique(np.concatenate(stamps), return_inverse=True)
+    sampled = fast.sample(car, path, every)
+    moved = fast.tangents(car, path, start, plan, sampled)
+    jacobian = []
+    first = 0
+    for r, weight, basis, times in zip(
+        run.decay.recordings, run.weights, run.bases, stamps, strict=True
+    ):
+        at = back[first : first + len(times)]
+        first += len(times)
+        mine = Sampled(times, sampled.states[at], sampled.slopes[at], sampled.speeds[at])
+        J = np.zeros((len(times), len(r.clock.channels), n_own + n_free))
+        for c, channel in enumerate(r.clock.channels):
+            order = TIME_DERIVATIVE[channel.quantity]
+            row = rows.rows[channel.name]
+            part = np.tensordot(moved[:, 7 * order : 7 * order + 7], row, axes=(1, 0))[at]
+            J[:, c, :n_own] = part[:, :n_own]
+            J[:, c, n_own + acts] = part[:, n_own:]
+            J[:, c, n_own:] += mine.motion(order) @ rows.slopes[channel.name].T
+        low_pass = low_pass_of(r.clock.channels[0])
+        asked = _times(run, rows, model, r)
+        if len(low_pass.poles):
+            J = filtered(low_pass, J, _FILTER_STEP_S, asked)
+        late = rows.late[model.box.clocks.index(r.clock)]
+        if late is not None:
+            after = _values(car, rows, path, r, asked + _LATE_S)
+            before = _values(car, rows, path, r, asked - _LATE_S)
+            J[:, :, n_own + late] -= (after - before) / (2.0 * _LATE_S)
+        J *= weight[:, None]
+        J -= np.tensordot(basis, np.tensordot(basis, J, axes=(0, 0)), axes=(1, 0))
+        jacobian.append(J)
+    size = n_own + n_free
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    for J, left in zip(jacobian, predicted.left, strict=True):
+        flat = J.reshape(-1, size)
+        normal += flat.T @ flat
+        right += flat.T @ left.ravel()
+    return Block(
+        normal[:n_own, :n_own], normal[:n_own, n_own:], normal[n_own:, n_own:],
+        right[:n_own], right[n_own:], tuple(jacobian),
+    )  # fmt: skip
