@@ -35,14 +35,15 @@ def sample(car: Car, path: Path, times_s: NDArray[np.float64]) -> Sampled:
     return Sampled(times_s, states, slopes, speeds)
 
 
-def tangents(car: Car, path: Path, start: Start, plan: Plan, sampled: Sampled) -> NDArray[np.float64]:
+def tangents(car: Car, path: Path, start: Start, plan: Plan, sampled: Sampled,
+    forced: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the derivatives of heave, speed and acceleration at the samples, (n, 21, columns)."""
     corner, knots, inverse, _ = _body(car)
     out = np.empty((len(sampled.times_s), 21, start.matrix.shape[1]))
     kernels.tangents(
         start.matrix, path.step_s, path.states, path.slopes, path.speeds, corner, knots, inverse,
         car.has_mount, start.sparse, start.body, plan.starts, plan.lengths, plan.fine, plan.levels,
-        sampled.times_s, sampled.states, sampled.slopes, sampled.speeds, out,
+        sampled.times_s, forced, sampled.states, sampled.slopes, sampled.speeds, out,
     )  # fmt: skip
     return out
 

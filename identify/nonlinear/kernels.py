@@ -16,10 +16,13 @@ from .car import (
     STATIC, X, Y,
 )  # fmt: skip
 
+_LOOSE = {"reassoc", "contract", "arcp", "nsz"}
+"""What the compiler may rearrange; NaN must stay NaN."""
+
 for _module in (hinge, spring, stop, bar, damper, friction, tyre, mount):
     for _name, _formula in vars(_module).items():
         if callable(_formula) and getattr(_formula, "__module__", "") == _module.__name__:
-            register_jitable(error_model="numpy")(_formula)
+            register_jitable(error_model="numpy", fastmath=_LOOSE)(_formula)
 
 hinge_, hinge_slope = hinge.hinge, hinge.hinge_slope
 knee, knee_slope = damper.knee, damper.knee_slope
@@ -46,7 +49,7 @@ def _curve(p, knots, r, width):
     return force, slope
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=_LOOSE)
 def _damper_speed(p, knots, level, e, w, r):
     for _ in range(25):
         force, slope = _curve(p, knots, r, level[0])
@@ -59,7 +62,7 @@ def _damper_speed(p, knots, level, e, w, r):
     return r
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=_LOOSE)
 def rates(x, p, knots, inverse, pull, level, mounted, r, out):
     """Write the rates of change of a state, (22,), and the dampers' speeds, (4,)."""
     f0, f1, f2 = pull[0], pull[1], pull[2]
@@ -91,7 +94,7 @@ def rates(x, p, knots, inverse, pull, level, mounted, r, out):
         out[k] = x[7 + k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=_LOOSE)
 def path(x0, r0, steps, step_s, p, knots, inverse, pull, level, mounted, states, slopes, speeds):
     """Integrate by RK4; return the number of nodes that are finite."""
     x, r = x0.copy(), r0.copy()
@@ -120,7 +123,7 @@ def path(x0, r0, steps, step_s, p, knots, inverse, pull, level, mounted, states,
     return steps + 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=_LOOSE)
 def sample(times, step_s, states, slopes, speeds, p, knots, inverse, pull, level, mounted,
            at, rate, speed):  # fmt: skip
     """Write state, rates and dampers' speeds at given times by cubic Hermite between the nodes."""
@@ -140,7 +143,7 @@ def sample(times, step_s, states, slopes, speeds, p, knots, inverse, pull, level
         rates(at[n], p, knots, inverse, pull, level, mounted, speed[n], rate[n])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=_LOOSE)
 def _partials(one, knots, level, x, rate, r, u, across, i, by_force, by_speed, by_road):
     """Write the derivatives by each coefficient: of force, mount's equation and wheel's push."""
     width = level[0]
@@ -166,18 +169,37 @@ def _partials(one, knots, level, x, rate, r, u, across, i, by_force, by_speed, b
     by_road[MASS], by_road[PULL] = -rate[10 + i], 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=_LOOSE, inline="always")
+def _relative(wheel, heave, pitch, roll, x, y, out):
+    for j in range(len(out)):
+        out[j] = wheel[j] - heave[j] + x * pitch[j] - y * roll[j]
+
+
+@njit(cache=True, error_model="numpy", fastmath=_LOOSE, inline="always")
+def _add(total, share, part):
+    for j in range(len(total)):
+        total[j] += share * part[j]
+
+
+@njit(cache=True, error_model="numpy", fastmath=_LOOSE, inline="always")
+def _ahead(S, step, rate, out):
+    a, b, c = S.reshape(-1), rate.reshape(-1), out.reshape(-1)
+    for j in range(len(a)):
+        c[j] = a[j] + step * b[j]
+
+
+@njit(cache=True, error_model="numpy", fastmath=_LOOSE)
 def tangent_rates(x, rate, r, S, p, knots, inverse, level, mounted, sparse, body, work, out):
     """Write the rates of change of the tangents, (22, columns), at one state."""
     first, kinds, columns, values = sparse
     body_columns, d_mass, d_pull = body
     du, dw, dF, left, g, by_force, by_speed, by_road = work
     n_columns = S.shape[1]
+    # One array is written in each loop over the columns, so that the compiler can vectorise it.
     for i in range(4):
         X_i, Y_i = p[i, X], p[i, Y]
-        for j in range(n_columns):
-            du[i, j] = S[3 + i, j] - S[0, j] + X_i * S[1, j] - Y_i * S[2, j]
-            dw[i, j] = S[10 + i, j] - S[7, j] + X_i * S[8, j] - Y_i * S[9, j]
+        _relative(S[3 + i], S[0], S[1], S[2], X_i, Y_i, du[i])
+        _relative(S[10 + i], S[7], S[8], S[9], X_i, Y_i, dw[i])
         for n in range(first[i], first[i + 1]):
             if kinds[n] == X:
                 du[i, columns[n]] += x[1] * values[n]
@@ -214,24 +236,27 @@ def tangent_rates(x, rate, r, S, p, knots, inverse, level, mounted, sparse, body
         by_w = friction_rate_by_speed(w, x[14 + i], one[LENGTH], level[1], level[2])
         by_z = friction_rate_by_share(w, one[LENGTH], level[1], level[2])
         by_d = friction_rate_by_length(w, x[14 + i], one[LENGTH], level[1], level[2])
-        row = dF[i]
+        row, own, across_row, fast = dF[i], du[i], du[k], dw[i]
+        share, share_out, mount_out = S[14 + i], out[14 + i], out[18 + i]
         for j in range(n_columns):
-            row[j] = stiff * du[i, j] - bar * du[k, j] + grip * S[14 + i, j]
-            out[14 + i, j] = by_w * dw[i, j] + by_z * S[14 + i, j]
+            row[j] = stiff * own[j] - bar * across_row[j] + grip * share[j]
+        for j in range(n_columns):
+            share_out[j] = by_w * fast[j] + by_z * share[j]
         if mounted:
             turn = 1.0 / mount_slope(damping, one[MOUNT], level[3])
+            deflection = S[18 + i]
             for j in range(n_columns):
-                left[j] = S[18 + i, j] + level[3] * dw[i, j]
+                left[j] = (deflection[j] + level[3] * fast[j]) * turn
             for n in range(first[i], first[i + 1]):
-                left[columns[n]] += by_speed[kinds[n]] * values[n]
+                left[columns[n]] += by_speed[kinds[n]] * values[n] * turn
             for j in range(n_columns):
-                dr = left[j] * turn
-                row[j] += damping * dr
-                out[18 + i, j] = dw[i, j] - dr
+                row[j] += damping * left[j]
+            for j in range(n_columns):
+                mount_out[j] = fast[j] - left[j]
         else:
             for j in range(n_columns):
-                row[j] += damping * dw[i, j]
-                out[18 + i, j] = 0.0
+                row[j] += damping * fast[j]
+            mount_out[:] = 0.0
         for n in range(first[i], first[i + 1]):
             kind, j, value = kinds[n], columns[n], values[n]
             row[j] += by_force[kind] * value
@@ -242,11 +267,12 @@ def tangent_rates(x, rate, r, S, p, knots, inverse, level, mounted, sparse, body
             elif kind == Y:
                 g[2, j] += force * value
         over = 1.0 / one[MASS]
+        heave, speed, wheel = S[3 + i], S[10 + i], out[10 + i]
         for j in range(n_columns):
-            out[10 + i, j] = (road_z * S[3 + i, j] + road_v * S[10 + i, j] - row[j]) * over
-            g[0, j] += row[j]
-            g[1, j] -= X_i * row[j]
-            g[2, j] += Y_i * row[j]
+            wheel[j] = (road_z * heave[j] + road_v * speed[j] - row[j]) * over
+        _add(g[0], 1.0, row)
+        _add(g[1], -X_i, row)
+        _add(g[2], Y_i, row)
         for n in range(first[i], first[i + 1]):
             out[10 + i, columns[n]] += by_road[kinds[n]] * values[n] * over
     for n in range(len(body_columns)):
@@ -255,18 +281,18 @@ def tangent_rates(x, rate, r, S, p, knots, inverse, level, mounted, sparse, body
             g[k, j] += d_pull[n, k]
             for m in range(3):
                 g[k, j] -= d_mass[n, k, m] * rate[7 + m]
+    g0, g1, g2 = g[0], g[1], g[2]
     for k in range(3):
+        body_out, h0, h1, h2 = out[7 + k], inverse[k, 0], inverse[k, 1], inverse[k, 2]
         for j in range(n_columns):
-            out[7 + k, j] = (
-                inverse[k, 0] * g[0, j] + inverse[k, 1] * g[1, j] + inverse[k, 2] * g[2, j]
-            )
+            body_out[j] = h0 * g0[j] + h1 * g1[j] + h2 * g2[j]
     for k in range(7):
         out[k] = S[7 + k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=_LOOSE)
 def tangents(S0, step_s, states, slopes, speeds, p, knots, inverse, mounted, sparse, body,
-             starts, lengths, fine, levels, times, at, rate, speed, out):  # fmt: skip
+             starts, lengths, fine, levels, times, forced, at, rate, speed, out):  # fmt: skip
     """Integrate the tangents along a path; write heave, speed and acceleration at the samples."""
     size = S0.shape[1]
     n_coefficients = p.shape[1]
@@ -277,7 +303,9 @@ def tangents(S0, step_s, states, slopes, speeds, p, knots, inverse, mounted, spa
     )  # fmt: skip
     S = S0.copy()
     k1, k2, k3, k4 = (np.empty_like(S0), np.empty_like(S0), np.empty_like(S0), np.empty_like(S0))
-    y, after = np.empty_like(S0), np.empty_like(S0)
+    y, after, mid, mid_rate = (
+        np.empty_like(S0), np.empty_like(S0), np.empty_like(S0), np.empty_like(S0)
+    )  # fmt: skip
     n, known = 0, -1
     for m in range(len(starts)):
         level = levels[fine[m]]
@@ -288,48 +316,47 @@ def tangents(S0, step_s, states, slopes, speeds, p, knots, inverse, mounted, spa
         else:
             tangent_rates(states[a], slopes[a], speeds[a], S, p, knots, inverse, level, mounted,
                           sparse, body, work, k1)  # fmt: skip
-        for i in range(22):
-            for j in range(size):
-                y[i, j] = S[i, j] + 0.5 * h * k1[i, j]
+        _ahead(S, 0.5 * h, k1, y)
         tangent_rates(states[half], slopes[half], speeds[half], y, p, knots, inverse, level,
                       mounted, sparse, body, work, k2)  # fmt: skip
-        for i in range(22):
-            for j in range(size):
-                y[i, j] = S[i, j] + 0.5 * h * k2[i, j]
+        _ahead(S, 0.5 * h, k2, y)
         tangent_rates(states[half], slopes[half], speeds[half], y, p, knots, inverse, level,
                       mounted, sparse, body, work, k3)  # fmt: skip
-        for i in range(22):
-            for j in range(size):
-                y[i, j] = S[i, j] + h * k3[i, j]
+        _ahead(S, h, k3, y)
         tangent_rates(states[b], slopes[b], speeds[b], y, p, knots, inverse, level, mounted,
                       sparse, body, work, k4)  # fmt: skip
-        for i in range(22):
-            for j in range(size):
-                y[i, j] = S[i, j] + h / 6.0 * (
-                    k1[i, j] + 2.0 * (k2[i, j] + k3[i, j]) + k4[i, j]
-                )
+        _ahead(S, h / 6.0, k1, y)
+        _ahead(y, h / 3.0, k2, y)
+        _ahead(y, h / 3.0, k3, y)
+        _ahead(y, h / 6.0, k4, y)
         known = -1
-        end = b * step_s
-        if n < len(times) and (times[n] < end or m == len(starts) - 1):
-            tangent_rates(states[b], slopes[b], speeds[b], y, p, knots, inverse, level, mounted,
-                          sparse, body, work, after)  # fmt: skip
-            known = fine[m]
+        end = b * step_s - 1e-9
         while n < len(times) and (times[n] < end or m == len(starts) - 1):
             s = (times[n] - a * step_s) / h
+            if abs(s) < 1e-6:
+                out[n, :14] = S[:14]
+                out[n, 14:] = k1[7:14]
+                n += 1
+                continue
+            if known < 0:
+                tangent_rates(states[b], slopes[b], speeds[b], y, p, knots, inverse, level,
+                              mounted, sparse, body, work, after)  # fmt: skip
+                known = fine[m]
             c0 = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s)
             c1 = s * s * (3.0 - 2.0 * s)
             c2 = s * (1.0 - s) * (1.0 - s) * h
             c3 = -s * s * (1.0 - s) * h
             for i in range(22):
                 for j in range(size):
-                    k2[i, j] = (
+                    mid[i, j] = (
                         c0 * S[i, j] + c1 * y[i, j] + c2 * k1[i, j] + c3 * after[i, j]
                     )
-            tangent_rates(at[n], rate[n], speed[n], k2, p, knots, inverse, level, mounted,
-                          sparse, body, work, k3)  # fmt: skip
-            for i in range(14):
-                out[n, i] = k2[i]
-            for i in range(7):
-                out[n, 14 + i] = k3[7 + i]
+            out[n, :14] = mid[:14]
+            if forced[n]:
+                tangent_rates(at[n], rate[n], speed[n], mid, p, knots, inverse, level, mounted,
+                              sparse, body, work, mid_rate)  # fmt: skip
+                out[n, 14:] = mid_rate[7:14]
+            else:
+                out[n, 14:] = 0.0
             n += 1
         S[:] = y

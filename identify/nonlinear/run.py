@@ -20,7 +20,9 @@ from .filtered import filtered
 from .path import Own, Path, Sampled
 from .tangent import plan_of, start_of
 
-_FILTER_STEP_S = 2.5e-3 / 4
+_FILTER_STEP_S = 2.5e-3
+_FILTER_POLISH_S = 1e-3
+"""Spacing of the tangents, s, at the input of a sensor's low-pass."""
 _LATE_S = 2e-4
 """Step, s, of the derivative of a channel by time."""
 _EARLY_SIGMAS = 4.0
@@ -174,7 +176,8 @@ def block(
     n_free = car.d_corner.shape[2]
     grid = np.zeros(0)
     if any(len(low_pass_of(r.clock.channels[0]).poles) for r in run.decay.recordings):
-        grid = np.arange(0.0, path.end_s + 1e-9, _FILTER_STEP_S)
+        spacing = _FILTER_POLISH_S if polish else _FILTER_STEP_S
+        grid = np.arange(0.0, path.end_s + 1e-9, spacing)
         grid = grid[: len(grid) - (len(grid) + 1) % 2]
     stamps = [
         grid if len(low_pass_of(r.clock.channels[0]).poles) else _times(run, rows, model, r)
@@ -182,7 +185,13 @@ def block(
     ]
     every, back = np.unique(np.concatenate(stamps), return_inverse=True)
     sampled = fast.sample(car, path, every)
-    moved = fast.tangents(car, path, start, plan, sampled)
+    forced = np.zeros(len(every), dtype=bool)
+    first = 0
+    for r, times in zip(run.decay.recordings, stamps, strict=True):
+        if any(TIME_DERIVATIVE[c.quantity] == 2 for c in r.clock.channels):
+            forced[back[first : first + len(times)]] = True
+        first += len(times)
+    moved = fast.tangents(car, path, start, plan, sampled, forced)
     jacobian = []
     first = 0
     for r, weight, basis, times in zip(
@@ -192,24 +201,26 @@ def block(
         first += len(times)
         mine = Sampled(times, sampled.states[at], sampled.slopes[at], sampled.speeds[at])
         J = np.zeros((len(times), len(r.clock.channels), n_own + n_free))
+        stack = np.zeros((len(r.clock.channels), 21))
         for c, channel in enumerate(r.clock.channels):
             order = TIME_DERIVATIVE[channel.quantity]
-            row = rows.rows[channel.name]
-            part = np.tensordot(moved[:, 7 * order : 7 * order + 7], row, axes=(1, 0))[at]
-            J[:, c, :n_own] = part[:, :n_own]
-            J[:, c, n_own + acts] = part[:, n_own:]
-            J[:, c, n_own:] += mine.motion(order) @ rows.slopes[channel.name].T
+            stack[c, 7 * order : 7 * order + 7] = rows.rows[channel.name]
+            J[:, c, n_own:] = mine.motion(order) @ rows.slopes[channel.name].T
+        part = stack @ moved[at]
+        J[:, :, :n_own] = part[:, :, :n_own]
+        J[:, :, n_own + acts] += part[:, :, n_own:]
         low_pass = low_pass_of(r.clock.channels[0])
         asked = _times(run, rows, model, r)
         if len(low_pass.poles):
-            J = filtered(low_pass, J, _FILTER_STEP_S, asked)
+            J = filtered(low_pass, J, float(grid[1]), asked)
         late = rows.late[model.box.clocks.index(r.clock)]
         if late is not None:
             after = _values(car, rows, path, r, asked + _LATE_S)
             before = _values(car, rows, path, r, asked - _LATE_S)
             J[:, :, n_own + late] -= (after - before) / (2.0 * _LATE_S)
         J *= weight[:, None]
-        J -= np.tensordot(basis, np.tensordot(basis, J, axes=(0, 0)), axes=(1, 0))
+        flat = J.reshape(len(J), -1)
+        flat -= basis @ (basis.T @ flat)
         jacobian.append(J)
     size = n_own + n_free
     normal, right = np.zeros((size, size)), np.zeros(size)

@@ -1,0 +1,55 @@
+"""Where a nonlinear fit begins: a linear fit with bars, and the motion that it gives each run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.vehicle import MassState
+
+from ..decay import FreeDecay
+from ..model import full_matrices
+from ..projection import linear_part
+from ..projection import point as linear_point
+from .car import PULL, Model, car
+from .path import Own, travel_speeds
+
+_SLIDES_M_S = 0.02
+"""Speed at which most of the friction acts in the direction of the motion."""
+
+
+def rest_of(model: Model, eta: NDArray[np.float64], state: MassState) -> NDArray[np.float64]:
+    """Return how far what is added lets the car sink, (7,), by its linear springs."""
+    one = car(model, eta, state, np.zeros(0, dtype=np.intp))
+    full = model.box.full(eta[: model.first].astype(complex))
+    _, _, K = full_matrices(full)
+    pull = np.concatenate([one.pull, one.corner[:, PULL]])
+    return np.asarray(np.linalg.solve(K.real, pull))
+
+
+def owns_of(
+    model: Model,
+    eta: NDArray[np.float64],
+    decays: tuple[FreeDecay, ...],
+    sigma: Mapping[str, float],
+) -> tuple[Own, ...]:
+    """Return how each run begins by the linear model at `eta`, (P,)."""
+    box = model.box
+    states = {s.name: s for s in box.mass_states}
+    present = {decay.mass_state for decay in decays}
+    linear = eta[: model.first]
+    points = {name: linear_point(box, linear, name, sigma) for name in present}
+    rests = {name: rest_of(model, eta, states[name]) for name in present}
+    none = np.zeros(0, dtype=np.intp)
+    cars = {name: car(model, eta, states[name], none) for name in present}
+    result = []
+    for decay in decays:
+        motion = linear_part(points[decay.mass_state], decay).solution[:14].copy()
+        motion[:7] += rests[decay.mass_state]
+        speed = travel_speeds(cars[decay.mass_state], motion)
+        result.append(Own(motion, np.tanh(speed / _SLIDES_M_S), np.zeros(4)))
+    return tuple(result)
+
+
