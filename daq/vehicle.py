@@ -14,6 +14,7 @@ This file holds data only; matrices are assembled in `identify.model.matrices`, 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 
@@ -271,3 +272,6 @@ class Vehicle:
     """Which parameters its model has."""
     facts: tuple[Fact, ...] = ()
     """What scales and tape measure say."""
+    elements: Mapping[str, bool] = field(default_factory=dict, hash=False)
+    """Elements that `[vehicle.structure]` forces (true) or forbids (false) where a car is not
+    linear; the others are chosen by the data."""

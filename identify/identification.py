@@ -24,6 +24,7 @@ from .fit.uncertainty import Correlation, Estimate, ModeEstimate
 from .model.matrices import PhysicalModel
 from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
+from .nonlinear.forces import Forces
 from .trust.finding import Quality
 
 
@@ -65,6 +66,9 @@ class Identification:
     """Standard deviation of the noise, SI."""
     residuals: tuple[Residuals, ...] = ()
     """Measured less fitted, one for each run."""
+    forces: Forces | None = None
+    """Damper curves, friction and the other elements of a car that is not linear, and which were
+    tried; None where the linear model explains the decays."""
     estimation: Estimation | None = None
     """The fit itself, with the decays that it is of; None where none was possible."""
 

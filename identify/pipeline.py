@@ -33,6 +33,7 @@ from .modes.mode_names import mode_names
 from .modes.pairing import pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import closed_form
+from .real_car import explained_by_elements
 from .trust.finding import Quality
 from .trust.judge import judge
 from .trust.shortcomings import shortcomings
@@ -84,6 +85,13 @@ def identify(
     progress(0.1, "fitting")
     box = grey_box(session, records)
     estimation = estimate(box, records, generic_vehicles())
+    forces = None
+    if not estimation.holds:
+        progress(0.15, "fitting friction, damper curves, stops and mounts")
+        real = explained_by_elements(session, estimation)
+        if real is not None:
+            estimation, forces = real.estimation, real.forces
+            box = estimation.box
     fit = estimation.fit
     full = box.full(fit.eta.astype(complex)).real
     present = {record.mass_state for record in records}
@@ -124,6 +132,7 @@ def identify(
         noise=estimation.sigma,
         residuals=estimation.residuals,
         estimation=estimation,
+        forces=forces,
     )
 
 

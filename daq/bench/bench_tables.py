@@ -65,12 +65,27 @@ class GeometryTable(Table):
 
 
 class StructureTable(Table):
-    """`[vehicle.structure]`."""
+    """`[vehicle.structure]`; an element that is not stated is chosen by the data."""
 
     symmetric: bool = True
-    anti_roll_bars: bool = False
-    tyre_damping: bool = False
-    cg_offset: bool = False
+    anti_roll_bars: bool | None = None
+    tyre_damping: bool | None = None
+    cg_offset: bool | None = None
+    friction: bool | None = None
+    one_sided_dampers: bool | None = None
+    damper_knees: bool | None = None
+    damper_mounts: bool | None = None
+    progressive_springs: bool | None = None
+    bump_stops: bool | None = None
+    progressive_tyres: bool | None = None
+    friction_left_right: bool | None = None
+    dampers_left_right: bool | None = None
+
+    @property
+    def decided(self) -> dict[str, bool]:
+        """The elements that are forced or forbidden."""
+        stated = self.model_dump(exclude={"symmetric"}, exclude_none=True)
+        return {name: bool(value) for name, value in stated.items()}
 
 
 class VehicleTable(Table):

@@ -170,7 +170,11 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     if dbc_text is None:
         dbc_text = _dbc_text(table.dbc, folder)
     geometry = table.vehicle.geometry
-    structure = Structure(**table.vehicle.structure.model_dump())
+    decided = table.vehicle.structure.decided
+    structure = Structure(
+        table.vehicle.structure.symmetric,
+        *(decided.get(name, False) for name in ("anti_roll_bars", "tyre_damping", "cg_offset")),
+    )
     known = (*FactQuantity, *parameter_names(structure))
     for fact in table.fact:
         if fact.quantity not in known:
@@ -188,6 +192,7 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
             else None,
             structure,
             tuple(Fact(fact.quantity, fact.value, fact.sigma) for fact in table.fact),
+            decided,
         ),
         channels=tuple(_channel(c) for c in table.channel),
         mass_states=(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..decays.onset import quiet_counts
 from .estimation import Estimation
-from .likelihood import covariance_of, normal_blocks, residuals
+from .likelihood import covariance_of
 
 _LIMIT_SIGMAS = 5.0
 _LEAST_EXCESS = 0.05
@@ -61,7 +61,8 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
     noise = estimation.noise
     if len(estimation.decays) < 2:
         return ()
-    parts = normal_blocks(box, estimation.decays, sigma, fit.eta)
+    engine = estimation.engine
+    parts = engine.normal_blocks(estimation.decays, sigma, fit.eta)
     whole = np.sum([part.information for part in parts.values()], axis=0)
     quiet = sum(quiet_counts(estimation.records).values()) if estimation.rest else 0
     n = len(box.parameters)
@@ -76,7 +77,7 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
             continue
         kept = np.where(np.isfinite(covariance), covariance, 0.0)
         step = -kept @ part.gradient
-        (left,) = residuals(box, (decay,), sigma, fit.eta + step)
+        (left,) = engine.residuals((decay,), sigma, fit.eta + step)
         spread = 2.0 / freedom + 2.0 / (quiet or freedom)
         unsure = float(np.trace(kept @ part.information)) / freedom
         limit = 1.0 + unsure + max(_LEAST_EXCESS, _LIMIT_SIGMAS * float(np.sqrt(spread)))

@@ -12,7 +12,7 @@ from ..decays.decay import FreeDecay, Record
 from ..decays.onset import decay_start_s, difference_noise, onset_s, quiet_counts, quiet_noise
 from .decay_start import earliest_start_s
 from .grey_box import GreyBox
-from .likelihood import HOLD, Fit, Residuals, fit, residuals
+from .likelihood import HOLD, Engine, Fit, LinearEngine, Residuals, fit, residuals
 from .varpro import evaluate
 
 _BASIN_CHI2 = 1.3
@@ -80,6 +80,13 @@ class Estimation:
     holds.  Without a quiet stretch the noise is the rough part of the residuals."""
     later_s: float = 0.0
     """How much later than expected the decays were first fitted with success, s."""
+    nonlinear: Engine | None = None
+    """Engine of a nonlinear fit; None if the fit is the linear one."""
+
+    @property
+    def engine(self) -> Engine:
+        """What evaluates shares and residuals of runs at other unknowns."""
+        return self.nonlinear or LinearEngine(self.box)
 
     @property
     def chi2_limit(self) -> float:
@@ -98,7 +105,7 @@ class Estimation:
     @property
     def noise(self) -> dict[str, float]:
         """The noise that residuals are compared with: at rest where it was measured."""
-        return _floored(self.rest, self.decays) if self.rest else self.sigma
+        return floored(self.rest, self.decays) if self.rest else self.sigma
 
 
 def estimate(
@@ -127,7 +134,7 @@ def estimate(
     movable = np.array([stated or onset_s(record) is None for record in records])
     laters = (_LATER_S if stated else _LATER_UNSTATED_S) if movable.any() else ()
     etas = [box.unknowns(theta) for theta in starts]
-    near = _basin(box, records, rest, first, etas)
+    near = basin(box, records, rest, first, etas)
     best: Estimation | None = None
     for later in (0.0, *laters):
         begin = first + later * movable
@@ -143,7 +150,7 @@ def estimate(
     return best
 
 
-def _basin(
+def basin(
     box: GreyBox,
     records: tuple[Record, ...],
     rest: dict[str, float],
@@ -208,7 +215,7 @@ def _search(
     decays = tuple(
         r.decay(float(s)).thinned(_SEARCH_RATE_HZ) for r, s in zip(records, start_s, strict=True)
     )
-    sigma = _floored(rest or _rough_noise(decays), decays)
+    sigma = floored(rest or rough_noise(decays), decays)
     n = sum(decay.n_values for decay in decays)
     power = 0.0
     for recording in (r for decay in decays for r in decay.recordings):
@@ -228,12 +235,12 @@ def _from(
 ) -> Estimation:
     """Fit the decays that begin at the given times, (n_records,), from near the optimum."""
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
-    sigma = _floored(rest or _rough_noise(decays), decays)
+    sigma = floored(rest or rough_noise(decays), decays)
     fine = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
     left = residuals(box, decays, sigma, fine.eta)
     if not rest:
         for _ in range(2):  # the noise and the fit settle together
-            sigma = _floored(_residual_noise(left), decays)
+            sigma = floored(_residual_noise(left), decays)
             fine = fit(box, decays, sigma, fine.eta)
             left = residuals(box, decays, sigma, fine.eta)
     chi2 = _chi2_per_n(box, left, sigma)
@@ -251,7 +258,7 @@ def _reweighted(best: Estimation) -> Estimation:
         freedom = sum(r.freedom[name] for r in best.residuals)
         total = counts[name] * level**2 + squares
         pooled[name] = float(np.sqrt(total / (counts[name] + freedom)))
-    sigma = _floored(pooled, best.decays)
+    sigma = floored(pooled, best.decays)
     fine = fit(best.box, best.decays, sigma, best.fit.eta)
     left = residuals(best.box, best.decays, sigma, fine.eta)
     chi2 = _chi2_per_n(best.box, left, best.noise)
@@ -268,7 +275,7 @@ def _chi2_per_n(box: GreyBox, left: Sequence[Residuals], sigma: dict[str, float]
     return squares / freedom if freedom > 0 else float("inf")
 
 
-def _rough_noise(decays: Sequence[FreeDecay]) -> dict[str, float]:
+def rough_noise(decays: Sequence[FreeDecay]) -> dict[str, float]:
     """Return an upper bound of the noise from the samples themselves."""
     worst: dict[str, float] = {}
     for decay in decays:
@@ -291,7 +298,7 @@ def _residual_noise(left: Sequence[Residuals]) -> dict[str, float]:
     }
 
 
-def _floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, float]:
+def floored(sigma: dict[str, float], decays: Sequence[FreeDecay]) -> dict[str, float]:
     """Keep noise levels above what rounding makes of noise-free data."""
     power: dict[str, list[float]] = {}
     for decay in decays:

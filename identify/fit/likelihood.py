@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,3 +202,49 @@ def residuals(
                 freedom[channel.name] = len(left) - float(used.sum()) / sigma[channel.name] ** 2
         result.append(Residuals(decay.label, values, freedom))
     return tuple(result)
+
+
+class Engine(Protocol):
+    """What evaluates shares and residuals of runs: the linear fit's, or the nonlinear one's."""
+
+    def normal_blocks(
+        self,
+        decays: tuple[FreeDecay, ...],
+        sigma: Mapping[str, float],
+        eta: NDArray[np.float64],
+    ) -> dict[str, NormalBlock]:
+        """Return what each decay, the facts and the stated uncertainties contribute at `eta`."""
+
+    def residuals(
+        self,
+        decays: tuple[FreeDecay, ...],
+        sigma: Mapping[str, float],
+        eta: NDArray[np.float64],
+    ) -> tuple[Residuals, ...]:
+        """Return what the model at `eta` leaves of each decay."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinearEngine:
+    """The linear model of a grey box, by variable projection."""
+
+    box: GreyBox
+    """Structure of the problem."""
+
+    def normal_blocks(
+        self,
+        decays: tuple[FreeDecay, ...],
+        sigma: Mapping[str, float],
+        eta: NDArray[np.float64],
+    ) -> dict[str, NormalBlock]:
+        """Return what each decay, the facts and the stated uncertainties contribute at `eta`."""
+        return normal_blocks(self.box, decays, sigma, eta)
+
+    def residuals(
+        self,
+        decays: tuple[FreeDecay, ...],
+        sigma: Mapping[str, float],
+        eta: NDArray[np.float64],
+    ) -> tuple[Residuals, ...]:
+        """Return what the model at `eta` leaves of each decay."""
+        return residuals(self.box, decays, sigma, eta)

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from daq.vehicle import MassState
 
-from ..decay import FreeDecay
-from ..model import full_matrices
-from ..projection import linear_part
-from ..projection import point as linear_point
+from ..decays.decay import FreeDecay
+from ..model.matrices import full_matrices
+from ..fit.varpro import linear_part
+from ..fit.varpro import point as linear_point
 from .car import PULL, Model, car
 from .path import Own, travel_speeds
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from daq.vehicle import Corner, MassState
 
 from ..elements.damper import secant_share
-from ..facts import corner_load
-from ..greybox import COMPLEX_STEP, GreyBox, stepped
-from ..model import delta_mass
+from ..model.facts import corner_load
+from ..fit.grey_box import COMPLEX_STEP, GreyBox, stepped
+from ..model.matrices import delta_mass
 from .unknowns import Element, elements
 
 GRAVITY_M_S2 = 9.80665

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from ..low_pass import LowPass
+from ..model.low_pass import LowPass
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 

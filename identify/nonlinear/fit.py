@@ -95,6 +95,7 @@ def fit(
     owns: tuple[Own, ...],
     polish: bool = False,
     tolerance: float = 0.05,
+    rough: float = 0.0,
     max_iterations: int = 40,
     log: Callable[[str], None] = lambda text: None,
 ) -> Optimum | None:
@@ -115,7 +116,7 @@ def fit(
         now = at.eta[problem.free]
         full = _solve(matrix, right, 1e-12, low - now, high - now)
         decrement = float(2.0 * right @ full - full @ matrix @ full)
-        small = decrement < tolerance * max(1.0, at.cost / n)
+        small = decrement < max(tolerance * max(1.0, at.cost / n), rough * at.cost)
         if small or iterations >= max_iterations or refused >= _REFUSED:
             return Optimum(at, equations, matrix, iterations, decrement, small)
         trial = None

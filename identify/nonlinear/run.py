@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE
 
-from ..decay import FreeDecay, Recording
-from ..greybox import COMPLEX_STEP, stepped
-from ..low_pass import low_pass_of
+from ..decays.decay import FreeDecay, Recording
+from ..fit.grey_box import COMPLEX_STEP, stepped
+from ..model.low_pass import low_pass_of
 from . import fast
 from .car import Car, Model
 from .filtered import filtered

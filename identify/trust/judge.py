@@ -31,6 +31,8 @@ def judge(session: Session, estimation: Estimation) -> Quality:
     estimation : Estimation
         What was made of them.
     """
+    if estimation.nonlinear is not None:
+        return _judge_real_car(session, estimation)
     snr_db = mode_snr_db(estimation)
     findings = [
         *misfit_findings(estimation),
@@ -50,6 +52,21 @@ def judge(session: Session, estimation: Estimation) -> Quality:
         chi2_by_run(estimation),
         snr_db,
     )
+
+
+def _judge_real_car(session: Session, estimation: Estimation) -> Quality:
+    """Judge a nonlinear fit: what a linear model would name as causes are elements of it."""
+    snr_db = mode_snr_db(estimation)
+    findings = [
+        *misfit_findings(estimation),
+        *parameter_findings(estimation),
+        *sampling_findings(session),
+        *saturation_findings(session),
+        *excitation_findings(estimation, snr_db),
+    ]
+    if estimation.holds and not undetermined(estimation):
+        findings += whiteness_findings(estimation)
+    return Quality(tuple(findings), estimation.chi2_per_n, chi2_by_run(estimation), snr_db)
 
 
 def _causes(estimation: Estimation) -> tuple[Finding, ...]:

@@ -14,6 +14,14 @@ from ..fit.estimation import Estimation
 CHI2_LIMIT = 1.5
 """Beyond this a result is refused: every row of the stress list that costs more than a third of a
 parameter lies there."""
+_MODEL = (
+    "the linear 7-DOF model",
+    "the model with friction, damper curves, stops and mounts",
+)
+_INTERVALS = (
+    "the intervals do not hold",
+    "the intervals are widened by what is left unexplained",
+)
 _LATE_S = 0.015
 """Onset and guard explain less than this between the stated end of the bump and a decay's start."""
 
@@ -44,14 +52,17 @@ def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
             f"the fit did not converge in {estimation.fit.iterations} iterations: check units, "
             "signs and positions of the channels"
         )
-        findings.append(Finding("convergence", Severity.ERROR, text))
+        # The nonlinear fit ends near its optimum even where it takes no further step.
+        severity = Severity.WARNING if estimation.nonlinear else Severity.ERROR
+        findings.append(Finding("convergence", severity, text))
     if not estimation.holds:
         run, channel, worst = _worst(chi2_by_run(estimation))
         refused = not estimation.chi2_per_n <= max(CHI2_LIMIT, estimation.chi2_limit)
         text = (
-            f"the linear 7-DOF model does not explain the decays: chi2/n = "
+            f"{_MODEL[bool(estimation.nonlinear)]} does not explain the decays: chi2/n = "
             f"{estimation.chi2_per_n:.3f} (limit {estimation.chi2_limit:.3f}, refused above "
-            f"{CHI2_LIMIT}), worst {channel} in {run} with {worst:.2f}: the intervals do not hold"
+            f"{CHI2_LIMIT}), worst {channel} in {run} with {worst:.2f}: "
+            f"{_INTERVALS[bool(estimation.nonlinear and not refused)]}"
         )
         findings.append(Finding("chi2", Severity.ERROR if refused else Severity.WARNING, text))
     if not estimation.rest:

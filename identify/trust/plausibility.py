@@ -104,7 +104,10 @@ def _contradicted(estimation: Estimation) -> tuple[Finding, ...]:
     box, eta, C = estimation.box, estimation.fit.eta, estimation.fit.covariance
     misfits, slopes = box.fact_misfits(eta)
     n, pulls = len(box.parameters), box.pulls(eta)
-    stated = np.diag(1.0 / box.prior_sigma)[n : n + len(pulls)]
+    stated = np.zeros((len(pulls), len(eta)))  # elements may follow the unknowns of the grey box
+    stated[np.arange(len(pulls)), n + np.arange(len(pulls))] = (
+        1.0 / box.prior_sigma[n : n + len(pulls)]
+    )
     labels = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
     rows, left = np.vstack([slopes, stated]), np.concatenate([misfits, -pulls])
     owed = np.einsum("ip,pq,iq->i", rows, C, rows)

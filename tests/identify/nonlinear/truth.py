@@ -16,7 +16,7 @@ from scipy.signal import butter, cont2discrete
 
 from daq.channels import Channel, Quantity
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState
-from identify.decay import Clock, Record, Recording
+from identify.decays.decay import ChannelGroup, Record, Recording
 
 G = 9.80665
 Array = NDArray[np.float64]
@@ -302,7 +302,7 @@ def records(
                 + noise * NOISE[channel.quantity] * rng.standard_normal(len(stamps))
                 for channel in members
             ]
-            clock = Clock(name, tuple(members))
+            clock = ChannelGroup(name, tuple(members))
             recordings.append(Recording(clock, stamps, np.stack(columns, axis=1)))
         result.append(Record(bump.label, bump.state.name, BUMP_S, tuple(recordings)))
     return result

@@ -1,0 +1,127 @@
+"""The nonlinear fit at the seam: shares and residuals of runs, as of the linear fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..decays.decay import FreeDecay
+from ..fit.likelihood import FACTS, PRIORS, Residuals
+from ..fit.varpro import NormalBlock
+from .fit import inverse
+from .path import Own
+from .problem import Normal, Point, Problem, normal, point
+from .run import run_of
+
+_OWN_STEPS = 4
+"""Gauss-Newton steps for the runs' own states at other unknowns: they are nearly linear."""
+
+
+@dataclass(frozen=True)
+class NonlinearEngine:
+    """The fitted problem; what asks for shares and residuals need not know which path it takes."""
+
+    problem: Problem
+    eta: NDArray[np.float64]
+    """(P,) all unknowns at the optimum."""
+    owns: Mapping[str, Own]
+    """How each run begins, by its label."""
+    shown: NDArray[np.intp]
+    """Positions, among all, of the unknowns of a `Fit`."""
+
+    def normal_blocks(
+        self,
+        decays: tuple[FreeDecay, ...],
+        sigma: Mapping[str, float],
+        eta: NDArray[np.float64],
+    ) -> dict[str, NormalBlock]:
+        """Return what each decay, the facts and the priors contribute at the shown unknowns."""
+        at, equations = self._at(decays, sigma, eta)
+        return self.parts(at, equations)
+
+    def residuals(
+        self,
+        decays: tuple[FreeDecay, ...],
+        sigma: Mapping[str, float],
+        eta: NDArray[np.float64],
+    ) -> tuple[Residuals, ...]:
+        """Return what the model leaves of each decay at the shown unknowns."""
+        at, equations = self._at(decays, sigma, eta)
+        return residuals_of(at, equations)
+
+    def parts(self, at: Point, equations: Normal) -> dict[str, NormalBlock]:
+        """Return the shares at a point whose normal equations are known."""
+        problem = at.problem
+        model, free = problem.model, problem.free
+        place = np.searchsorted(self.shown, free)
+        size = len(self.shown)
+
+        def spread(
+            cost: float, matrix: NDArray[np.float64], right: NDArray[np.float64]
+        ) -> NormalBlock:
+            H, g = np.zeros((size, size)), np.zeros(size)
+            H[np.ix_(place, place)], g[place] = matrix, right
+            return NormalBlock(cost, H, g)
+
+        misfits, slopes = model.box.fact_misfits(at.eta)
+        slopes = slopes[:, free]
+        weight = problem.prior[free] ** -2
+        pull = (at.eta - problem.centre)[free]
+        result = {
+            FACTS: spread(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits),
+            PRIORS: spread(float(weight @ pull**2), np.diag(weight), -weight * pull),
+        }
+        for run, b, found in zip(problem.runs, equations.blocks, at.predicted, strict=True):
+            X = b.B.T @ inverse(b.A)
+            result[run.decay.label] = spread(found.cost, b.C - X @ b.B, b.shared - X @ b.own)
+        return result
+
+    def _at(
+        self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: NDArray[np.float64]
+    ) -> tuple[Point, Normal]:
+        every = self.eta.copy()
+        every[self.shown] = eta
+        problem = Problem(
+            self.problem.model,
+            tuple(run_of(self.problem.model, decay, sigma) for decay in decays),
+            self.problem.centre, self.problem.prior, self.problem.free,
+        )  # fmt: skip
+        owns = tuple(self.owns[decay.label] for decay in decays)
+        at = point(problem, every, owns, True)
+        if at is None:
+            raise FloatingPointError("the path of a run is not finite at these unknowns")
+        equations = normal(at)
+        for _ in range(_OWN_STEPS):
+            steps = [inverse(b.A) @ b.own for b in equations.blocks]
+            gain = sum(float(s @ b.own) for s, b in zip(steps, equations.blocks, strict=True))
+            if gain < 0.01 * len(owns):
+                break
+            owns = tuple(own.moved(step) for own, step in zip(at.owns, steps, strict=True))
+            moved = point(problem, every, owns, True)
+            if moved is None or moved.cost > at.cost:
+                break
+            at, equations = moved, normal(moved)
+        return at, equations
+
+
+def residuals_of(at: Point, equations: Normal) -> tuple[Residuals, ...]:
+    """Return what is left of each decay, SI, with the degrees of freedom of each channel."""
+    result = []
+    for run, found, b in zip(at.problem.runs, at.predicted, equations.blocks, strict=True):
+        own = len(b.A)
+        spread = inverse(b.A)
+        values: dict[str, NDArray[np.float64]] = {}
+        freedom: dict[str, float] = {}
+        for r, left, weight, basis, J in zip(
+            run.decay.recordings, found.left, run.weights, run.bases, b.jacobian, strict=True
+        ):
+            for c, channel in enumerate(r.clock.channels):
+                values[channel.name] = left[:, c] / weight[c]
+                mine = J[:, c, :own]
+                used = float(np.sum((mine @ spread) * mine))
+                freedom[channel.name] = len(left) - basis.shape[1] - used
+        result.append(Residuals(run.decay.label, values, freedom))
+    return tuple(result)

@@ -1,0 +1,203 @@
+"""What a fit says of the forces in the suspension: damper curves, friction, stops, mounts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import read_only
+
+from ..elements.damper import knee
+from ..fit.uncertainty import COVERAGE_95, Estimate
+from .car import C, F_C, GAP, KNEE_M_S, KNEES, Car
+from .fit import Optimum
+from .path import travel_speeds
+
+_AXLES = ("front", "rear")
+_POINTS = 61
+_SHARE = 0.01
+"""Share of the time at either end that a curve leaves out: there it rests on few samples."""
+_SHOWN_SIGMAS = 2.0
+"""Standard deviations below which a mount counts as rigid."""
+
+
+@dataclass(frozen=True, slots=True)
+class DamperCurve:
+    """Force of one damper over its speed, as far as the speeds occurred."""
+
+    speed_m_s: NDArray[np.float64]
+    """(n,), compression positive."""
+    force_n: NDArray[np.float64]
+    """(n,) of the damper alone."""
+    std_n: NDArray[np.float64]
+    """(n,) standard deviation of `force_n`."""
+    total_n: NDArray[np.float64]
+    """(n,) damper and friction together: right whatever the law of the friction is."""
+    total_std_n: NDArray[np.float64]
+    """(n,) standard deviation of `total_n`."""
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def band_n(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper end of the 95 % band of `force_n`, (n,) each."""
+        half = COVERAGE_95 * self.std_n
+        return self.force_n - half, self.force_n + half
+
+
+@dataclass(frozen=True, slots=True)
+class AxleForces:
+    """The elements of one axle, each of one corner."""
+
+    axle: str
+    """front or rear."""
+    damper: DamperCurve
+    values: dict[str, Estimate]
+    """Elements that are in the structure, by what they are: `friction` [N],
+    `pre_sliding_length` [m], `bump_stop` [N/m], `bump_stop_gap` [m], `mount` [N/m], `progressive`
+    [N/m2], `cubic` [N/m3], `tyre_progressive` [1/m], `friction_left_right` [N] and
+    `dampers_left_right` (half the difference left less right, the latter as a share)."""
+    notes: tuple[str, ...]
+    """What is not determined, for people: a mount that is rigid, a stop that was not reached."""
+
+
+@dataclass(frozen=True, slots=True)
+class ElementChoice:
+    """One group of elements that was tried."""
+
+    name: str
+    """As in `[vehicle.structure]`."""
+    gain: float
+    """By how much it lowers the cost, in units of chi2/n."""
+    threshold: float
+    """Gain from which it counts as there (Bayesian information criterion)."""
+    kept: bool
+    """Whether it is there."""
+    forced: bool
+    """Whether `[vehicle.structure]` decides it."""
+    values: dict[str, Estimate]
+    """Its unknowns."""
+
+
+@dataclass(frozen=True, slots=True)
+class Forces:
+    """All of it."""
+
+    axles: tuple[AxleForces, AxleForces]
+    choices: tuple[ElementChoice, ...]
+    """In the order in which they were released."""
+    law: str = "Dahl friction, damper curve of straight segments"
+
+
+def element_estimates(best: Optimum, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
+    """Return every free element, and free parameter of the elements, with its interval."""
+    problem = best.point.problem
+    model = problem.model
+    by_name = {e.name: e for e in model.elements}
+    slopes = dict(
+        zip(
+            model.box.parameters,
+            model.box.parameter_slopes(best.eta[: model.first]).tolist(),
+            strict=True,
+        )
+    )
+    known = dict(zip(model.box.names, model.box.values(best.eta[: model.first]), strict=True))
+    result = {}
+    for j, i in enumerate(problem.free.tolist()):
+        name = model.names[i]
+        std = float(np.sqrt(covariance[j, j]))
+        if name in by_name:
+            e = by_name[name]
+            value = e.value(float(best.eta[i]))
+            std *= abs(value) if e.logarithmic else e.scale
+            unit = e.unit
+        elif name in known:
+            value, unit = float(known[name]), {"k": "N/m", "c": "N s/m", "y": "m"}.get(name[0], "")
+            std *= slopes[name]
+        else:
+            continue
+        half = COVERAGE_95 * std
+        result[name] = Estimate(value, std, value - half, value + half, unit)
+    return result
+
+
+def axle_forces(
+    best: Optimum, covariance: NDArray[np.float64], values: dict[str, Estimate]
+) -> tuple[AxleForces, AxleForces]:
+    """Return the forces of both axles at an optimum with the covariance of its free unknowns."""
+    front, rear = (_axle(best, covariance, values, axle) for axle in (0, 1))
+    return front, rear
+
+
+def _axle(
+    best: Optimum, covariance: NDArray[np.float64], values: dict[str, Estimate], axle: int
+) -> AxleForces:
+    at = best.point
+    one = at.cars[0]
+    corners = [2 * axle, 2 * axle + 1]
+    speeds, travels = [], []
+    for car, found in zip(at.cars, at.predicted, strict=True):
+        x = found.path.states
+        shifted = np.concatenate([np.zeros((len(x), 7)), x[:, :7]], axis=1)
+        travels.append(travel_speeds(car, shifted)[:, corners].max())
+        speeds.append((found.path.speeds if car.has_mount else travel_speeds(car, x))[:, corners])
+    pooled = np.concatenate(speeds).ravel()
+    low, high = np.quantile(pooled, [_SHARE, 1.0 - _SHARE])
+    grid = np.union1d(np.linspace(min(low, 0.0), max(high, 0.0), _POINTS), [0.0])
+    curve = _curve(one, corners[0], grid, covariance)
+    letter = "fr"[axle]
+    names = {
+        "friction": "F_c",
+        "pre_sliding_length": "d_c",
+        "bump_stop": "k_b",
+        "bump_stop_gap": "g_b",
+        "progressive": "k_2",
+        "cubic": "k_3",
+        "tyre_progressive": "b_t",
+        "friction_left_right": "dF_c",
+        "dampers_left_right": "s_c",
+    }
+    shown = {
+        label: values[f"{kind}{letter}"]
+        for label, kind in names.items()
+        if f"{kind}{letter}" in values
+    }
+    notes = []
+    if "bump_stop" in shown and max(travels) < one.corner[corners[0], GAP]:
+        gap = 1e3 * max(travels)
+        notes.append(f"bump stop not reached: the travel went to {gap:.0f} mm in compression")
+        shown.pop("bump_stop"), shown.pop("bump_stop_gap", None)
+    mount = values.get(f"s_m{letter}")
+    if mount is not None:
+        if mount.value < _SHOWN_SIGMAS * mount.std:
+            least = 1.0 / max(mount.high, 1e-12)
+            notes.append(f"damper mount rigid: at least {least:.1e} N/m")
+        else:
+            k = 1.0 / mount.value
+            std = mount.std * k**2
+            half = COVERAGE_95 * std
+            shown["mount"] = Estimate(k, std, k - half, k + half, "N/m")
+    return AxleForces(_AXLES[axle], curve, shown, tuple(notes))
+
+
+def _curve(
+    one: Car, corner: int, speed: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> DamperCurve:
+    p, d = one.corner[corner], one.d_corner[corner]
+    force, slope = p[C] * speed, speed[:, None] * d[C]
+    for j, at in enumerate(one.knots):
+        bent = knee(speed, at, KNEE_M_S)
+        force = force + p[KNEES + j] * bent
+        slope = slope + bent[:, None] * d[KNEES + j]
+    std = np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", slope, covariance, slope), 0.0))
+    other = corner + 1
+    friction = 0.5 * (p[F_C] + one.corner[other, F_C])
+    d_friction = 0.5 * (d[F_C] + one.d_corner[other, F_C])
+    sign = np.sign(speed)
+    both = slope + sign[:, None] * d_friction
+    total_std = np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", both, covariance, both), 0.0))
+    return DamperCurve(speed, force, std, force + sign * friction, total_std)

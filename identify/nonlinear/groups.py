@@ -1,0 +1,84 @@
+"""Groups of unknowns that are released, tested and named together: the elements of a structure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .car import Model
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """One choice of the structure."""
+
+    name: str
+    """As in `[vehicle.structure]`."""
+    kinds: tuple[str, ...]
+    """Unknowns, without the axle at their end."""
+    middle: bool | None = None
+    """Of the damper's knees: the one at rest, or the others."""
+
+    def members(self, model: Model) -> tuple[str, ...]:
+        """Return the names of its unknowns."""
+        if self.middle is None:
+            return tuple(f"{k}{axle}" if k != "y_s" else k for k in self.kinds for axle in "fr")
+        return tuple(
+            f"h_{axle}{j + 1}"
+            for axle in "fr"
+            for j, knot in enumerate(model.knots)
+            if (knot == 0.0) is self.middle
+        )
+
+
+GROUPS = (
+    Group("anti_roll_bars", ("k_a",)),
+    Group("cg_offset", ("y_s",)),
+    Group("progressive_springs", ("k_2", "k_3")),
+    Group("friction", ("F_c", "d_c")),
+    Group("one_sided_dampers", (), True),
+    Group("damper_knees", (), False),
+    Group("damper_mounts", ("s_m",)),
+    Group("tyre_damping", ("c_t",)),
+    Group("progressive_tyres", ("b_t",)),
+    Group("friction_left_right", ("dF_c",)),
+    Group("dampers_left_right", ("s_c",)),
+    Group("bump_stops", ("k_b", "g_b")),
+)
+BY_NAME = {group.name: group for group in GROUPS}
+
+STAGES = (
+    (
+        "anti_roll_bars",
+        "cg_offset",
+        "progressive_springs",
+        "friction",
+        "one_sided_dampers",
+        "damper_knees",
+    ),
+    ("tyre_damping", "progressive_tyres", "friction_left_right", "dampers_left_right"),
+    ("bump_stops",),
+)
+"""Order of release: what is large first, what imitates it afterwards.  Released together from a
+far start they run after each other's effects."""
+CORRECTIONS_FROM = 1
+"""Stage with which stated uncertainties (lateness, weights, places) are released: before, they
+would take up what the elements explain."""
+
+
+def positions(model: Model, chosen: tuple[str, ...], corrections: bool) -> NDArray[np.intp]:
+    """Return which unknowns are free with the chosen groups, (F,)."""
+    optional = {name for group in GROUPS for name in group.members(model)}
+    wanted = {name for group in chosen for name in BY_NAME[group].members(model)}
+    stated = set(model.box.corrections)
+    free = []
+    for i, name in enumerate(model.names):
+        if name in stated:
+            take = corrections
+        else:
+            take = name in wanted or name not in optional
+        if take:
+            free.append(i)
+    return np.array(free, dtype=np.intp)

@@ -1,0 +1,58 @@
+"""Weak priors of the elements: what no car exceeds, so that a poor test leaves them near zero.
+
+They replace the choice of terms as far as the numbers go: a term that is dropped because it does
+not show yet biases the others, a term under a weak prior only widens their intervals.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .car import Model
+
+_PROGRESSION_1_M = 2.5
+"""Of k_2/k_s and of the tyre's beta, 1/m: 25 % more stiffness after 5 and 10 cm."""
+_CUBIC_1_M2 = 60.0
+"""Of k_3/k_s: 45 % more stiffness after 5 cm."""
+_KNEE = 2.0
+"""Of a damper's change of slope, over its coefficient."""
+_TYRE_DAMPING = 0.2
+"""Of a tyre's damping, over the damper's coefficient."""
+_SPLIT = 0.3
+"""Of the difference of the dampers of an axle."""
+_FRICTION_SPLIT_N = 30.0
+_CG_M = 0.03
+_MOUNT_M_N = 3e-6
+"""Of a mount's compliance, m/N: the softest mounts of cars have 3e5 N/m."""
+
+
+def weak_priors(
+    model: Model, eta: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return mean and standard deviation of each unknown, (P,), for a car about as at `eta`."""
+    full = model.box.full(eta[: model.first].astype(complex)).real
+    k_s, c_s = float(np.exp(np.mean(np.log(full[7:11])))), float(np.exp(np.mean(np.log(full[15:19]))))
+    size = {
+        "k_2": _PROGRESSION_1_M * k_s,
+        "k_3": _CUBIC_1_M2 * k_s,
+        "b_t": _PROGRESSION_1_M,
+        "h_": _KNEE * c_s,
+        "s_c": _SPLIT,
+        "dF_": _FRICTION_SPLIT_N,
+        "s_m": _MOUNT_M_N,
+        "k_b": 6.0 * k_s,
+    }
+    own = [e.prior for e in model.elements]
+    for i, e in enumerate(model.elements):
+        kind = next((k for k in size if e.name.startswith(k)), None)
+        if kind is not None:
+            own[i] = size[kind] / e.scale
+    box = model.box.prior_sigma.copy()
+    for i, name in enumerate(model.box.parameters):
+        if name.startswith("c_t"):
+            box[i] = _TYRE_DAMPING * c_s / 100.0
+        elif name == "y_s":
+            box[i] = _CG_M / 0.1
+    centre = np.concatenate([np.zeros(model.first), [e.unknown(e.rest) for e in model.elements]])
+    return centre, np.concatenate([box, own])

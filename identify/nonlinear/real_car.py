@@ -1,0 +1,190 @@
+"""A real car: the rich model where the linear one does not explain the decays, and what is in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.vehicle import Structure
+
+from ..decays.onset import decay_start_s
+from ..fit.estimation import Estimation, basin, floored, rough_noise
+from ..fit.grey_box import GreyBox
+from ..fit.likelihood import Fit
+from .begin import owns_of
+from .car import Model
+from .engine import NonlinearEngine, residuals_of
+from .fit import Optimum, inverse
+from .forces import ElementChoice, Forces, axle_forces, element_estimates
+from .groups import GROUPS
+from .release import release
+from .run import run_of
+from .sandwich import scatter, widened
+from .unknowns import KNOTS
+
+_CLEAN_SIGMAS = 2.0
+"""Standard deviations of chi2/n above which the intervals are those of the scores' scatter."""
+
+Log = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class RealCar:
+    """The result of the nonlinear fit."""
+
+    estimation: Estimation
+    """As of the linear fit: parameters first, then corrections, then the free elements."""
+    forces: Forces
+    """Curves and elements."""
+
+
+def real_car(
+    linear: Estimation,
+    vehicles: Sequence[NDArray[np.float64]],
+    decided: Mapping[str, bool],
+    log: Log = lambda text: None,
+) -> RealCar | None:
+    """Fit the rich model to the decays of an estimation that does not hold.
+
+    Parameters
+    ----------
+    linear : Estimation
+        The linear fit.
+    vehicles : sequence of (15,) float64
+        Generic vehicles to start from.
+    decided : mapping of group to bool
+        Elements that `[vehicle.structure]` forces or forbids.
+    log : callable
+        Receives a line for each stage.
+
+    Returns
+    -------
+    RealCar or None
+        None where the search finds no finite path.
+    """
+    records, rest = linear.records, linear.rest
+    start_s = np.array([decay_start_s(record) for record in records])
+    decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
+    sigma = floored(rest or rough_noise(decays), decays)
+    model, simple = _models(linear.box, decided)
+    near = basin(simple, records, rest, start_s, [simple.unknowns(theta) for theta in vehicles])
+    full = simple.full(near.astype(complex)).real
+    eta = model.unknowns(model.box.unknowns_of(full))
+    runs = tuple(run_of(model, decay, sigma) for decay in decays)
+    owns = owns_of(model, eta, decays, sigma)
+    found = release(model, runs, eta, owns, lambda name: decided.get(name, True), log)
+    if found is None:
+        return None
+    best, chosen = found
+    return _result(linear, best, chosen, sigma, decided)
+
+
+def _models(box: GreyBox, decided: Mapping[str, bool]) -> tuple[Model, GreyBox]:
+    """Return the rich model, and the linear one with bars from which it starts."""
+    bars = decided.get("anti_roll_bars", True)
+    rich = Structure(
+        box.structure.symmetric,
+        bars,
+        decided.get("tyre_damping", True),
+        decided.get("cg_offset", True),
+    )
+    simple = Structure(box.structure.symmetric, bars, False, False)
+    model = Model(replace_structure(box, rich), KNOTS["K3"])
+    return model, replace_structure(box, simple)
+
+
+def replace_structure(box: GreyBox, structure: Structure) -> GreyBox:
+    """Return the grey box of another structure."""
+    return GreyBox(box.clocks, box.mass_states, box.geometry, structure, box.facts)
+
+
+def _result(
+    linear: Estimation,
+    best: Optimum,
+    chosen: tuple[str, ...],
+    sigma: dict[str, float],
+    decided: Mapping[str, bool],
+) -> RealCar:
+    at, problem = best.point, best.point.problem
+    model, free = problem.model, problem.free
+    left = residuals_of(at, best.normal)
+    squares = sum(
+        float(values @ values) / sigma[name] ** 2
+        for one in left
+        for name, values in one.values.items()
+    )
+    freedom = sum(sum(one.freedom.values()) for one in left) - len(free)
+    chi2 = squares / freedom
+    covariance = inverse(best.information)
+    if chi2 - 1.0 > _CLEAN_SIGMAS * float(np.sqrt(2.0 / freedom)):
+        covariance = widened(covariance, scatter(at, best.normal))
+    shown = np.union1d(np.arange(model.first), free)
+    place = np.searchsorted(shown, free)
+    full = np.zeros((len(shown), len(shown)))
+    full[np.diag_indices(len(shown))] = np.inf
+    full[np.ix_(place, place)] = covariance
+    owns = {r.decay.label: own for r, own in zip(problem.runs, at.owns, strict=True)}
+    engine = NonlinearEngine(problem, at.eta, owns, shown)
+    parts = engine.parts(at, best.normal)
+    fit = Fit(
+        at.eta[shown],
+        full,
+        best.cost,
+        {label: part.information for label, part in parts.items()},
+        best.iterations,
+        best.converged,
+    )
+    estimation = Estimation(
+        box=model.box,
+        records=linear.records,
+        fit=fit,
+        decays=tuple(run.decay for run in problem.runs),
+        sigma=sigma,
+        rest=linear.rest,
+        residuals=left,
+        chi2_per_n=chi2,
+        nonlinear=engine,
+    )
+    values = element_estimates(best, covariance)
+    choices = _choices(best, covariance, chosen, chi2, freedom, decided)
+    return RealCar(estimation, Forces(axle_forces(best, covariance, values), choices))
+
+
+def _choices(
+    best: Optimum,
+    covariance: NDArray[np.float64],
+    chosen: tuple[str, ...],
+    chi2: float,
+    freedom: float,
+    decided: Mapping[str, bool],
+) -> tuple[ElementChoice, ...]:
+    """Return what each group explains: the rise of the cost without it, by its covariance."""
+    problem = best.point.problem
+    model = problem.model
+    values = element_estimates(best, covariance)
+    plain = inverse(best.information)
+    result = []
+    for group in GROUPS:
+        members = [n for n in group.members(model) if n in values]
+        if group.name not in chosen or not members:
+            continue
+        # A length or a gap has no value at which its element is absent.
+        sized = [n for n in members if not n.startswith(("d_c", "g_b"))]
+        at = [int(np.flatnonzero(problem.free == model.names.index(n))[0]) for n in sized]
+        x = best.eta[problem.free[at]]
+        gain = float(x @ inverse(plain[np.ix_(at, at)]) @ x) / max(1.0, chi2)
+        threshold = len(members) * float(np.log(freedom))
+        result.append(
+            ElementChoice(
+                group.name,
+                gain,
+                threshold,
+                decided.get(group.name, gain > threshold),
+                group.name in decided,
+                {n: values[n] for n in members},
+            )
+        )
+    return tuple(result)

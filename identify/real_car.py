@@ -1,0 +1,48 @@
+"""Whether a car's elements or its bench explain what the linear fit leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.sessions import Session
+
+from .fit.estimation import Estimation, generic_vehicles
+from .nonlinear.real_car import RealCar, real_car
+from .trust.misfit import CHI2_LIMIT
+from .trust.parameters import undetermined
+from .trust.ranking import Suspect, rank_causes
+
+
+def explained_by_elements(session: Session, linear: Estimation) -> RealCar | None:
+    """Return the fit with nonlinear elements where it explains the decays; None where not.
+
+    A fault of the bench (a late or wrongly scaled sensor) that explains the misfit with one number
+    goes before a dozen elements that explain it as well.
+
+    Parameters
+    ----------
+    session : Session
+        With what `[vehicle.structure]` decides.
+    linear : Estimation
+        A linear fit that does not hold.
+    """
+    if undetermined(linear):
+        return None
+    n = sum(sum(left.freedom.values()) for left in linear.residuals)
+    excess = max(linear.chi2_per_n - 1.0, 0.0)
+    fault = max((s.explained for s in rank_causes(linear) if of_bench(s)), default=0.0)
+    left = excess * (1.0 - min(fault, 1.0))
+    if 1.0 + left <= linear.chi2_limit:
+        return None
+    found = real_car(linear, generic_vehicles(), session.vehicle.elements)
+    if found is None or not found.estimation.chi2_per_n <= CHI2_LIMIT:
+        return None
+    kept = sum(choice.threshold for choice in found.forces.choices if choice.kept)
+    by_elements = max(found.estimation.chi2_per_n - 1.0, 0.0) * n + kept
+    by_fault = left * n + float(np.log(n))
+    return found if by_elements < by_fault else None
+
+
+def of_bench(suspect: Suspect) -> bool:
+    """Return whether a cause is a fault of a sensor."""
+    return suspect.cause.endswith(" late") or suspect.cause.startswith("gain of ")
