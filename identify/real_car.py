@@ -9,8 +9,8 @@ from daq.sessions import Session
 from .fit.estimation import Estimation, generic_vehicles
 from .nonlinear.real_car import RealCar, real_car
 from .trust.misfit import CHI2_LIMIT
-from .trust.parameters import undetermined
-from .trust.ranking import Suspect, rank_causes
+from .trust.plausibility import undetermined
+from .trust.cause_ranking import Suspect, rank_causes
 
 
 def explained_by_elements(session: Session, linear: Estimation) -> RealCar | None:

@@ -224,9 +224,7 @@ class GreyBox:
             return np.zeros(len(eta), dtype=complex)
         return np.asarray(_CROSS_SCALE_KG * eta[:, len(self.prior_sigma) - 1])
 
-    def masses_kg(
-        self, eta: NDArray[np.complex128], state: MassState
-    ) -> NDArray[np.complex128]:
+    def masses_kg(self, eta: NDArray[np.complex128], state: MassState) -> NDArray[np.complex128]:
         """Return the weights of a mass state as corrected, (n, n_weights) kg, at `eta`, (n, P)."""
         first = self._first_delay + len(self._late)
         nominal = np.array([w.mass_kg for w in state.added.weights], dtype=complex)
@@ -250,9 +248,7 @@ class GreyBox:
         ]
         return A, np.stack(rows, axis=1)
 
-    def motion_rows(
-        self, eta: NDArray[np.complex128]
-    ) -> dict[str, NDArray[np.complex128]]:
+    def motion_rows(self, eta: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
         """Return each channel's row on the seven motions, (n, 7), time derivative apart."""
         rows = self._motion_rows(eta, self.full(eta))
         return dict(zip([channel.name for channel in self._channels], rows, strict=True))

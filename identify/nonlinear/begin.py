@@ -12,7 +12,7 @@ from daq.vehicle import MassState
 from ..decays.decay import FreeDecay
 from ..model.matrices import full_matrices
 from ..fit.varpro import linear_part
-from ..fit.varpro import point as linear_point
+from ..fit.varpro import evaluate as linear_point
 from .car import PULL, Model, car
 from .path import Own, travel_speeds
 
@@ -51,5 +51,3 @@ def owns_of(
         speed = travel_speeds(cars[decay.mass_state], motion)
         result.append(Own(motion, np.tanh(speed / _SLIDES_M_S), np.zeros(4)))
     return tuple(result)
-
-

@@ -98,9 +98,7 @@ class Car:
         return bool(self.corner[:, MOUNT].any() or self.d_corner[:, MOUNT].any())
 
 
-def car(
-    model: Model, eta: NDArray[np.float64], state: MassState, free: NDArray[np.intp]
-) -> Car:
+def car(model: Model, eta: NDArray[np.float64], state: MassState, free: NDArray[np.intp]) -> Car:
     """Return a mass state at `eta`, (P,), and its derivatives by the unknowns at `free`, (F,)."""
     points = stepped(eta)[np.concatenate([[0], 1 + free])]
     corner, mass, pull = _coefficients(model, points, state)

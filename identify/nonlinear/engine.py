@@ -118,7 +118,7 @@ def residuals_of(at: Point, equations: Normal) -> tuple[Residuals, ...]:
         for r, left, weight, basis, J in zip(
             run.decay.recordings, found.left, run.weights, run.bases, b.jacobian, strict=True
         ):
-            for c, channel in enumerate(r.clock.channels):
+            for c, channel in enumerate(r.group.channels):
                 values[channel.name] = left[:, c] / weight[c]
                 mine = J[:, c, :own]
                 used = float(np.sum((mine @ spread) * mine))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,8 +14,17 @@ from .path import STATES, Own, Path, Sampled, first_state
 from .tangent import Plan, Start
 
 
-def integrate(car: Car, own: Own, end_s: float, step_s: float) -> Path | None:
-    """Return the path of a run up to `end_s` or just after; None if it does not stay finite."""
+def integrate(
+    cars: Sequence[Car], owns: Sequence[Own], ends_s: Sequence[float], step_s: float
+) -> list[Path | None]:
+    """Return the path of each run up to its end or just after; None if it does not stay finite."""
+    return [
+        _integrate(car, own, end_s, step_s)
+        for car, own, end_s in zip(cars, owns, ends_s, strict=True)
+    ]
+
+
+def _integrate(car: Car, own: Own, end_s: float, step_s: float) -> Path | None:
     x0, speed = first_state(car, own)
     steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8
     states, slopes = np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES))
@@ -35,10 +46,18 @@ def sample(car: Car, path: Path, times_s: NDArray[np.float64]) -> Sampled:
     return Sampled(times_s, states, slopes, speeds)
 
 
-def tangents(car: Car, path: Path, start: Start, plan: Plan, sampled: Sampled,
-    forced: NDArray[np.bool_]) -> NDArray[np.float64]:
+def tangents(
+    car: Car,
+    acts: NDArray[np.intp],
+    path: Path,
+    start: Start,
+    plan: Plan,
+    sampled: Sampled,
+    forced: NDArray[np.bool_],
+) -> NDArray[np.float64]:
     """Return the derivatives of heave, speed and acceleration at the samples, (n, 21, columns)."""
     corner, knots, inverse, _ = _body(car)
+    assert start.matrix.shape[1] == len(acts) + (22 if car.has_mount else 18)
     out = np.empty((len(sampled.times_s), 21, start.matrix.shape[1]))
     kernels.tangents(
         start.matrix, path.step_s, path.states, path.slopes, path.speeds, corner, knots, inverse,

@@ -133,8 +133,10 @@ def fit(
                 for own, A, b in zip(at.owns, inverses, equations.blocks, strict=True)
             )
             trial = point(problem, moved, owns, polish)
-            log(f"  {iterations} cost {at.cost:.2f} -> {trial.cost if trial else np.nan:.2f} "
-                f"decr {decrement:.3g} lambda {damping:.0e} share {share:.2f}")
+            log(
+                f"  {iterations} cost {at.cost:.2f} -> {trial.cost if trial else np.nan:.2f} "
+                f"decr {decrement:.3g} lambda {damping:.0e} share {share:.2f}"
+            )
             near = decrement < 1.0 and damping <= 1e-3
             if trial is not None and trial.cost < at.cost + (1.0 if near else 0.0):
                 damping, refused = max(damping / 10.0, 1e-8), 0

@@ -348,9 +348,7 @@ def tangents(S0, step_s, states, slopes, speeds, p, knots, inverse, mounted, spa
             c3 = -s * s * (1.0 - s) * h
             for i in range(22):
                 for j in range(size):
-                    mid[i, j] = (
-                        c0 * S[i, j] + c1 * y[i, j] + c2 * k1[i, j] + c3 * after[i, j]
-                    )
+                    mid[i, j] = c0 * S[i, j] + c1 * y[i, j] + c2 * k1[i, j] + c3 * after[i, j]
             out[n, :14] = mid[:14]
             if forced[n]:
                 tangent_rates(at[n], rate[n], speed[n], mid, p, knots, inverse, level, mounted,

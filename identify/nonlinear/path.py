@@ -76,8 +76,10 @@ class Sampled:
 
 def travel_speeds(car: Car, motion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the speeds of the four suspensions, (..., 4) m/s, compression positive."""
-    body = motion[..., 7:8] - motion[..., 8:9] * car.corner[:, X] + motion[..., 9:10] * (
-        car.corner[:, Y]
+    body = (
+        motion[..., 7:8]
+        - motion[..., 8:9] * car.corner[:, X]
+        + motion[..., 9:10] * (car.corner[:, Y])
     )
     return np.asarray(motion[..., 10:14] - body)
 
@@ -105,3 +107,14 @@ def step_of(cars: list[Car], usual_s: float) -> float:
     """Return the step that the shortest pre-sliding length allows, s."""
     shortest = min(float(car.corner[:, LENGTH].min()) for car in cars)
     return usual_s / 2.0 if shortest < _SHORT_M else usual_s
+
+
+def hermite(share: NDArray[np.float64], step_s: float) -> tuple[NDArray[np.float64], ...]:
+    """Return the weights of cubic Hermite: value before, value after, slope before, slope after.
+
+    `share` is where in the step, 0..1, (n,).
+    """
+    s = share
+    before = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s)
+    after = s * s * (3.0 - 2.0 * s)
+    return before, after, s * (1.0 - s) * (1.0 - s) * step_s, -s * s * (1.0 - s) * step_s

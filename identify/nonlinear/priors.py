@@ -32,7 +32,10 @@ def weak_priors(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean and standard deviation of each unknown, (P,), for a car about as at `eta`."""
     full = model.box.full(eta[: model.first].astype(complex)).real
-    k_s, c_s = float(np.exp(np.mean(np.log(full[7:11])))), float(np.exp(np.mean(np.log(full[15:19]))))
+    k_s, c_s = (
+        float(np.exp(np.mean(np.log(full[7:11])))),
+        float(np.exp(np.mean(np.log(full[15:19])))),
+    )
     size = {
         "k_2": _PROGRESSION_1_M * k_s,
         "k_3": _CUBIC_1_M2 * k_s,

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .car import Car, Model, car
+from . import integrator
+from .car import MOUNT, Car, Model, car
 from .path import POLISH_STEP_S, STEP_S, Own, step_of
 from .run import Block, Predicted, Rows, Run, block, predict, rows_of
 from .tangent import acting
@@ -72,12 +71,6 @@ class Normal:
     """(F,)."""
 
 
-def _each(work: Callable[..., object], *lists: Sequence[object]) -> list:
-    """Return the results of independent runs; compiled code lets two of them run at a time."""
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(work, *lists))
-
-
 def point(
     problem: Problem, eta: NDArray[np.float64], owns: tuple[Own, ...], polish: bool
 ) -> Point | None:
@@ -89,10 +82,13 @@ def point(
     rows = rows_of(model, eta, problem.free)
     step_s = step_of(list(cars.values()), POLISH_STEP_S if polish else STEP_S)
     each = tuple(cars[run.decay.mass_state] for run in problem.runs)
-    found = _each(
-        lambda run, one, own: predict(model, run, one, rows, own, step_s), problem.runs, each, owns
-    )
-    if any(one is None for one in found):
+    paths = integrator.integrate(each, owns, [run.end_s for run in problem.runs], step_s)
+    found = [
+        predict(model, run, one, rows, path)
+        for run, one, path in zip(problem.runs, each, paths, strict=True)
+        if path is not None
+    ]
+    if len(found) < len(paths):
         return None
     cost = sum(one.cost for one in found)
     cost += sum(float(own.friction @ own.friction) / _FRICTION_PRIOR**2 for own in owns)
@@ -106,8 +102,6 @@ def point(
 
 
 def _mount_sd(one: Car) -> NDArray[np.float64]:
-    from .car import MOUNT
-
     return np.maximum(_MOUNT_PRIOR_M * one.corner[:, MOUNT] ** 2, 1e-9)
 
 
@@ -115,12 +109,12 @@ def normal(at: Point) -> Normal:
     """Return the normal equations at a point."""
     problem, model = at.problem, at.problem.model
     acts = acting(list({id(one): one for one in at.cars}.values()))
-    blocks = _each(
-        lambda run, one, own, found: _own_priors(
-            block(model, run, one, at.rows, own, found, acts, at.polish), one, own
-        ),
-        problem.runs, at.cars, at.owns, at.predicted,
-    )  # fmt: skip
+    blocks = [
+        _own_priors(block(model, run, one, at.rows, own, found, acts, at.polish), one, own)
+        for run, one, own, found in zip(
+            problem.runs, at.cars, at.owns, at.predicted, strict=True
+        )
+    ]
     misfits, slopes = model.box.fact_misfits(at.eta)
     slopes = slopes[:, problem.free]
     weight = problem.prior[problem.free] ** -2

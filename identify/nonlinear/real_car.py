@@ -98,7 +98,7 @@ def _models(box: GreyBox, decided: Mapping[str, bool]) -> tuple[Model, GreyBox]:
 
 def replace_structure(box: GreyBox, structure: Structure) -> GreyBox:
     """Return the grey box of another structure."""
-    return GreyBox(box.clocks, box.mass_states, box.geometry, structure, box.facts)
+    return GreyBox(box.groups, box.mass_states, box.geometry, structure, box.facts)
 
 
 def _result(

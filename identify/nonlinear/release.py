@@ -98,9 +98,7 @@ def release(
     return (polished or best), chosen
 
 
-def _mounts_pay(
-    problem: Problem, best: Optimum, allowed: Callable[[str], bool], log: Log
-) -> bool:
+def _mounts_pay(problem: Problem, best: Optimum, allowed: Callable[[str], bool], log: Log) -> bool:
     """Return whether compliant mounts would lower the cost by much more than chance."""
     if not allowed("damper_mounts"):
         return False

@@ -14,7 +14,7 @@ from daq.channels import TIME_DERIVATIVE
 from ..decays.decay import FreeDecay, Recording
 from ..fit.grey_box import COMPLEX_STEP, stepped
 from ..model.low_pass import low_pass_of
-from . import fast
+from . import integrator
 from .car import Car, Model
 from .filtered import filtered
 from .path import Own, Path, Sampled
@@ -43,7 +43,7 @@ class Run:
         """Orthonormal functions of each recording that are its channels' own, (n, k)."""
         result = []
         for r in self.decay.recordings:
-            own = low_pass_of(r.clock.channels[0]).transients(r.time_s)
+            own = low_pass_of(r.group.channels[0]).transients(r.time_s)
             result.append(np.linalg.qr(np.hstack([np.ones((len(r.time_s), 1)), own]))[0])
         return tuple(result)
 
@@ -63,9 +63,9 @@ class Run:
 def run_of(model: Model, decay: FreeDecay, sigma: Mapping[str, float]) -> Run:
     """Return a decay ready to be fitted."""
     weights = tuple(
-        np.array([1.0 / sigma[c.name] for c in r.clock.channels]) for r in decay.recordings
+        np.array([1.0 / sigma[c.name] for c in r.group.channels]) for r in decay.recordings
     )
-    unsure = max((clock.delay_sigma_s for clock in model.box.clocks), default=0.0)
+    unsure = max((group.delay_sigma_s for group in model.box.groups), default=0.0)
     return Run(decay, weights, _EARLY_SIGMAS * unsure + 2.0 * _LATE_S * (unsure > 0.0))
 
 
@@ -89,7 +89,7 @@ def rows_of(model: Model, eta: NDArray[np.float64], free: NDArray[np.intp]) -> R
     found = model.box.motion_rows(points)
     box = model.box
     late = []
-    for i in range(len(box.clocks)):
+    for i in range(len(box.groups)):
         p = box.delay_index(i)
         late.append(int(np.flatnonzero(free == p)[0]) if p is not None and p in free else None)
     return Rows(
@@ -112,14 +112,11 @@ class Predicted:
 
 
 def _times(run: Run, rows: Rows, model: Model, r: Recording) -> NDArray[np.float64]:
-    return np.asarray(r.time_s - rows.delays_s[model.box.clocks.index(r.clock)] + run.early_s)
+    return np.asarray(r.time_s - rows.delays_s[model.box.groups.index(r.group)] + run.early_s)
 
 
-def predict(model: Model, run: Run, car: Car, rows: Rows, own: Own, step_s: float) -> Predicted | None:
-    """Return what a run leaves at one point; None where its path does not stay finite."""
-    path = fast.integrate(car, own, run.end_s, step_s)
-    if path is None:
-        return None
+def predict(model: Model, run: Run, car: Car, rows: Rows, path: Path) -> Predicted:
+    """Return what a run leaves along its path."""
     left = []
     for r, weight, basis in zip(run.decay.recordings, run.weights, run.bases, strict=True):
         values = _values(car, rows, path, r, _times(run, rows, model, r))
@@ -131,16 +128,16 @@ def predict(model: Model, run: Run, car: Car, rows: Rows, own: Own, step_s: floa
 def _values(
     car: Car, rows: Rows, path: Path, r: Recording, times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    low_pass = low_pass_of(r.clock.channels[0])
+    low_pass = low_pass_of(r.group.channels[0])
     if not len(low_pass.poles):
-        return _seen(rows, r, fast.sample(car, path, times))
+        return _seen(rows, r, integrator.sample(car, path, times))
     nodes = Sampled(np.zeros(0), path.states, path.slopes, path.speeds)
     return filtered(low_pass, _seen(rows, r, nodes), path.step_s, times)
 
 
 def _seen(rows: Rows, r: Recording, sampled: Sampled) -> NDArray[np.float64]:
     columns = [
-        sampled.motion(TIME_DERIVATIVE[c.quantity]) @ rows.rows[c.name] for c in r.clock.channels
+        sampled.motion(TIME_DERIVATIVE[c.quantity]) @ rows.rows[c.name] for c in r.group.channels
     ]
     return np.stack(columns, axis=1)
 
@@ -175,23 +172,23 @@ def block(
     n_own = start.matrix.shape[1] - len(acts)
     n_free = car.d_corner.shape[2]
     grid = np.zeros(0)
-    if any(len(low_pass_of(r.clock.channels[0]).poles) for r in run.decay.recordings):
+    if any(len(low_pass_of(r.group.channels[0]).poles) for r in run.decay.recordings):
         spacing = _FILTER_POLISH_S if polish else _FILTER_STEP_S
         grid = np.arange(0.0, path.end_s + 1e-9, spacing)
         grid = grid[: len(grid) - (len(grid) + 1) % 2]
     stamps = [
-        grid if len(low_pass_of(r.clock.channels[0]).poles) else _times(run, rows, model, r)
+        grid if len(low_pass_of(r.group.channels[0]).poles) else _times(run, rows, model, r)
         for r in run.decay.recordings
     ]
     every, back = np.unique(np.concatenate(stamps), return_inverse=True)
-    sampled = fast.sample(car, path, every)
+    sampled = integrator.sample(car, path, every)
     forced = np.zeros(len(every), dtype=bool)
     first = 0
     for r, times in zip(run.decay.recordings, stamps, strict=True):
-        if any(TIME_DERIVATIVE[c.quantity] == 2 for c in r.clock.channels):
+        if any(TIME_DERIVATIVE[c.quantity] == 2 for c in r.group.channels):
             forced[back[first : first + len(times)]] = True
         first += len(times)
-    moved = fast.tangents(car, path, start, plan, sampled, forced)
+    moved = integrator.tangents(car, acts, path, start, plan, sampled, forced)
     jacobian = []
     first = 0
     for r, weight, basis, times in zip(
@@ -200,20 +197,20 @@ def block(
         at = back[first : first + len(times)]
         first += len(times)
         mine = Sampled(times, sampled.states[at], sampled.slopes[at], sampled.speeds[at])
-        J = np.zeros((len(times), len(r.clock.channels), n_own + n_free))
-        stack = np.zeros((len(r.clock.channels), 21))
-        for c, channel in enumerate(r.clock.channels):
+        J = np.zeros((len(times), len(r.group.channels), n_own + n_free))
+        stack = np.zeros((len(r.group.channels), 21))
+        for c, channel in enumerate(r.group.channels):
             order = TIME_DERIVATIVE[channel.quantity]
             stack[c, 7 * order : 7 * order + 7] = rows.rows[channel.name]
             J[:, c, n_own:] = mine.motion(order) @ rows.slopes[channel.name].T
         part = stack @ moved[at]
         J[:, :, :n_own] = part[:, :, :n_own]
         J[:, :, n_own + acts] += part[:, :, n_own:]
-        low_pass = low_pass_of(r.clock.channels[0])
+        low_pass = low_pass_of(r.group.channels[0])
         asked = _times(run, rows, model, r)
         if len(low_pass.poles):
             J = filtered(low_pass, J, float(grid[1]), asked)
-        late = rows.late[model.box.clocks.index(r.clock)]
+        late = rows.late[model.box.groups.index(r.group)]
         if late is not None:
             after = _values(car, rows, path, r, asked + _LATE_S)
             before = _values(car, rows, path, r, asked - _LATE_S)

@@ -39,9 +39,7 @@ def scatter(at: Point, equations: Normal) -> NDArray[np.float64]:
     return total
 
 
-def widened(
-    covariance: NDArray[np.float64], scores: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def widened(covariance: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the covariance with each standard deviation raised to that by the scores' scatter."""
     robust = np.diag(covariance @ scores @ covariance)
     plain = np.diag(covariance)

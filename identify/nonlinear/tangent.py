@@ -29,9 +29,7 @@ class Start:
 
     matrix: NDArray[np.float64]
     """(22, columns): the run's own unknowns, then the free ones that act on the motion."""
-    sparse: tuple[
-        NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]
-    ]
+    sparse: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
     """First entry of each corner (5,), and of each entry coefficient, column and derivative."""
     body: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
     """Columns that change the body, (n,), its mass by them, (n, 3, 3), and gravity, (n, 3)."""
@@ -115,9 +113,7 @@ def plan_of(car: Car, path: Path, polish: bool) -> Plan:
     length = MOUNTED_STEPS if car.has_mount else COARSE_STEPS
     p, x = car.corner, path.states
     travel = travel_speeds(car, np.concatenate([np.zeros((len(x), 7)), x[:, :7]], axis=1))
-    load = tyre_load(
-        x[:, 3:7], x[:, 10:14], p[:, K_T], p[:, BETA], p[:, C_T], p[:, STATIC]
-    )
+    load = tyre_load(x[:, 3:7], x[:, 10:14], p[:, K_T], p[:, BETA], p[:, C_T], p[:, STATIC])
     signs = [travel_speeds(car, x) > 0.0, load > 0.0]
     if p[:, K_B].any() or car.d_corner[:, K_B].any():
         signs.append(travel > p[:, GAP])

@@ -72,9 +72,7 @@ class Truth:
             slope[SPEEDS == low] = (far_r + near_r) / 2
             slope[SPEEDS == high] = (far_c + near_c) / 2
             slope[SPEEDS == 0] = (near_r + near_c) / 2
-        force = np.concatenate(
-            [[0.0], np.cumsum(np.diff(SPEEDS) * (slope[1:] + slope[:-1]) / 2)]
-        )
+        force = np.concatenate([[0.0], np.cumsum(np.diff(SPEEDS) * (slope[1:] + slope[:-1]) / 2)])
         return np.asarray(force - np.interp(0.0, SPEEDS, force))
 
 

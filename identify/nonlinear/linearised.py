@@ -1,0 +1,223 @@
+"""The motion linearised along a path: Jacobians and forcing, and the tangents by them (NumPy)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..elements.damper import knee
+from ..elements.friction import (
+    friction_rate_by_length,
+    friction_rate_by_share,
+    friction_rate_by_speed,
+)
+from ..elements.mount import mount_slope
+from ..elements.spring import spring_force, spring_stiffness
+from ..elements.stop import stop_by_rate, stop_force, stop_stiffness
+from ..elements.tyre import tyre_contact, tyre_load, tyre_load_by_heave
+from .car import (
+    BETA, C, C_T, F_C, GAP, K_2, K_3, K_A, K_B, K_S, K_T, KNEES, LENGTH, MASS, MOUNT, PULL, RATIO,
+    STATIC, Car, X, Y,
+)  # fmt: skip
+from .level import Level
+from .path import STATES, Path, Sampled, hermite
+from .reference import ACROSS, curve
+from .tangent import Plan, Start
+
+Array = NDArray[np.float64]
+
+
+def linearised(
+    car: Car, acts: NDArray[np.intp], level: Level, x: Array, rate: Array, r: Array
+) -> tuple[Array, Array]:
+    """Return Jacobian, (n, 22, 22), and forcing by the acting unknowns, (n, 22, A), at states.
+
+    Parameters
+    ----------
+    car : Car
+        Coefficients and their derivatives.
+    acts : (A,) intp
+        Positions of the acting unknowns among the free ones.
+    level : Level
+        Rounding of the laws.
+    x, rate : (n, 22) float64
+        States and their rates of change on the path.
+    r : (n, 4) float64
+        Speeds of the dampers.
+    """
+    p, D = car.corner, car.d_corner[:, :, acts]
+    n = len(x)
+    to_u, to_w = np.zeros((4, STATES)), np.zeros((4, STATES))
+    for i in range(4):
+        to_u[i, [0, 1, 2, 3 + i]] = (-1.0, p[i, X], -p[i, Y], 1.0)
+        to_w[i, [7, 8, 9, 10 + i]] = (-1.0, p[i, X], -p[i, Y], 1.0)
+    u, w = x @ to_u.T, x @ to_w.T
+    z, v, zeta = x[:, 3:7], x[:, 10:14], x[:, 14:18]
+    force, slope = curve(p, car.knots, r, level.knee_m_s)
+    ratio, sigma = p[:, RATIO], p[:, MOUNT]
+    damping = ratio * slope
+    stiff = spring_stiffness(u, p[:, K_S], p[:, K_2], p[:, K_3]) + p[:, K_A]
+    stiff = stiff + stop_stiffness(u, p[:, K_B], p[:, GAP], level.stop_m)
+    total = (
+        ratio * force
+        + spring_force(u, p[:, K_S], p[:, K_2], p[:, K_3])
+        + stop_force(u, p[:, K_B], p[:, GAP], level.stop_m)
+        + p[:, K_A] * (u - u[:, ACROSS])
+        + p[:, F_C] * zeta
+    )
+    load = tyre_load(z, v, p[:, K_T], p[:, BETA], p[:, C_T], p[:, STATIC])
+    contact = tyre_contact(load)
+
+    # Derivatives by each coefficient: of the force, of the mount's equation, of the wheel's push.
+    by_force, by_speed, by_road = (np.zeros((n, 4, p.shape[1])) for _ in range(3))
+    for k, value in ((K_S, u), (K_2, u**2), (K_3, u**3), (K_A, u - u[:, ACROSS]), (F_C, zeta)):
+        by_force[:, :, k] = value
+    by_force[:, :, K_B] = stop_by_rate(u, p[:, GAP], level.stop_m)
+    by_force[:, :, GAP] = -stop_stiffness(u, p[:, K_B], p[:, GAP], level.stop_m)
+    by_force[:, :, RATIO], by_force[:, :, C] = force, ratio * r
+    by_speed[:, :, MOUNT], by_speed[:, :, RATIO] = -ratio * force, -sigma * force
+    by_speed[:, :, C] = -sigma * ratio * r
+    for j, at in enumerate(car.knots):
+        bent = ratio * knee(r, at, level.knee_m_s)
+        by_force[:, :, KNEES + j], by_speed[:, :, KNEES + j] = bent, -sigma * bent
+    by_road[:, :, K_T] = -contact * z * (1.0 - p[:, BETA] * z)
+    by_road[:, :, BETA] = contact * p[:, K_T] * z**2
+    by_road[:, :, C_T] = -contact * v
+    by_road[:, :, STATIC] = contact - 1.0
+    by_road[:, :, MASS], by_road[:, :, PULL] = -rate[:, 10:14], 1.0
+
+    def coefficients(slopes: Array) -> Array:
+        return np.stack([slopes[:, i] @ D[i] for i in range(4)], axis=1)
+
+    du = x[:, 1, None, None] * D[:, X] - x[:, 2, None, None] * D[:, Y]
+    dw = x[:, 8, None, None] * D[:, X] - x[:, 9, None, None] * D[:, Y]
+    size = STATES + len(acts)
+    all_u = np.concatenate([np.broadcast_to(to_u, (n, 4, STATES)), du], axis=2)
+    all_w = np.concatenate([np.broadcast_to(to_w, (n, 4, STATES)), dw], axis=2)
+    share, mount = np.zeros((4, size)), np.zeros((4, size))
+    share[range(4), range(14, 18)] = 1.0
+    mount[range(4), range(18, 22)] = 1.0
+    if car.has_mount:
+        left = mount + level.loss_s * all_w
+        left[:, :, STATES:] += coefficients(by_speed)
+        speed = left / mount_slope(damping, sigma, level.loss_s)[:, :, None]
+    else:
+        speed = all_w
+    push = stiff[:, :, None] * all_u - p[:, K_A, None] * all_u[:, ACROSS]
+    push += damping[:, :, None] * speed + p[:, F_C, None] * share
+    push[:, :, STATES:] += coefficients(by_force)
+
+    out = np.zeros((n, STATES, size))
+    out[:, range(7), range(7, 14)] = 1.0
+    body = np.empty((n, 3, size))
+    body[:, 0] = push.sum(axis=1)
+    body[:, 1] = -(p[:, X, None] * push).sum(axis=1)
+    body[:, 2] = (p[:, Y, None] * push).sum(axis=1)
+    body[:, 1, STATES:] -= total @ D[:, X]
+    body[:, 2, STATES:] += total @ D[:, Y]
+    body[:, :, STATES:] += car.d_pull[acts].T
+    body[:, :, STATES:] -= np.einsum("akm,nm->nka", car.d_mass[acts], rate[:, 7:10])
+    out[:, 7:10] = np.linalg.inv(car.mass) @ body
+    wheel = -push
+    wheel[:, range(4), range(3, 7)] += contact * tyre_load_by_heave(z, p[:, K_T], p[:, BETA])
+    wheel[:, range(4), range(10, 14)] -= contact * p[:, C_T]
+    wheel[:, :, STATES:] += coefficients(by_road)
+    out[:, 10:14] = wheel / p[:, MASS, None]
+    rounding = (level.turn_m_s, level.lag_s)
+    by_w = friction_rate_by_speed(w, zeta, p[:, LENGTH], *rounding)
+    by_z = friction_rate_by_share(w, p[:, LENGTH], *rounding)
+    by_d = friction_rate_by_length(w, zeta, p[:, LENGTH], *rounding)
+    out[:, 14:18] = by_w[:, :, None] * all_w + by_z[:, :, None] * share
+    out[:, 14:18, STATES:] += by_d[:, :, None] * D[:, LENGTH]
+    if car.has_mount:
+        out[:, 18:] = all_w - speed
+    return out[:, :, :STATES], out[:, :, STATES:]
+
+
+def tangents(
+    car: Car,
+    acts: NDArray[np.intp],
+    path: Path,
+    start: Start,
+    plan: Plan,
+    sampled: Sampled,
+    forced: NDArray[np.bool_],
+) -> Array:
+    """Return the derivatives of heave, speed and acceleration at the samples, (n, 21, columns)."""
+    n_own = start.matrix.shape[1] - len(acts)
+    middles, ends = plan.starts + plan.lengths // 2, plan.starts + plan.lengths
+    h = (plan.lengths * path.step_s)[:, None, None]
+    m = len(plan.starts)
+    size = STATES + len(acts)
+    jacobians, forcings = {}, {}
+    for name, nodes in (("first", plan.starts), ("middle", middles), ("last", ends)):
+        J, G = np.empty((m, STATES, STATES)), np.empty((m, STATES, len(acts)))
+        for fine in (0, 1):
+            chosen = plan.fine == fine
+            if chosen.any():
+                at = nodes[chosen]
+                J[chosen], G[chosen] = linearised(
+                    car, acts, plan.levels[fine], path.states[at], path.slopes[at],
+                    path.speeds[at],
+                )  # fmt: skip
+        jacobians[name], forcings[name] = J, G
+
+    def rate(name: str, Z: Array) -> Array:
+        found = jacobians[name] @ Z
+        found[:, :, STATES:] += forcings[name]
+        return np.asarray(found)
+
+    Z0 = np.zeros((m, STATES, size))
+    Z0[:, range(STATES), range(STATES)] = 1.0
+    k1 = rate("first", Z0)
+    k2 = rate("middle", Z0 + 0.5 * h * k1)
+    k3 = rate("middle", Z0 + 0.5 * h * k2)
+    k4 = rate("last", Z0 + h * k3)
+    step = Z0 + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    S = np.empty((m + 1, *start.matrix.shape))
+    S[0] = start.matrix
+    for k in range(m):
+        S[k + 1] = step[k, :, :STATES] @ S[k]
+        S[k + 1, :, n_own:] += step[k, :, STATES:]
+    return _sampled(car, acts, path, plan, sampled, forced, S, jacobians, forcings)
+
+
+def _sampled(
+    car: Car,
+    acts: NDArray[np.intp],
+    path: Path,
+    plan: Plan,
+    sampled: Sampled,
+    forced: NDArray[np.bool_],
+    S: Array,
+    jacobians: dict[str, Array],
+    forcings: dict[str, Array],
+) -> Array:
+    """Return the tangents between the nodes, by cubic Hermite and the motion linearised there."""
+    n_own = S.shape[2] - len(acts)
+    times = sampled.times_s
+    begins = plan.starts * path.step_s
+    k = np.clip(np.searchsorted(begins, times + 1e-9, side="right") - 1, 0, len(begins) - 1)
+    h = plan.lengths[k] * path.step_s
+    share = (times - begins[k]) / h
+    a, b, c, d = (w[:, None, None] for w in hermite(share, 1.0))
+    before = jacobians["first"][k] @ S[k]
+    before[:, :, n_own:] += forcings["first"][k]
+    after = jacobians["last"][k] @ S[k + 1]
+    after[:, :, n_own:] += forcings["last"][k]
+    between = a * S[k] + b * S[k + 1] + (c * before + d * after) * h[:, None, None]
+    out = np.zeros((len(times), 21, S.shape[2]))
+    out[:, :14] = between[:, :14]
+    exact = np.abs(share) < 1e-6
+    out[exact, :14], out[exact, 14:] = S[k[exact], :14], before[exact, 7:14]
+    for fine in (0, 1):
+        chosen = np.flatnonzero(forced & ~exact & (plan.fine[k] == fine))
+        if len(chosen):
+            J, G = linearised(
+                car, acts, plan.levels[fine], sampled.states[chosen], sampled.slopes[chosen],
+                sampled.speeds[chosen],
+            )  # fmt: skip
+            found = J[:, 7:14] @ between[chosen]
+            found[:, :, n_own:] += G[:, 7:14]
+            out[chosen, 14:] = found
+    return out

@@ -1,0 +1,161 @@
+"""The integrator by NumPy: all runs in lockstep along the path, all steps at once in the tangents.
+
+The tangents' Runge-Kutta steps are affine, ``S -> Phi S + Gamma``, and the path is known, so every
+Phi and Gamma is computed in one sweep over all steps; only their product runs in sequence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..elements.bar import bar_force
+from ..elements.damper import knee, knee_slope
+from ..elements.friction import friction_rate
+from ..elements.mount import mount_misfit, mount_slope
+from ..elements.spring import spring_force
+from ..elements.stop import stop_force
+from ..elements.tyre import tyre_force, tyre_load
+from .car import (
+    BETA, C, C_T, F_C, GAP, K_2, K_3, K_A, K_B, K_S, K_T, KNEES, LENGTH, MASS, MOUNT, PULL, RATIO,
+    STATIC, Car, X, Y,
+)  # fmt: skip
+from .level import PATH, Level
+from .path import STATES, Own, Path, Sampled, first_state, hermite
+
+ACROSS = [1, 0, 3, 2]
+"""The other corner of the axle."""
+_TIGHT = 1e-11
+_LARGEST = 100.0
+"""A state beyond this is lost."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Stack:
+    """Coefficients of one car, or of one for each row of states."""
+
+    corner: Array
+    """(4, n) or (rows, 4, n)."""
+    inverse: Array
+    """(3, 3) or (rows, 3, 3), of the body's mass."""
+    pull: Array
+    """(3,) or (rows, 3)."""
+    knots: tuple[float, ...]
+    mounted: bool
+
+
+def stack(cars: Sequence[Car]) -> Stack:
+    """Return the coefficients of a car for each row of states, or of one car for all."""
+    first = cars[0]
+    if len(cars) == 1:
+        inverse = np.linalg.inv(first.mass)
+        return Stack(first.corner, inverse, first.pull, first.knots, first.has_mount)
+    return Stack(
+        np.stack([one.corner for one in cars]),
+        np.stack([np.linalg.inv(one.mass) for one in cars]),
+        np.stack([one.pull for one in cars]),
+        first.knots,
+        first.has_mount,
+    )
+
+
+def curve(p: Array, knots: tuple[float, ...], r: Array, width: float) -> tuple[Array, Array]:
+    """Return force and slope of the axle's damper curve at the speeds r, (n, 4)."""
+    force, slope = p[..., C] * r, p[..., C] + 0.0 * r
+    for j, at in enumerate(knots):
+        force = force + p[..., KNEES + j] * knee(r, at, width)
+        slope = slope + p[..., KNEES + j] * knee_slope(r, at, width)
+    return force, slope
+
+
+def rates(x: Array, cars: Stack, level: Level, r: Array) -> tuple[Array, Array]:
+    """Return the rates of change of states, (n, 22), and the dampers' speeds, (n, 4)."""
+    p = cars.corner
+    lever_x, lever_y = p[..., X], p[..., Y]
+    u = x[:, 3:7] - x[:, 0:1] + lever_x * x[:, 1:2] - lever_y * x[:, 2:3]
+    w = x[:, 10:14] - x[:, 7:8] + lever_x * x[:, 8:9] - lever_y * x[:, 9:10]
+    ratio = p[..., RATIO]
+    if cars.mounted:
+        r = _damper_speeds(p, cars.knots, level, x[:, 18:], w, r)
+    else:
+        r = w
+    zeta = x[:, 14:18]
+    force = (
+        ratio * curve(p, cars.knots, r, level.knee_m_s)[0]
+        + spring_force(u, p[..., K_S], p[..., K_2], p[..., K_3])
+        + stop_force(u, p[..., K_B], p[..., GAP], level.stop_m)
+        + bar_force(u, u[:, ACROSS], p[..., K_A])
+        + p[..., F_C] * zeta
+    )
+    load = tyre_load(x[:, 3:7], x[:, 10:14], p[..., K_T], p[..., BETA], p[..., C_T], p[..., STATIC])
+    road = tyre_force(load, p[..., STATIC])
+    out = np.zeros_like(x)
+    out[:, :7] = x[:, 7:14]
+    body = np.empty((len(x), 3))
+    body[:, 0] = force.sum(axis=1)
+    body[:, 1] = -(lever_x * force).sum(axis=1)
+    body[:, 2] = (lever_y * force).sum(axis=1)
+    out[:, 7:10] = ((body + cars.pull)[:, None, :] * cars.inverse).sum(axis=-1)
+    out[:, 10:14] = (road - force + p[..., PULL]) / p[..., MASS]
+    out[:, 14:18] = friction_rate(w, zeta, p[..., LENGTH], level.turn_m_s, level.lag_s)
+    if cars.mounted:
+        out[:, 18:] = w - r
+    return out, r
+
+
+def _damper_speeds(
+    p: Array, knots: tuple[float, ...], level: Level, e: Array, w: Array, r: Array
+) -> Array:
+    for _ in range(25):
+        force, slope = curve(p, knots, r, level.knee_m_s)
+        ratio, sigma = p[..., RATIO], p[..., MOUNT]
+        left = mount_misfit(r, ratio * force, e, w, sigma, level.loss_s)
+        step = left / mount_slope(ratio * slope, sigma, level.loss_s)
+        r = r - step
+        if np.abs(step).max() < _TIGHT:
+            break
+    return r
+
+
+def integrate(
+    cars: Sequence[Car], owns: Sequence[Own], ends_s: Sequence[float], step_s: float
+) -> list[Path | None]:
+    """Return the path of each run up to its end or just after; None if it does not stay finite."""
+    together = stack(cars) if len(cars) > 1 else stack([cars[0]])
+    begun = [first_state(one, own) for one, own in zip(cars, owns, strict=True)]
+    x, r = np.stack([b[0] for b in begun]), np.stack([b[1] for b in begun])
+    steps = [round(np.ceil(end / step_s / 8.0 - 1e-9)) * 8 for end in ends_s]
+    n = max(steps)
+    states, slopes = np.empty((n + 1, len(x), STATES)), np.empty((n + 1, len(x), STATES))
+    speeds = np.empty((n + 1, len(x), 4))
+    with np.errstate(all="ignore"):  # a lost run overflows and is found at its end
+        for k in range(n + 1):
+            k1, r = rates(x, together, PATH, r)
+            states[k], slopes[k], speeds[k] = x, k1, r
+            k2, r = rates(x + 0.5 * step_s * k1, together, PATH, r)
+            k3, r = rates(x + 0.5 * step_s * k2, together, PATH, r)
+            k4, r = rates(x + step_s * k3, together, PATH, r)
+            x = x + step_s / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    result: list[Path | None] = []
+    for i, last in enumerate(steps):
+        own = states[: last + 1, i]
+        fine = bool(np.all(np.abs(own) < _LARGEST))
+        path = Path(step_s, own.copy(), slopes[: last + 1, i].copy(), speeds[: last + 1, i].copy())
+        result.append(path if fine else None)
+    return result
+
+
+def sample(car: Car, path: Path, times_s: Array) -> Sampled:
+    """Return the states at the given times, s."""
+    k = np.clip((times_s / path.step_s).astype(int), 0, len(path.states) - 2)
+    a, b, c, d = (w[:, None] for w in hermite(times_s / path.step_s - k, path.step_s))
+    states = (
+        a * path.states[k] + b * path.states[k + 1] + c * path.slopes[k] + d * path.slopes[k + 1]
+    )
+    slopes, speeds = rates(states, stack([car]), PATH, path.speeds[k])
+    return Sampled(times_s, states, slopes, speeds)
