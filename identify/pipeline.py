@@ -17,7 +17,7 @@ from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 
 from .decays.decay import FreeDecay, Record, record_of
-from .fit.estimation import Estimation, estimate, generic_vehicles
+from .fit.estimation import Estimation, first_estimate, generic_vehicles, later_estimate
 from .fit.grey_box import GreyBox
 from .fit.uncertainty import (
     correlation,
@@ -84,14 +84,16 @@ def identify(
         return Identification(Quality(missing, nan), session.provenance)
     progress(0.1, "fitting")
     box = grey_box(session, records)
-    estimation = estimate(box, records, generic_vehicles())
+    estimation = first_estimate(box, records, generic_vehicles())
     forces = None
     if not estimation.holds:
-        progress(0.15, "fitting friction, damper curves, stops and mounts")
-        real = explained_by_elements(session, estimation)
-        if real is not None:
-            estimation, forces = real.estimation, real.forces
-            box = estimation.box
+        stage = partial(progress, 0.2)
+        real = explained_by_elements(session, estimation, stage)
+        if real is None:
+            progress(0.5, "fitting again")
+            estimation = later_estimate(estimation, generic_vehicles())
+        else:
+            estimation, forces, box = real.estimation, real.forces, real.estimation.box
     fit = estimation.fit
     full = box.full(fit.eta.astype(complex)).real
     present = {record.mass_state for record in records}

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from daq.sessions import Session
 
-from .fit.estimation import Estimation, generic_vehicles
+from .fit.estimation import Estimation, generic_vehicles, later_may_hold
 from .nonlinear.real_car import RealCar, real_car
-from .trust.misfit import CHI2_LIMIT
-from .trust.plausibility import undetermined
 from .trust.cause_ranking import Suspect, rank_causes
+from .trust.misfit import CHI2_LIMIT
 
 
-def explained_by_elements(session: Session, linear: Estimation) -> RealCar | None:
+def explained_by_elements(
+    session: Session, linear: Estimation, log: Callable[[str], None]
+) -> RealCar | None:
     """Return the fit with nonlinear elements where it explains the decays; None where not.
 
     A fault of the bench (a late or wrongly scaled sensor) that explains the misfit with one number
@@ -25,8 +28,10 @@ def explained_by_elements(session: Session, linear: Estimation) -> RealCar | Non
         With what `[vehicle.structure]` decides.
     linear : Estimation
         A linear fit that does not hold.
+    log : callable
+        Receives a line for each stage of the fit.
     """
-    if undetermined(linear):
+    if later_may_hold(linear, generic_vehicles()):
         return None
     n = sum(sum(left.freedom.values()) for left in linear.residuals)
     excess = max(linear.chi2_per_n - 1.0, 0.0)
@@ -34,7 +39,7 @@ def explained_by_elements(session: Session, linear: Estimation) -> RealCar | Non
     left = excess * (1.0 - min(fault, 1.0))
     if 1.0 + left <= linear.chi2_limit:
         return None
-    found = real_car(linear, generic_vehicles(), session.vehicle.elements)
+    found = real_car(linear, generic_vehicles(), session.vehicle.elements, log)
     if found is None or not found.estimation.chi2_per_n <= CHI2_LIMIT:
         return None
     kept = sum(choice.threshold for choice in found.forces.choices if choice.kept)

@@ -126,28 +126,61 @@ def estimate(
         Parameters to begin from, the most trusted first; the next are tried only where the first
         lead to nothing.
     """
+    first = first_estimate(box, records, starts)
+    return first if first.holds else later_estimate(first, starts)
+
+
+def first_estimate(
+    box: GreyBox, records: Sequence[Record], starts: Sequence[NDArray[np.float64]]
+) -> Estimation:
+    """Fit the decays from the stated end of the bump; arguments as in `estimate`."""
     records = tuple(records)
     first = np.array([decay_start_s(record) for record in records])
     rest = quiet_noise(records)
+    near = basin(box, records, rest, first, [box.unknowns(theta) for theta in starts])
+    trial = _from(box, records, rest, first, near)
+    return settled(trial) if trial.holds else trial
+
+
+def later_estimate(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> Estimation:
+    """Fit the decays from later on; the first estimate where no later start holds either."""
+    box, records, rest = first.box, first.records, first.rest
+    begin, laters = _laters(records)
+    near, generic = first.fit.eta, box.unknowns(starts[0])
+    for later, start_s in zip(laters, begin, strict=True):
+        # With the bump's last force in the window the first search may have gone astray.
+        trials = [_search(box, records, rest, start_s, eta) for eta in (near, generic)]
+        near = min(trials, key=lambda found: found.cost).eta
+        trial = _from(box, records, rest, start_s, near)
+        if trial.holds:
+            return settled(replace(trial, later_s=later))
+    return first
+
+
+def later_may_hold(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> bool:
+    """Return whether a later start explains nearly all, by a rough fit of the last one."""
+    begin, laters = _laters(first.records)
+    if not laters:
+        return False
+    eta = first.box.unknowns(starts[0])
+    found = _search(first.box, first.records, first.rest, begin[-1], eta)
+    n = sum(
+        record.decay(float(s)).thinned(_SEARCH_RATE_HZ).n_values
+        for record, s in zip(first.records, begin[-1], strict=True)
+    )
+    return found.cost < _BASIN_CHI2 * n
+
+
+def _laters(
+    records: tuple[Record, ...],
+) -> tuple[list[NDArray[np.float64]], tuple[float, ...]]:
+    """Return later starts of the decays, each (n_records,) s, and by how much they are later."""
+    first = np.array([decay_start_s(record) for record in records])
     stated = all(np.isfinite(record.bump_s) for record in records)
     # Where rest was seen and no bump is stated, the first guess is late enough for any bump.
     movable = np.array([stated or onset_s(record) is None for record in records])
     laters = (_LATER_S if stated else _LATER_UNSTATED_S) if movable.any() else ()
-    etas = [box.unknowns(theta) for theta in starts]
-    near = basin(box, records, rest, first, etas)
-    best: Estimation | None = None
-    for later in (0.0, *laters):
-        begin = first + later * movable
-        if best is not None:
-            # With the bump's last force in the window the first search may have gone astray.
-            trials = [_search(box, records, rest, begin, eta) for eta in (near, etas[0])]
-            near = min(trials, key=lambda found: found.cost).eta
-        trial = _from(box, records, rest, begin, near)
-        if trial.holds:
-            return settled(replace(trial, later_s=later))
-        best = best or trial
-    assert best is not None  # there is always a window to start with
-    return best
+    return [first + later * movable for later in laters], laters
 
 
 def basin(

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from daq.vehicle import MassState
 
 from ..decays.decay import FreeDecay
-from ..model.matrices import full_matrices
-from ..fit.varpro import linear_part
 from ..fit.varpro import evaluate as linear_point
+from ..fit.varpro import linear_part
+from ..model.matrices import full_matrices
 from .car import PULL, Model, car
 from .path import Own, travel_speeds
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from daq.vehicle import Corner, MassState
 
 from ..elements.damper import secant_share
-from ..model.facts import corner_load
 from ..fit.grey_box import COMPLEX_STEP, GreyBox, stepped
+from ..model.facts import corner_load
 from ..model.matrices import delta_mass
 from .unknowns import Element, elements
 

@@ -11,7 +11,7 @@ from dbc.frames import read_only
 
 from ..elements.damper import knee
 from ..fit.uncertainty import COVERAGE_95, Estimate
-from .car import C, F_C, GAP, KNEE_M_S, KNEES, Car
+from .car import F_C, GAP, KNEE_M_S, KNEES, C, Car
 from .fit import Optimum
 from .path import travel_speeds
 

@@ -75,10 +75,6 @@ def positions(model: Model, chosen: tuple[str, ...], corrections: bool) -> NDArr
     stated = set(model.box.corrections)
     free = []
     for i, name in enumerate(model.names):
-        if name in stated:
-            take = corrections
-        else:
-            take = name in wanted or name not in optional
-        if take:
+        if corrections if name in stated else name in wanted or name not in optional:
             free.append(i)
     return np.array(free, dtype=np.intp)

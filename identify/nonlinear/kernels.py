@@ -12,8 +12,26 @@ from numba.extending import register_jitable
 
 from ..elements import bar, damper, friction, hinge, mount, spring, stop, tyre
 from .car import (
-    BETA, C, C_T, F_C, GAP, K_2, K_3, K_A, K_B, K_S, K_T, KNEES, LENGTH, MASS, MOUNT, PULL, RATIO,
-    STATIC, X, Y,
+    BETA,
+    C_T,
+    F_C,
+    GAP,
+    K_2,
+    K_3,
+    K_A,
+    K_B,
+    K_S,
+    K_T,
+    KNEES,
+    LENGTH,
+    MASS,
+    MOUNT,
+    PULL,
+    RATIO,
+    STATIC,
+    C,
+    X,
+    Y,
 )  # fmt: skip
 
 _LOOSE = {"reassoc", "contract", "arcp", "nsz"}

@@ -1,4 +1,4 @@
-"""How finely corners of the force laws are rounded: nearly not on the path, more in the tangents."""
+"""How finely corners of the force laws are rounded: hardly on the path, more in the tangents."""
 
 from __future__ import annotations
 

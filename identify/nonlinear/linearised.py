@@ -16,8 +16,27 @@ from ..elements.spring import spring_force, spring_stiffness
 from ..elements.stop import stop_by_rate, stop_force, stop_stiffness
 from ..elements.tyre import tyre_contact, tyre_load, tyre_load_by_heave
 from .car import (
-    BETA, C, C_T, F_C, GAP, K_2, K_3, K_A, K_B, K_S, K_T, KNEES, LENGTH, MASS, MOUNT, PULL, RATIO,
-    STATIC, Car, X, Y,
+    BETA,
+    C_T,
+    F_C,
+    GAP,
+    K_2,
+    K_3,
+    K_A,
+    K_B,
+    K_S,
+    K_T,
+    KNEES,
+    LENGTH,
+    MASS,
+    MOUNT,
+    PULL,
+    RATIO,
+    STATIC,
+    C,
+    Car,
+    X,
+    Y,
 )  # fmt: skip
 from .level import Level
 from .path import STATES, Path, Sampled, hermite

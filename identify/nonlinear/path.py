@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..elements.damper import knee, knee_slope
-from .car import C, KNEES, LENGTH, MOUNT, RATIO, Car, X, Y
+from .car import KNEES, LENGTH, MOUNT, RATIO, C, Car, X, Y
 from .level import PATH
 
 STATES = 22

@@ -111,9 +111,7 @@ def normal(at: Point) -> Normal:
     acts = acting(list({id(one): one for one in at.cars}.values()))
     blocks = [
         _own_priors(block(model, run, one, at.rows, own, found, acts, at.polish), one, own)
-        for run, one, own, found in zip(
-            problem.runs, at.cars, at.owns, at.predicted, strict=True
-        )
+        for run, one, own, found in zip(problem.runs, at.cars, at.owns, at.predicted, strict=True)
     ]
     misfits, slopes = model.box.fact_misfits(at.eta)
     slopes = slopes[:, problem.free]

@@ -1,4 +1,4 @@
-"""A real car: the rich model where the linear one does not explain the decays, and what is in it."""
+"""A real car: the rich model where the linear one does not explain the decays, and its result."""
 
 from __future__ import annotations
 
@@ -27,6 +27,10 @@ from .unknowns import KNOTS
 
 _CLEAN_SIGMAS = 2.0
 """Standard deviations of chi2/n above which the intervals are those of the scores' scatter."""
+
+_SETTLED = 1.0
+"""Fall of the cost, over chi2/n, that a full step would bring, below which a fit has converged: the
+laws have corners, so that the last steps of a fit may be refused."""
 
 Log = Callable[[str], None]
 
@@ -135,7 +139,7 @@ def _result(
         best.cost,
         {label: part.information for label, part in parts.items()},
         best.iterations,
-        best.converged,
+        best.decrement < _SETTLED * max(1.0, chi2),
     )
     estimation = Estimation(
         box=model.box,

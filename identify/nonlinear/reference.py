@@ -20,8 +20,27 @@ from ..elements.spring import spring_force
 from ..elements.stop import stop_force
 from ..elements.tyre import tyre_force, tyre_load
 from .car import (
-    BETA, C, C_T, F_C, GAP, K_2, K_3, K_A, K_B, K_S, K_T, KNEES, LENGTH, MASS, MOUNT, PULL, RATIO,
-    STATIC, Car, X, Y,
+    BETA,
+    C_T,
+    F_C,
+    GAP,
+    K_2,
+    K_3,
+    K_A,
+    K_B,
+    K_S,
+    K_T,
+    KNEES,
+    LENGTH,
+    MASS,
+    MOUNT,
+    PULL,
+    RATIO,
+    STATIC,
+    C,
+    Car,
+    X,
+    Y,
 )  # fmt: skip
 from .level import PATH, Level
 from .path import STATES, Own, Path, Sampled, first_state, hermite
@@ -80,10 +99,7 @@ def rates(x: Array, cars: Stack, level: Level, r: Array) -> tuple[Array, Array]:
     u = x[:, 3:7] - x[:, 0:1] + lever_x * x[:, 1:2] - lever_y * x[:, 2:3]
     w = x[:, 10:14] - x[:, 7:8] + lever_x * x[:, 8:9] - lever_y * x[:, 9:10]
     ratio = p[..., RATIO]
-    if cars.mounted:
-        r = _damper_speeds(p, cars.knots, level, x[:, 18:], w, r)
-    else:
-        r = w
+    r = _damper_speeds(p, cars.knots, level, x[:, 18:], w, r) if cars.mounted else w
     zeta = x[:, 14:18]
     force = (
         ratio * curve(p, cars.knots, r, level.knee_m_s)[0]

@@ -13,20 +13,24 @@ from .groups import BY_NAME, CORRECTIONS_FROM, STAGES, positions
 from .path import Own
 from .priors import weak_priors
 from .problem import Problem, normal, point
+from .refine import refined
 from .run import Run
+from .unknowns import KNOTS
 
 _ROUGH = 2e-3
 """Share of the cost that a stage may leave to the next one."""
 _FIRST_FRICTION_N = 15.0
 _FIRST_COMPLIANCE = 0.3e-6
 """Compliance, m/N, from which the mounts begin: beyond the trap at zero."""
+_LAST_KNOTS = "K7"
+"""Knees of the last stage: real curves bend between those of the first stages."""
 _PAYS = 4.0
 """Logarithms of the number of samples that the mounts must gain: two of the criterion's limit."""
 _STAGE_STEPS = 25
 _LAST_STEPS = 40
 _POLISH_STEPS = 10
 _CONVERGED = 0.05
-_POLISHED = 0.02
+_POLISHED = 0.1
 
 Log = Callable[[str], None]
 
@@ -70,8 +74,11 @@ def release(
         if k == CORRECTIONS_FROM and best is not None and _mounts_pay(problem, best, allowed, log):
             chosen += ("damper_mounts",)
             _begin_mounts(model, start)
-        free = positions(model, chosen, k >= CORRECTIONS_FROM)
         last = k == len(STAGES) - 1
+        if last and "damper_knees" in chosen:
+            problem, start = refined(problem, start, KNOTS[_LAST_KNOTS])
+            model = problem.model
+        free = positions(model, chosen, k >= CORRECTIONS_FROM)
         found = fit(
             problem.releasing(free), start, owns, tolerance=_CONVERGED,
             rough=0.0 if last else _ROUGH, max_iterations=_LAST_STEPS if last else _STAGE_STEPS,

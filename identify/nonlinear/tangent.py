@@ -10,7 +10,19 @@ from numpy.typing import NDArray
 from ..elements.damper import knee
 from ..elements.tyre import tyre_load
 from .car import (
-    BETA, C, C_T, GAP, K_B, K_T, KNEES, MOUNT, RATIO, STATIC, Car, X, Y,
+    BETA,
+    C_T,
+    GAP,
+    K_B,
+    K_T,
+    KNEES,
+    MOUNT,
+    RATIO,
+    STATIC,
+    C,
+    Car,
+    X,
+    Y,
 )  # fmt: skip
 from .level import COARSE, FINE, PATH, POLISH, Level
 from .path import STATES, Own, Path, damper_curve, travel_speeds

@@ -7,12 +7,11 @@ the wheels, friction by its exact exponential, damper on its mount by the force 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import fsolve
-from scipy.signal import butter, cont2discrete
+from scipy.signal import butter, cont2discrete, lfilter
 
 from daq.channels import Channel, Quantity
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState
@@ -68,9 +67,9 @@ class Truth:
                 far_c + (near_c - far_c) / np.cosh(SPEEDS / (2 * high)) ** 2,
             )
         else:
-            slope[SPEEDS < low], slope[SPEEDS > high] = far_r, far_c
-            slope[SPEEDS == low] = (far_r + near_r) / 2
-            slope[SPEEDS == high] = (far_c + near_c) / 2
+            slope[low > SPEEDS], slope[high < SPEEDS] = far_r, far_c
+            slope[low == SPEEDS] = (far_r + near_r) / 2
+            slope[high == SPEEDS] = (far_c + near_c) / 2
             slope[SPEEDS == 0] = (near_r + near_c) / 2
         force = np.concatenate([[0.0], np.cumsum(np.diff(SPEEDS) * (slope[1:] + slope[:-1]) / 2)])
         return np.asarray(force - np.interp(0.0, SPEEDS, force))
@@ -127,11 +126,9 @@ def drive(car: Truth, bumps: Sequence[Bump], end_s: float, step_s: float = 1e-4)
     R = len(bumps)
     x = np.array([car.a, car.a, -car.b, -car.b])
     y = np.array([car.t_f, -car.t_f, car.t_r, -car.t_r]) - car.y_s
-    side = np.array([1.0, 1.0, -1.0, -1.0])
-    del side
     axle = np.array([0, 0, 1, 1])
-    per = {n: np.array(getattr(car, n), float)[axle]
-           for n in ("k_2", "k_3", "k_b", "gap", "k_a", "beta", "c_t", "length", "k_m")}  # fmt: skip
+    kinds = ("k_2", "k_3", "k_b", "gap", "k_a", "beta", "c_t", "length", "k_m")
+    per = {n: np.array(getattr(car, n), float)[axle] for n in kinds}
     k_s, k_t, m_u = (np.array(getattr(car, n), float) for n in ("k_s", "k_t", "m_u"))
     friction, ratio = np.array(car.friction, float), np.array(car.ratio, float)
     tables = [car.damper(0), car.damper(1)]
@@ -187,19 +184,18 @@ def drive(car: Truth, bumps: Sequence[Bump], end_s: float, step_s: float = 1e-4)
 
     zero4 = np.zeros((R, 4))
 
-    def still(flat: Array) -> Array:
-        q = flat.reshape(R, 7)
-        return forces(q, np.zeros((R, 7)), zero4, zero4, zero4, zero4).ravel()
-
     q = np.zeros((R, 7))
     for r in range(R):  # one run's equilibrium at a time: small systems
 
         def one(flat: Array, r: int = r) -> Array:
             every = np.zeros((R, 7))
             every[r] = flat
-            return forces(every, np.zeros((R, 7)), zero4, zero4, zero4, zero4)[r]
+            found = forces(every, np.zeros((R, 7)), zero4, zero4, zero4, zero4)
+            return np.asarray(found[r])
 
-        q[r] = fsolve(one, np.zeros(7), xtol=1e-12)
+        for _ in range(8):  # Newton: the springs are nearly linear
+            slope = np.stack([one(q[r] + 1e-7 * d) - one(q[r] - 1e-7 * d) for d in np.eye(7)], 1)
+            q[r] -= np.linalg.solve(slope / 2e-7, one(q[r]))
     rest = q.copy()
     v = np.zeros((R, 7))
     zeta, mount = np.zeros((R, 4)), np.zeros((R, 4))
@@ -251,7 +247,7 @@ def drive(car: Truth, bumps: Sequence[Bump], end_s: float, step_s: float = 1e-4)
         v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
         mount = mount + h / 6 * (m1 + 2 * m2 + 2 * m3 + m4)
         zeta = slide(zeta, v, h / 2)
-    return Motions(np.arange(n) * h, qs, vs, accs)
+    return Motions(np.linspace(0.0, (n - 1) * h, n), qs, vs, accs)
 
 
 def channels(travels: bool = True) -> list[list[Channel]]:
@@ -332,10 +328,4 @@ def _reading(car: Truth, channel: Channel, motions: Motions, r: int, times: Arra
 def _low_passed(value: Array, channel: Channel, step_s: float) -> Array:
     b, a = butter(channel.low_pass_order, 2 * np.pi * channel.low_pass_hz, analog=True)
     (num,), den, _ = cont2discrete((b, a), step_s, method="foh")
-    from scipy.signal import lfilter
-
     return np.asarray(lfilter(num, den, value))
-
-
-__all__ = ["ADDED", "BASELINE", "Bump", "Motions", "Truth", "campaign", "channels", "drive",
-           "records", "replace"]  # fmt: skip

@@ -1,0 +1,62 @@
+"""CPU time of paths and tangents of a car with every element, by both integrators."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from identify.nonlinear import fast, linearised, reference
+from identify.nonlinear.car import car
+from identify.nonlinear.path import STEP_S, Own
+from identify.nonlinear.tangent import acting, plan_of, start_of
+
+from ..identify.nonlinear.cars import model_of, moving, rich
+from ..identify.nonlinear.truth import BASELINE
+
+RUNS = 6
+END_S = 2.0
+
+
+def main() -> None:
+    """Print the CPU time of one evaluation of six runs of 2 s with every element free."""
+    model = model_of(knots="K7")
+    free = np.array([i for i, n in enumerate(model.names) if not n.startswith("s_m")])
+    one, own = car(model, rich(model, False), BASELINE, free), moving()
+    cars, owns, ends = [one] * RUNS, [own] * RUNS, [END_S] * RUNS
+    acts = acting([one])
+    times = np.arange(0.0, END_S, 0.005) + 0.001
+    forced = np.ones(len(times), dtype=bool)
+    for name, integrate, tangents in (
+        ("Numba", fast.integrate, fast.tangents),
+        ("NumPy", reference.integrate, linearised.tangents),
+    ):
+        _warm(integrate, tangents, one, own, acts, times, forced)
+        began = time.process_time()
+        paths = integrate(cars, owns, ends, STEP_S)
+        path_s = time.process_time() - began
+        began = time.process_time()
+        for path in paths:
+            assert path is not None
+            start, plan = start_of(one, own, acts), plan_of(one, path, False)
+            tangents(one, acts, path, start, plan, fast.sample(one, path, times), forced)
+        tangent_s = time.process_time() - began
+        print(f"{name}: paths {path_s:.2f} s, tangents {tangent_s:.2f} s ({len(acts)} unknowns)")
+
+
+def _warm(
+    integrate: Callable[..., Any],
+    tangents: Callable[..., Any],
+    one: Any,
+    own: Own,
+    acts: Any,
+    times: Any,
+    forced: Any,
+) -> None:
+    """Compile, or load what was compiled."""
+    (path,) = integrate([one], [own], [0.05], STEP_S)
+    few = times[times < 0.04]
+    start, plan = start_of(one, own, acts), plan_of(one, path, False)
+    tangents(one, acts, path, start, plan, fast.sample(one, path, few), forced[: len(few)])

@@ -1,0 +1,121 @@
+"""Force elements: each law against its words, each derivative against differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from identify.elements.bar import bar_force
+from identify.elements.damper import knee, knee_slope, secant_share
+from identify.elements.friction import (
+    friction_rate,
+    friction_rate_by_length,
+    friction_rate_by_share,
+    friction_rate_by_speed,
+)
+from identify.elements.hinge import hinge, hinge_slope
+from identify.elements.mount import mount_misfit, mount_slope
+from identify.elements.spring import spring_force, spring_stiffness
+from identify.elements.stop import stop_by_rate, stop_force, stop_stiffness
+from identify.elements.tyre import tyre_contact, tyre_force, tyre_load, tyre_load_by_heave
+
+STEP = 1e-6
+
+
+def slope(law: Callable[[float], float], at: float, step: float = STEP) -> float:
+    return (law(at + step) - law(at - step)) / (2.0 * step)
+
+
+def test_a_hinge_is_exact_beyond_its_rounding() -> None:
+    assert hinge(-0.0021, 0.002) == 0.0
+    assert hinge(0.0021, 0.002) == 0.0021
+    assert hinge(0.0, 0.002) == pytest.approx(0.0005)
+
+
+@pytest.mark.parametrize("x", [-0.0015, -0.0002, 0.0007, 0.0019])
+def test_the_slope_of_a_hinge(x: float) -> None:
+    assert hinge_slope(x, 0.002) == pytest.approx(slope(lambda y: hinge(y, 0.002), x, 1e-8))
+
+
+def test_a_progressive_spring_is_stiffer_in_compression() -> None:
+    assert spring_force(0.03, 20e3, 40e3, 0.0) == pytest.approx(636.0)
+    assert spring_force(-0.03, 20e3, 40e3, 0.0) == pytest.approx(-564.0)
+    assert spring_force(-0.03, 20e3, 0.0, 1e6) == pytest.approx(-627.0)
+
+
+def test_the_stiffness_of_a_spring() -> None:
+    for u in (-0.04, 0.0, 0.025):
+        found = slope(lambda v: spring_force(v, 20e3, 40e3, 8e5), u)
+        assert spring_stiffness(u, 20e3, 40e3, 8e5) == pytest.approx(found, rel=1e-7)
+
+
+def test_a_stop_acts_beyond_its_gap_alone() -> None:
+    assert stop_force(0.0249, 1e5, 0.025, 5e-5) == 0.0
+    assert stop_force(0.030, 1e5, 0.025, 5e-5) == pytest.approx(500.0)
+    assert stop_by_rate(0.030, 0.025, 5e-5) == pytest.approx(0.005)
+    assert stop_stiffness(0.030, 1e5, 0.025, 5e-5) == 1e5
+
+
+def test_a_bar_pushes_the_corner_that_is_compressed_more() -> None:
+    assert bar_force(0.02, -0.01, 8e3) == pytest.approx(240.0)
+
+
+def test_a_knee_bends_outwards_from_rest() -> None:
+    assert knee(0.0, 0.15, 0.002) == 0.0
+    assert knee(0.35, 0.15, 0.002) == pytest.approx(0.2)
+    assert knee(0.35, -0.15, 0.002) == 0.0
+    assert knee(-0.35, -0.15, 0.002) == pytest.approx(-0.2)
+
+
+@pytest.mark.parametrize("knot", [-0.15, 0.0, 0.15])
+@pytest.mark.parametrize("w", [-0.3, -0.1505, 0.0004, 0.1493, 0.4])
+def test_the_slope_of_a_knee(knot: float, w: float) -> None:
+    found = slope(lambda r: knee(r, knot, 0.002), w, 1e-8)
+    assert knee_slope(w, knot, 0.002) == pytest.approx(found, abs=1e-6)
+
+
+def test_a_knee_at_rest_raises_the_secant_by_half() -> None:
+    assert secant_share(0.0, 0.002) == pytest.approx(0.5, abs=1e-3)
+    assert secant_share(0.15, 0.002) == 0.0
+    assert secant_share(-0.08, 0.002) == pytest.approx(0.1, abs=1e-3)
+
+
+def test_friction_sticks_then_slides() -> None:
+    zeta, step = 0.0, 1e-6
+    for _ in range(20000):  # 2 mm at 0.1 m/s, four pre-sliding lengths
+        zeta += step * friction_rate(0.1, zeta, 0.5e-3, 0.0, 0.0)
+    assert zeta == pytest.approx(1.0 - np.exp(-4.0), abs=1e-4)
+    assert friction_rate(0.0, 0.7, 0.5e-3, 0.0002, 0.0) == pytest.approx(-0.28)
+
+
+def test_the_derivatives_of_friction() -> None:
+    rest = (0.0005, 1e-4)
+    for w, zeta in ((0.2, 0.3), (-0.05, 0.8), (0.0003, -0.5)):
+        assert friction_rate_by_speed(w, zeta, 0.5e-3, *rest) == pytest.approx(
+            slope(lambda v, z=zeta: friction_rate(v, z, 0.5e-3, *rest), w, 1e-8), rel=1e-5
+        )
+        assert friction_rate_by_share(w, 0.5e-3, *rest) == pytest.approx(
+            slope(lambda z, v=w: friction_rate(v, z, 0.5e-3, *rest), zeta), rel=1e-7
+        )
+        assert friction_rate_by_length(w, zeta, 0.5e-3, *rest) == pytest.approx(
+            slope(lambda d, v=w, z=zeta: friction_rate(v, z, d, *rest), 0.5e-3, 1e-9), rel=1e-5
+        )
+
+
+def test_a_tyre_pushes_and_never_pulls() -> None:
+    load = tyre_load(-0.01, 0.0, 200e3, 2.0, 100.0, 3500.0)
+    assert load == pytest.approx(3500.0 + 2000.0 * 1.02)
+    assert tyre_force(load, 3500.0) == pytest.approx(2040.0)
+    gone = tyre_load(0.03, 0.0, 200e3, 0.0, 0.0, 3500.0)
+    assert tyre_force(gone, 3500.0) == -3500.0
+    assert tyre_contact(gone) == 0.0
+    assert tyre_contact(load) == 1.0
+    found = slope(lambda z: tyre_load(z, 0.1, 200e3, 2.0, 100.0, 3500.0), -0.01)
+    assert tyre_load_by_heave(-0.01, 200e3, 2.0) == pytest.approx(found, rel=1e-7)
+
+
+def test_a_rigid_mount_gives_the_speed_of_the_suspension() -> None:
+    assert mount_misfit(0.3, 450.0, 0.0, 0.3, 0.0, 1.2e-4) == 0.0
+    assert mount_slope(1500.0, 1e-6, 1.2e-4) == pytest.approx(1.62e-3)

@@ -1,0 +1,93 @@
+"""A car with friction and bent dampers through the whole method, against an independent truth."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from daq.arrays import session_from_arrays
+from daq.vehicle import Vehicle
+from identify.identification import Identification
+from identify.pipeline import identify
+from identify.trust.finding import Verdict
+
+from .truth import BUMP_S, WEIGHTS, Truth, campaign, drive, records
+
+
+@cache
+def result() -> Identification:
+    """Return the identification of the standard car: six runs over 50 mm, 200 Hz."""
+    car, bumps = Truth(), campaign((0.05,))
+    found = records(car, bumps, drive(car, bumps, 2.0, 2e-4), seed=5)
+    channels = {c.name: c for r in found[0].recordings for c in r.group.channels}
+    runs = []
+    for record in found:
+        parts = {
+            c.name: (r.time_s, r.values[:, i])
+            for r in record.recordings
+            for i, c in enumerate(r.group.channels)
+        }
+        runs.append((record.mass_state, record.label.split("_")[1], parts))
+    vehicle = Vehicle("standard")
+    session = session_from_arrays(runs, channels.values(), WEIGHTS, vehicle, bump_s=BUMP_S)
+    return identify(session)
+
+
+TRUE = {
+    "m_s": 1380.0,
+    "I_yy": 2440.0,
+    "I_xx": 380.0,
+    "m_uf": 40.5,
+    "m_ur": 45.4,
+    "k_sf": 17e3,
+    "k_sr": 22e3,
+    "k_tf": 192e3,
+    "k_tr": 192e3,
+    "c_sf": 2050.0,
+    "c_sr": 1950.0,
+    "a": 1.25,
+    "b": 1.51,
+    "t_f": 0.74,
+    "t_r": 0.74,
+}
+
+
+def test_it_is_usable_where_the_linear_model_is_not() -> None:
+    found = result()
+    assert found.quality.verdict is not Verdict.REFUSED
+    assert found.quality.chi2_per_n < 1.05
+
+
+@pytest.mark.parametrize("name", list(TRUE))
+def test_each_parameter_is_right_within_its_interval(name: str) -> None:
+    found = result().parameters[name]
+    assert found.value == pytest.approx(TRUE[name], rel=0.045)
+    assert abs(found.value - TRUE[name]) < 3.5 * found.std
+    assert found.std < 0.03 * TRUE[name]
+
+
+def test_the_friction_is_found() -> None:
+    forces = result().forces
+    assert forces is not None
+    for axle in forces.axles:
+        assert axle.values["friction"].value == pytest.approx(50.0, abs=4.0)
+        assert axle.values["pre_sliding_length"].value == pytest.approx(0.5e-3, rel=0.1)
+
+
+def test_the_damper_curve_is_found() -> None:
+    forces = result().forces
+    assert forces is not None
+    curve = forces.axles[0].damper
+    for speed, force in ((-0.3, -615.0), (-0.1, -260.0), (0.1, 150.0), (0.3, 360.0)):
+        at = int(abs(curve.speed_m_s - speed).argmin())
+        expected = force + (curve.speed_m_s[at] - speed) * (1500.0 if speed < 0 else 900.0)
+        assert curve.force_n[at] == pytest.approx(expected, abs=30.0)
+        assert curve.std_n[at] < 15.0
+
+
+def test_what_is_there_is_named_and_nothing_else() -> None:
+    forces = result().forces
+    assert forces is not None
+    kept = {choice.name for choice in forces.choices if choice.kept}
+    assert kept == {"anti_roll_bars", "friction", "one_sided_dampers", "damper_knees"}
