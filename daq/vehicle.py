@@ -260,6 +260,23 @@ class Fact:
             raise ValueError(f"fact {self.quantity}: its sigma is {self.sigma}, not above 0")
 
 
+ELEMENTS = (
+    "anti_roll_bars",
+    "cg_offset",
+    "progressive_springs",
+    "friction",
+    "one_sided_dampers",
+    "damper_knees",
+    "damper_mounts",
+    "tyre_damping",
+    "progressive_tyres",
+    "friction_left_right",
+    "dampers_left_right",
+    "bump_stops",
+)
+"""Elements that the data choose for a car that is not linear; each can be forced or forbidden."""
+
+
 @dataclass(frozen=True, slots=True)
 class Vehicle:
     """The vehicle under test, as far as it is known beforehand."""

@@ -17,6 +17,8 @@ channel, weight, frame, event), and every table of samples has `time`.  Units ar
                     a_m b_m t_f_m t_r_m: CG to front and rear axle, half tracks; all four or none
                     structure_symmetric structure_anti_roll_bars structure_tyre_damping
                     structure_cg_offset: 0 or 1, what the model of the vehicle has
+                    element_NAME: 1 or 0, an element of a car that is not linear is forced or
+                    forbidden (friction, bump_stops ...); absent: the data choose
                     provenance_NAME: text; created, software, uuid, hashes of what it was made from
 /session/facts      what scales and tape measure say: fact; quantity S32 (a parameter or a load),
                     value f8, sigma f8 > 0, in the unit that the name ends in, else SI

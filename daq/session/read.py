@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
 from ..sessions import Session
 from ..vehicle import (
+    ELEMENTS,
     AddedMass,
     BodyWeight,
     Corner,
@@ -136,6 +137,7 @@ def _vehicle(group: Group) -> Vehicle:
         _geometry(about),
         Structure(**chosen),
         tuple(Fact(**row) for row in facts),
+        {name: bool(about[f"element_{name}"]) for name in ELEMENTS if f"element_{name}" in about},
     )
 
 

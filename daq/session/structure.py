@@ -11,7 +11,7 @@ import numpy as np
 from dbc.finding import Finding
 
 from ..runs import Losses
-from ..vehicle import Structure, VehicleGeometry
+from ..vehicle import ELEMENTS, Structure, VehicleGeometry
 from .findings import error, note
 from .schema import CHANNEL_COLUMNS, EVENT_COLUMNS, FACT_COLUMNS, FRAME_COLUMNS, WEIGHT_COLUMNS
 from .tree import Group
@@ -78,7 +78,8 @@ def _about(group: Group) -> Iterator[Finding]:
         yield error("/session", f"attribute {min(lengths - given)} is absent, the others are not")
     yield from _typed(group, "/session", dict.fromkeys(sorted(given), float))
     structure = [f"structure_{field.name}" for field in fields(Structure)]
-    present = [name for name in structure if name in group.attributes]
+    elements = [f"element_{name}" for name in ELEMENTS]
+    present = [name for name in (*structure, *elements) if name in group.attributes]
     yield from _typed(group, "/session", dict.fromkeys(present, int))
     yield from _members(group, "/session", set(), {"facts"})
     if "facts" in group.groups:

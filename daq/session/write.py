@@ -102,6 +102,8 @@ def _fill(file: h5py.File, session: Session) -> None:
             about.attrs[f"{name}_m"] = value
     for name, value in asdict(session.vehicle.structure).items():
         about.attrs[f"structure_{name}"] = int(value)
+    for name, value in session.vehicle.elements.items():
+        about.attrs[f"element_{name}"] = int(value)
     facts = [asdict(fact) for fact in session.vehicle.facts]
     _table(about.create_group("facts"), "fact", FACT_COLUMNS, facts)
     config = file.create_group("config")
