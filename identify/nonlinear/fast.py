@@ -70,4 +70,5 @@ def tangents(
 def _body(
     car: Car,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    return car.corner, np.array(car.knots), np.linalg.inv(car.mass), car.pull
+    inverse = np.asarray(np.linalg.inv(car.mass), dtype=np.float64)
+    return car.corner, np.array(car.knots, dtype=np.float64), inverse, car.pull

@@ -72,7 +72,7 @@ def stack(cars: Sequence[Car]) -> Stack:
     """Return the coefficients of a car for each row of states, or of one car for all."""
     first = cars[0]
     if len(cars) == 1:
-        inverse = np.linalg.inv(first.mass)
+        inverse = np.asarray(np.linalg.inv(first.mass), dtype=np.float64)
         return Stack(first.corner, inverse, first.pull, first.knots, first.has_mount)
     return Stack(
         np.stack([one.corner for one in cars]),

@@ -112,7 +112,7 @@ def _mounts_pay(problem: Problem, best: Optimum, allowed: Callable[[str], bool],
     n = sum(run.freedom for run in problem.runs)
     gain = score(problem, best, _mount_positions(problem.model)) / max(1.0, best.cost / n)
     log(f"damper_mounts: would lower the cost by {gain:.0f}")
-    return gain > _PAYS * np.log(n)
+    return bool(gain > _PAYS * np.log(n))
 
 
 def _mount_positions(model: Model) -> NDArray[np.intp]:

@@ -132,11 +132,10 @@ def plan_of(car: Car, path: Path, polish: bool) -> Plan:
     state = np.concatenate(signs, axis=1)
     turns = (state[1:] != state[:-1]).any(axis=1)
     events = np.add.reduceat(turns, np.arange(0, nodes, length)) > 0
-    starts, lengths, fine = [], [], []
+    steps: list[tuple[int, int, int]] = []
     for k, event in enumerate(events.tolist()):
         parts = range(0, length, FINE_STEPS) if event else (0,)
         for part in parts:
-            starts.append(k * length + part)
-            lengths.append(FINE_STEPS if event else length)
-            fine.append(int(event))
-    return Plan(np.array(starts), np.array(lengths), np.array(fine), (COARSE, FINE))
+            steps.append((k * length + part, FINE_STEPS if event else length, int(event)))
+    each = np.array(steps, dtype=np.int64)
+    return Plan(each[:, 0].copy(), each[:, 1].copy(), each[:, 2].copy(), (COARSE, FINE))

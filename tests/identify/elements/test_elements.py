@@ -90,18 +90,19 @@ def test_friction_sticks_then_slides() -> None:
     assert friction_rate(0.0, 0.7, 0.5e-3, 0.0002, 0.0) == pytest.approx(-0.28)
 
 
-def test_the_derivatives_of_friction() -> None:
+@pytest.mark.parametrize(("w", "zeta"), [(0.2, 0.3), (-0.05, 0.8), (0.0003, -0.5)])
+def test_the_derivatives_of_friction(w: float, zeta: float) -> None:
     rest = (0.0005, 1e-4)
-    for w, zeta in ((0.2, 0.3), (-0.05, 0.8), (0.0003, -0.5)):
-        assert friction_rate_by_speed(w, zeta, 0.5e-3, *rest) == pytest.approx(
-            slope(lambda v, z=zeta: friction_rate(v, z, 0.5e-3, *rest), w, 1e-8), rel=1e-5
-        )
-        assert friction_rate_by_share(w, 0.5e-3, *rest) == pytest.approx(
-            slope(lambda z, v=w: friction_rate(v, z, 0.5e-3, *rest), zeta), rel=1e-7
-        )
-        assert friction_rate_by_length(w, zeta, 0.5e-3, *rest) == pytest.approx(
-            slope(lambda d, v=w, z=zeta: friction_rate(v, z, d, *rest), 0.5e-3, 1e-9), rel=1e-5
-        )
+
+    def rate(speed: float, share: float, length: float) -> float:
+        return float(friction_rate(speed, share, length, *rest))
+
+    by_speed = slope(lambda v: rate(v, zeta, 0.5e-3), w, 1e-8)
+    assert friction_rate_by_speed(w, zeta, 0.5e-3, *rest) == pytest.approx(by_speed, rel=1e-5)
+    by_share = slope(lambda z: rate(w, z, 0.5e-3), zeta)
+    assert friction_rate_by_share(w, 0.5e-3, *rest) == pytest.approx(by_share, rel=1e-7)
+    by_length = slope(lambda d: rate(w, zeta, d), 0.5e-3, 1e-9)
+    assert friction_rate_by_length(w, zeta, 0.5e-3, *rest) == pytest.approx(by_length, rel=1e-5)
 
 
 def test_a_tyre_pushes_and_never_pulls() -> None:
