@@ -12,6 +12,7 @@ from .fit.estimation import Estimation, generic_vehicles, later_may_hold
 from .nonlinear.real_car import RealCar, real_car
 from .trust.cause_ranking import Suspect, rank_causes
 from .trust.misfit import CHI2_LIMIT
+from .trust.swaps import swap_explanation
 
 
 def explained_by_elements(
@@ -36,12 +37,15 @@ def explained_by_elements(
     n = sum(sum(left.freedom.values()) for left in linear.residuals)
     excess = max(linear.chi2_per_n - 1.0, 0.0)
     fault = max((s.explained for s in rank_causes(linear) if of_bench(s)), default=0.0)
-    left = excess * (1.0 - min(fault, 1.0))
-    if 1.0 + left <= linear.chi2_limit:
+    if 1.0 + excess * (1.0 - min(fault, 1.0)) <= linear.chi2_limit:
         return None
     found = real_car(linear, generic_vehicles(), session.vehicle.elements, log)
     if found is None or not found.estimation.chi2_per_n <= CHI2_LIMIT:
         return None
+    if not found.estimation.holds:
+        exchange = swap_explanation(linear)
+        fault = max(fault, exchange.explained if exchange else 0.0)
+    left = excess * (1.0 - min(fault, 1.0))
     kept = sum(choice.threshold for choice in found.forces.choices if choice.kept)
     by_elements = max(found.estimation.chi2_per_n - 1.0, 0.0) * n + kept
     by_fault = left * n + float(np.log(n))
