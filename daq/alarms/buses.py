@@ -1,4 +1,4 @@
-"""Each bus: is it there, does it speak, how full is it, and what its controller has met."""
+"""The state of each bus: connection, traffic, load, and the errors of its controller."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..control.messages import BusState, BusStatus
 from .inputs import WINDOW_S, Count, Key, Symptom
 
 _CALM_S = 2.0
-"""A controller that receives and has met no error for so long is no longer error-passive: many
-drivers do not tell."""
+"""Time without an error, s, after which a controller that receives is taken for error-active again:
+many drivers do not report the change."""
 Traffic = tuple[float, int, int, float, int]
 """Monotonic time of a turn, good frames, error frames and bits in it, its latest time stamp."""
 
@@ -28,30 +28,33 @@ class BusWatch:
     """One bus so far."""
 
     name: str
-    """Of the link: another one in its place begins anew."""
+    """Name of the link; the watch starts again when another link takes its place."""
     connected_s: float
+    """Monotonic time since which it is connected."""
     heard_s: float
+    """Monotonic time of the last frame of any kind; at least `connected_s`."""
     good_s: float
-    """Monotonic time since which it is connected; of the last frame of any kind; of the last good
-    one.  Both are at least `connected_s`."""
+    """Monotonic time of the last good frame; at least `connected_s`."""
     error_s: float = float("-inf")
-    """Of the last error frame; minus infinity before the first."""
+    """Monotonic time of the last error frame; minus infinity before the first."""
     frames: int = 0
+    """Good frames since the start."""
     error_frames: int = 0
-    """Good ones and error frames since the start."""
+    """Error frames since the start."""
     recent: tuple[Traffic, ...] = ()
     """Turns of the last second, and the one before."""
     last_ns: int = 0
     """Latest time stamp."""
     controller: ControllerState | None = None
-    """As told last, if it was."""
+    """State that the controller reported last; None if it reported none."""
     tx_errors: int | None = None
+    """Transmit error counter as reported last."""
     rx_errors: int | None = None
-    """`tx_errors`, `rx_errors`: as told last."""
-    said: str = ""
+    """Receive error counter as reported last."""
+    error_text: str = ""
     """The last error frame, in words."""
     losses: SourceLosses = field(default_factory=SourceLosses)
-    """At the last turn."""
+    """Losses that the source had counted at the last turn."""
 
 
 def advance_buses(
@@ -118,7 +121,7 @@ def _advance(
             ("restamped", "restamped"),
         )
     }
-    said = tally.text if tally else ""
+    error_text = tally.text if tally else ""
     numbers = {
         **lost,
         "overrun": lost["overrun"] + (tally.overruns if tally else 0),
@@ -128,7 +131,8 @@ def _advance(
     }
     for code, number in numbers.items():
         if number > 0:
-            counts[code, name] = Count(number, said if code in ("error_frames", "bus_off") else "")
+            detail = error_text if code in ("error_frames", "bus_off") else ""
+            counts[code, name] = Count(number, detail)
     last_ns = int(t_ns[-1]) if n else watch.last_ns
     connected_s = watch.connected_s if link.connected else now_s
     earlier = [turn for turn in watch.recent if turn[0] <= now_s - WINDOW_S][-1:]
@@ -136,7 +140,7 @@ def _advance(
     if n and not watch.last_ns:  # before its first frame a bus has no stamp to count from
         earlier, within = ([(*t[:4], int(t_ns[0])) for t in ts] for ts in (earlier, within))
     bits_sent = float(bits.sum()) - float(bits[error_rows].sum())
-    told = replace(
+    advanced = replace(
         watch,
         connected_s=connected_s,
         heard_s=now_s if n else max(watch.heard_s, connected_s),
@@ -146,12 +150,12 @@ def _advance(
         error_frames=watch.error_frames + len(error_rows),
         recent=(*earlier, *within, (now_s, good, len(error_rows), bits_sent, last_ns)),
         last_ns=last_ns,
-        said=said or watch.said,
+        error_text=error_text or watch.error_text,
         losses=link.losses,
     )
-    if not link.connected:  # whoever comes back begins anew
-        return replace(told, controller=None, tx_errors=None, rx_errors=None)
-    return _controller(told, tally, error_rows, n, now_s)
+    if not link.connected:  # a controller that comes back has a new state
+        return replace(advanced, controller=None, tx_errors=None, rx_errors=None)
+    return _controller(advanced, tally, error_rows, n, now_s)
 
 
 def _controller(
@@ -161,7 +165,7 @@ def _controller(
     n: int,
     now_s: float,
 ) -> BusWatch:
-    """Keep the state of the controller: what it told, and what can be seen."""
+    """Update the state of the controller by its reports and by the frames received since."""
     state, tx, rx = watch.controller, watch.tx_errors, watch.rx_errors
     row = -1
     if tally is not None:
@@ -211,14 +215,14 @@ def _state(watch: BusWatch, link: LinkFacts, silent_s: float, now_s: float) -> B
 def bus_symptoms(
     watch: BusWatch, link: LinkFacts, status: BusStatus, silent_s: float, now_s: float
 ) -> list[Symptom]:
-    """Return what is wrong with a bus as a state; what is counted comes by the window."""
+    """Return the faulty states of a bus; faults that are counted come by the window."""
     name = link.name
     if status.state is BusState.DISCONNECTED:
         if not link.error and now_s - link.heartbeat_s < silent_s:
             return []  # it is being opened
         return [Symptom("disconnected", name, link.error or "not connected", advice=link.advice)]
     if status.state is BusState.BUS_OFF:
-        return [Symptom("bus_off", name, watch.said)]
+        return [Symptom("bus_off", name, watch.error_text)]
     found = []
     if link.interface_down:
         advice = f"`sudo ip link set {name.split()[-1]} up` brings it up again"
@@ -235,7 +239,7 @@ def bus_symptoms(
         counted = (
             f"{watch.tx_errors} transmit and {watch.rx_errors} receive errors counted"
             if watch.tx_errors is not None
-            else watch.said
+            else watch.error_text
         )
         found.append(Symptom("error_passive", name, counted))
     return found

@@ -1,7 +1,8 @@
 """From symptoms, which come and go, to alarms that do not flap, and their events.
 
 An alarm ends when its symptom has been away for `HOLD_S`.  One that comes back again and again is
-shown each time, but told to the journal only every `RETELL_S`: a loose contact must not fill it.
+shown each time, but written to the journal only every `REPORT_AGAIN_S`: a loose contact must not
+fill it.
 """
 
 from __future__ import annotations
@@ -19,8 +20,11 @@ from .texts import EXPLAINED, GRAVITY
 ALARM, ALARM_END = "alarm", "alarm_end"
 """Codes of the events; the text is "CODE SUBJECT: TEXT"."""
 HOLD_S = 1.5
-RETELL_S = 15.0
+"""Time without its symptom after which an alarm ends, s."""
+REPORT_AGAIN_S = 15.0
+"""Least time between two entries of the same alarm in the journal, s."""
 _MOST_ALARMS = 256
+"""Largest number of alarms kept at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,14 +32,15 @@ class _Entry:
     """One alarm, also for a while after its end."""
 
     alarm: Alarm
-    """As shown."""
+    """The alarm as shown."""
     seen_s: float
-    """Its symptom's latest moment."""
-    told_s: float | None
-    """When the journal was last told that it began."""
+    """Monotonic time at which its symptom was last present."""
+    reported_s: float | None
+    """Monotonic time at which its begin was last written to the journal; None if never."""
     is_on: bool
-    is_told: bool
-    """`is_on`, `is_told`: whether it lasts, and whether the journal knows."""
+    """True while the alarm lasts."""
+    is_reported: bool
+    """True if the journal holds its begin and not yet its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +51,7 @@ class Ledger:
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """Those that last, in order of gravity."""
+        """The alarms that last, in order of gravity."""
         lasting = (entry.alarm for entry in self.entries.values() if entry.is_on)
         return tuple(sorted(lasting, key=lambda a: (GRAVITY[a.code], a.subject)))
 
@@ -73,20 +78,20 @@ class Ledger:
             if entry is None and len(entries) >= _MOST_ALARMS:
                 continue
             entry = _raised(entry, symptom, now)
-            if not entry.is_told and (
-                entry.told_s is None or now.monotonic_s - entry.told_s >= RETELL_S
+            if not entry.is_reported and (
+                entry.reported_s is None or now.monotonic_s - entry.reported_s >= REPORT_AGAIN_S
             ):
                 events.append(_event(ALARM, entry.alarm, t_ns))
-                entry = replace(entry, told_s=now.monotonic_s, is_told=True)
+                entry = replace(entry, reported_s=now.monotonic_s, is_reported=True)
             entries[key] = entry
         for key in [key for key in entries if key not in present]:
             entry = entries[key]
             away_s = now.monotonic_s - entry.seen_s
             if entry.is_on and away_s >= HOLD_S:
-                if entry.is_told:
+                if entry.is_reported:
                     events.append(_event(ALARM_END, entry.alarm, t_ns))
-                entries[key] = replace(entry, is_on=False, is_told=False)
-            elif not entry.is_on and away_s > 2 * RETELL_S:
+                entries[key] = replace(entry, is_on=False, is_reported=False)
+            elif not entry.is_on and away_s > 2 * REPORT_AGAIN_S:
                 del entries[key]
         return Ledger(MappingProxyType(entries)), tuple(events)
 

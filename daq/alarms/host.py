@@ -10,14 +10,14 @@ from ..journal.disk_space import Room, low_text
 from .inputs import Count, Key, Symptom
 
 CLOCK_STEP_S = 0.05
-"""A wall clock that has moved so far against the monotonic one was set."""
+"""Largest drift of the wall clock against the monotonic one, s, that is not taken for a step."""
 _QUEUE_HIGH = 0.5
 
 
 def host_symptoms(
     config: RecorderConfig, disk: DiskStatus, queue: QueueStatus, failed: Mapping[str, str]
 ) -> list[Symptom]:
-    """Return what is wrong with the recorder.
+    """Return the faults of the recorder itself.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the parts of the watch report each turn: things counted, and states that last."""
+"""The reports of the parts of the watch in each turn: counts, and states that last."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 WINDOW_S = 1.0
-"""Rates are over so long."""
+"""Length of the window over which rates are taken, s."""
 
 Key = tuple[str, str]
 """Code and subject of an alarm."""
@@ -14,23 +14,22 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Symptom:
-    """One thing that is wrong at this turn."""
+    """One fault at this turn; code, subject and text as in `daq.control.messages.Alarm`."""
 
     code: str
     subject: str
     text: str
-    """`code`, `subject`, `text`: as in `daq.control.messages.Alarm`."""
     new: int = 0
+    """Number of times it happened since the last turn, where that is counted."""
     recent: int = 0
-    """`new`, `recent`: how often it has happened since the last turn, and within the window, where
-    that is counted."""
+    """Number of times it happened within the window, where that is counted."""
     advice: str = ""
-    """Empty if the table's will do."""
+    """Advice for this case; empty if that of `daq.alarms.texts` fits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """How often something happened in one turn, and a word on the latest of it."""
+    """The number of times something happened in one turn, and a word on the latest."""
 
     number: int
     detail: str = ""
@@ -38,9 +37,10 @@ class Count:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """What was counted within the last `WINDOW_S`: monotonic time and counts of each turn."""
+    """The counts of the last `WINDOW_S`."""
 
     turns: tuple[tuple[float, Mapping[Key, Count]], ...] = ()
+    """Monotonic time and counts of each turn that counted something."""
 
     def advanced(self, now_s: float, counts: Mapping[Key, Count]) -> Window:
         """Return the window with a turn added and old ones gone."""
@@ -48,7 +48,7 @@ class Window:
         return Window((*kept, (now_s, counts)) if counts else kept)
 
     def symptoms(self, now_s: float) -> list[Symptom]:
-        """Return what was counted, in words."""
+        """Return a symptom for each code and subject that was counted."""
         totals: dict[Key, int] = {}
         details: dict[Key, str] = {}
         for _, counts in self.turns:
@@ -83,7 +83,7 @@ COUNTED = {
     "time_back": "frames with an earlier time stamp than the one before",
     "restamped": "frames stamped on arrival",
 }
-"""The words behind the number."""
+"""The words after the number, by code."""
 
 FROM_COUNT = {"error_frames": 5}
-"""Fewer in a second are no alarm: one disturbance now and then is what CAN was made for."""
+"""Least number in a second that is an alarm: CAN is made to survive single disturbances."""

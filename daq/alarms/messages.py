@@ -1,4 +1,4 @@
-"""Each message: does it come, is it whole, and what comes that is in no DBC."""
+"""The state of each message: arrival, length, checksum; and frames that no DBC describes."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from .inputs import Count, Key, Symptom
 
 STALE_PERIODS = 5.0
 _LEAST_TIMEOUT_S = 0.5
-"""Blocks come ten times a second, so less cannot be told from a late block."""
+"""Least timeout of a message, s: blocks come ten times a second, so a shorter silence may be no
+more than a late block."""
 _UNKNOWN_PERIOD_S = 2.0
 _LEARN_FRAMES, _LEARN_S = 20, 2.0
 _REGULAR_PERIODS, _REGULAR_S = 3.0, 0.25
 _FORGET_S = 60.0
-"""A message that no channel needs and that stays away so long has ended, not failed."""
+"""Silence, s, after which a message that no channel needs counts as ended, not failed."""
 _SHOWN_IDS = 6
 _KNOWN_IDS = 256
-"""So many unknown identifiers are counted by name."""
+"""Largest number of unknown identifiers that are counted one by one."""
 _RECENT_S = 2.0
 _STRANGERS_ONLY_S = 0.8
 _EXTENDED_BIT, _BUS_SHIFT, _LENGTH_SHIFT = 29, 32, 40
@@ -39,17 +40,17 @@ class MessageWatch:
     seen_s: float
     """Monotonic time of the turn that brought the last frame."""
     period_s: float | None
-    """Stated in the DBC, or learned; None for what comes when it likes."""
+    """Period stated in the DBC, or learned; None for a message without a regular period."""
     learn_s: float
+    """Monotonic time since which the period is being learned."""
     learn_frames: int
-    """`learn_s`, `learn_frames`: since when, and from how many frames, the period is being
-    learned."""
+    """Frames since `learn_s`."""
     buses: Mapping[int, float]
-    """When it was last seen on each bus."""
+    """Monotonic time at which it was last seen, by the number of the bus."""
 
     @property
     def timeout_s(self) -> float | None:
-        """How long it may stay away."""
+        """Longest silence that is no fault; None without a period."""
         if self.period_s is None:
             return None
         return max(STALE_PERIODS * self.period_s, _LEAST_TIMEOUT_S)
@@ -71,13 +72,13 @@ class MessagesWatch:
     began_s: float | None = None
     """Monotonic time of the first turn that brought frames."""
     turn_s: float = 0.0
-    """Of the last turn."""
+    """Monotonic time of the last turn."""
     known: Mapping[str, MessageWatch] = field(default_factory=lambda: MappingProxyType({}))
     """Messages of the DBC that came."""
     strangers: Mapping[tuple[int, int, bool], Stranger] = field(
         default_factory=lambda: MappingProxyType({})
     )
-    """Others."""
+    """Identifiers that are not in the DBC, by bus, identifier and width."""
     missing: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """Frames missing by the counter, at the last turn."""
 
@@ -197,7 +198,7 @@ def message_symptoms(
     well: Sequence[bool],
     now_s: float,
 ) -> list[Symptom]:
-    """Return what is wrong with the traffic as a state.
+    """Return the faulty states of the traffic.
 
     Parameters
     ----------

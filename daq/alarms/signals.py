@@ -1,4 +1,4 @@
-"""Each channel: no number, out of range, at the end of its range, or frozen."""
+"""The state of each channel: no number, out of range, at the end of its range, or frozen."""
 
 from __future__ import annotations
 
@@ -16,21 +16,26 @@ from ..samples.mapping import MappedChannel
 from .inputs import Count, Key, Symptom
 
 _STUCK_S = 0.8
-"""A fine sensor that stands quite still for so long is frozen."""
+"""Time without any change, s, after which a sensor of fine resolution counts as frozen."""
 _STUCK_MOVING_TURNS = 3
 _MOVING_STEPS = 20.0
-"""Others move if they move by so many steps of this channel within one turn."""
+"""Motion within one turn, in steps of the channel judged, from which on another channel moves."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a channel can say, in the signal's unit; `step` in the channel's."""
+    """The range and resolution of a channel."""
 
     low: float
+    """Least value, in the signal's unit."""
     high: float
+    """Largest value, in the signal's unit."""
     step: float
+    """Smallest change, in the channel's unit."""
     is_fine: bool
+    """True if noise must show in the channel (`daq.samples.converter.is_fine`)."""
     range_text: str
+    """The range in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +59,17 @@ class SignalsWatch:
     """All channels so far; the default is the state before any."""
 
     mapped: Sequence[MappedChannel] = ()
-    """Those that `limits` are of."""
+    """The channels for which `limits` were made."""
     limits: Mapping[str, Limits] = field(default_factory=lambda: MappingProxyType({}))
-    """Of channels that are used."""
+    """Limits of the channels that are used, by name."""
     standing: Mapping[str, Standing] = field(default_factory=lambda: MappingProxyType({}))
-    """Of those that came."""
+    """Runs of equal samples of the channels that came, by name."""
     overloaded: tuple[str, ...] = ()
     """Channels that were saturated since the last acknowledgement."""
 
 
 def limits_of(mapped: MappedChannel) -> Limits:
-    """Return what a channel can say.
+    """Return the range and resolution of a channel.
 
     The end of its range is where its bits end, or where the DBC's range ends if that is narrower:
     a sensor of 16 bits that measures to 4 g stops there.

@@ -11,14 +11,14 @@ from types import MappingProxyType
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """What an alarm means."""
+    """The meaning of an alarm, in words."""
 
     title: str
     """A few words."""
     meaning: str
-    """What the recorder has seen, in a sentence."""
+    """The recorder's observation, in a sentence."""
     advice: str
-    """What to do; an alarm that knows better has its own."""
+    """The remedy; a symptom may bring a more exact one of its own."""
 
 
 EXPLAINED = MappingProxyType(
@@ -100,7 +100,7 @@ EXPLAINED = MappingProxyType(
         "wrong_length": Explanation(
             "wrong length",
             "Frames are shorter or longer than the DBC says; what is not there is not decoded",
-            "mend the sensor's settings, or the length in the DBC",
+            "correct the sensor's settings, or the length in the DBC",
         ),
         "crc_bad": Explanation(
             "bad checksum",
@@ -140,7 +140,7 @@ EXPLAINED = MappingProxyType(
         "mixed_id": Explanation(
             "identifier mixed up",
             "One identifier comes from two buses, or with the other number of bits than in the DBC",
-            "give each sensor its own identifier; mend 11 or 29 bits in sensor or DBC",
+            "give each sensor its own identifier; set 11 or 29 bits alike in sensor and DBC",
         ),
         "garbled": Explanation(
             "garbage received",

@@ -31,14 +31,14 @@ _CLOCK_SHOWN_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """What one turn of the recorder brings."""
+    """The input of one turn of the recorder."""
 
     now: Now
     """The host's clocks."""
     batch: FrameBatch
     """Frames received; may be empty."""
     decoded: Decoded | None
-    """What they say; None if they were not decoded."""
+    """Their samples; None if they were not decoded."""
     health: HealthState
     """The sensors' counters after this block."""
     links: Sequence[LinkFacts]
@@ -46,8 +46,9 @@ class Turn:
     hops: HopLosses
     """Cumulative counts."""
     disk: DiskStatus
+    """The disk as published."""
     queue: QueueStatus
-    """`disk`, `queue`: as published."""
+    """The queue as published."""
     failed: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Parts of the recorder that were switched off after errors, and why."""
 
@@ -57,28 +58,35 @@ class AlarmState:
     """The watch so far; the default is the state before any turn."""
 
     buses: tuple[BusStatus, ...] = ()
-    """How each bus is doing."""
+    """State of each bus."""
     sensors_alive: int = 0
+    """Number of messages with channels of the bench that come."""
     sensors_expected: int = 0
-    """`sensors_alive`, `sensors_expected`: messages that carry channels of the bench."""
+    """Number of messages that carry channels of the bench."""
     ledger: Ledger = field(default_factory=Ledger)
+    """Alarms that last or ended not long ago."""
     window: Window = field(default_factory=Window)
+    """Counts of the last second."""
     bus_watches: tuple[BusWatch, ...] = ()
+    """History of each bus."""
     messages: MessagesWatch = field(default_factory=MessagesWatch)
+    """History of the messages."""
     signals: SignalsWatch = field(default_factory=SignalsWatch)
-    """`ledger`, `window`, `bus_watches`, `messages`, `signals`: what the next turn needs."""
+    """History of the channels."""
     clock_offset_ns: int | None = None
-    """Wall clock minus monotonic clock, as it was last taken for right."""
+    """Wall clock minus monotonic clock at the first turn or after the last step."""
     clock_step_s: float = 0.0
+    """The last step of the wall clock."""
     clock_stepped_s: float = float("-inf")
-    """`clock_step_s`, `clock_stepped_s`: the last step, and its monotonic time."""
+    """Monotonic time of the last step."""
     queue_dropped: int = 0
+    """Frames that the queue had dropped at the last turn."""
     t_ns: int = 0
-    """`queue_dropped`, `t_ns`: at the last turn."""
+    """Time stamp of the last turn's events."""
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """What is wrong now, in order of gravity."""
+        """The alarms that last, in order of gravity."""
         return self.ledger.alarms
 
     @property
@@ -144,7 +152,8 @@ def watch(
         text = f"the host's clock was set by {state.clock_step_s:+.3f} s"
         new = int(now_s == state.clock_stepped_s)
         symptoms.append(Symptom("clock_step", "", text, new, 1))
-    ledger, told = state.ledger.advanced(_merged(symptoms, window.symptoms(now_s)), turn.now, t_ns)
+    symptoms = _merged(symptoms, window.symptoms(now_s))
+    ledger, alarm_events = state.ledger.advanced(symptoms, turn.now, t_ns)
     after = replace(
         state,
         buses=statuses,
@@ -158,7 +167,7 @@ def watch(
         queue_dropped=turn.hops.queue_dropped,
         t_ns=t_ns,
     )
-    return after, (*events, *told)
+    return after, (*events, *alarm_events)
 
 
 def acknowledged(state: AlarmState) -> AlarmState:

@@ -28,7 +28,7 @@ class Campaign:
     excitations: tuple[Excitation, ...] = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
     """The kinds of bump."""
     repeats: int = 2
-    """How often each is bumped in each mass state."""
+    """Number of runs of each kind of bump in each mass state."""
     mass_states: tuple[str, ...] = (BASELINE, ADDED)
     """The states of loading; masses are changed as seldom as possible."""
 

@@ -47,42 +47,45 @@ class BusConfig:
 
 @dataclass(frozen=True, slots=True)
 class TriggerConfig:
-    """When a run starts and ends."""
+    """The conditions on which a run starts and ends."""
 
     level: float
     """Deviation from rest, in SI units of the trigger channels, that counts as a bump."""
     pre_s: float
+    """Time kept before the trigger, s."""
     post_s: float
-    """`pre_s`, `post_s`: kept before and after the trigger, s."""
+    """Time kept after the trigger, s."""
     rest_s: float
     """Time below `level` before the next bump is armed, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecorderConfig:
-    """What a recorder may do with the disk, and when a bus counts as silent."""
+    """A recorder's limits on the disk, and the silence of a bus that raises an alarm."""
 
     segment_bytes: float = 64e6
+    """Size at which a file of the journal ends."""
     segment_s: float = 900.0
-    """`segment_bytes`, `segment_s`: a file of the journal ends when it is as large or as old."""
+    """Age at which a file of the journal ends, s."""
     keep_bytes: float = 100e9
-    """All files of the journal together; beyond it the oldest that are sealed and derived go."""
+    """Size of all files of the journal together; beyond it the oldest files that are sealed and
+    derived are deleted."""
     reserve_bytes: float = 200e6
-    """Left free on the disk in any case; recording stops before."""
+    """Free space that is left on the disk in any case; recording stops before it is used."""
     silent_s: float = 1.0
-    """A bus without a frame for so long is an alarm."""
+    """Time without a frame after which a bus raises an alarm, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """All that a recorder must know."""
+    """A whole bench: everything that a recorder must know."""
 
     text: str
+    """bench.toml as read; it is stored in every journal and session."""
     dbc_name: str
-    """Where the DBC came from, for messages."""
+    """Source of the DBC, for messages to the user."""
     dbc_text: str
-    """`text`, `dbc_text`: bench.toml and the DBC as read; both go into every journal and
-    session."""
+    """The DBC as read; it is stored in every journal and session."""
     buses: tuple[BusConfig, ...]
     """At least one; a frame's `bus` is the position in it."""
     vehicle: Vehicle
@@ -93,10 +96,11 @@ class Bench:
     """Duration of the bump, s."""
     trigger: TriggerConfig
     message_rules: tuple[MessageRule, ...] = ()
+    """Properties of messages that the DBC does not state."""
     sample_sets: tuple[SampleSet, ...] = ()
-    """`message_rules`, `sample_sets`: what is known of messages beyond the DBC."""
+    """Messages that carry one sample together."""
     calibration_days: int = 365
-    """A calibration older than this is worth a note."""
+    """Age of a calibration from which on the check warns, days."""
     procedure: Procedure = field(default_factory=Procedure)
     """How the bumps are made."""
     recorder: RecorderConfig = RecorderConfig()
@@ -293,15 +297,17 @@ def _validated(text: str, where: str) -> BenchFile:
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(where, f"is not TOML: {error}", "mend that line") from error
+        raise InputError(where, f"is not TOML: {error}", "correct that line") from error
     try:
         return BenchFile.model_validate(document)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in first["loc"]) or "the file"
         if first["type"] == "extra_forbidden":
-            raise InputError(where, f"unknown key {key}", "remove it or mend its name") from error
-        raise InputError(where, f"{key}: {first['msg']}", "mend that value") from error
+            raise InputError(
+                where, f"unknown key {key}", "remove it or correct its name"
+            ) from error
+        raise InputError(where, f"{key}: {first['msg']}", "correct that value") from error
 
 
 def _weight(table: WeightTable) -> BodyWeight | HubWeight:

@@ -40,8 +40,8 @@ def with_vehicle(text: str, name: str, structure: Structure) -> str:
     table = _table(document, "vehicle")
     _set(table, "name", name)
     flags = {flag: getattr(structure, flag) for flag in Structure.__dataclass_fields__}
-    told = table.get("structure", {})
-    changed = {f: v for f, v in flags.items() if told.get(f, getattr(Structure(), f)) != v}
+    stated = table.get("structure", {})
+    changed = {f: v for f, v in flags.items() if stated.get(f, getattr(Structure(), f)) != v}
     if changed:
         own = _table(table, "structure")
         for flag, value in changed.items():
@@ -155,7 +155,7 @@ def _document(text: str) -> tomlkit.TOMLDocument:
     try:
         return tomlkit.parse(text if not text or text.endswith("\n") else text + "\n")
     except TOMLKitError as error:
-        raise InputError(WHERE, f"is not TOML: {error}", "mend that line") from error
+        raise InputError(WHERE, f"is not TOML: {error}", "correct that line") from error
 
 
 def _proven(
@@ -181,7 +181,7 @@ def _weight_row(weight: Weight) -> dict[str, Any]:
 
 
 _LEFT_OUT = {"sigma_kg": 0.0, "height_m": 0.0}
-"""What need not be stated."""
+"""Keys of a weight that need not be written, with the value that holds without them."""
 
 
 def _channels_in_force(document: tomlkit.TOMLDocument) -> str:
@@ -237,9 +237,9 @@ def _append_tables(document: tomlkit.TOMLDocument, key: str, tables: Sequence[Ta
 
 def _put_tables(document: tomlkit.TOMLDocument, key: str, rows: Sequence[_Row]) -> None:
     """Put an array of tables in place of the one there is; those that do not change stay."""
-    told = document.get(key)
-    if not isinstance(told, AoT):
-        if told is not None:
+    present = document.get(key)
+    if not isinstance(present, AoT):
+        if present is not None:
             document.remove(key)
         if rows:
             tables = [_new_table(row) for row in rows]
@@ -247,12 +247,12 @@ def _put_tables(document: tomlkit.TOMLDocument, key: str, rows: Sequence[_Row]) 
                 _add_tail(table, "\n")
             _append_tables(document, key, tables)
         return
-    old = list(told)
+    old = list(present)
     tails = [_cut_tail(table) for table in old]
     heads = ["", *(_split_tail(tail)[1] for tail in tails[:-1])]
     ends = [_split_tail(tail)[0] for tail in tails]
     after = _split_tail(tails[-1])[1]
-    kept: list[tuple[str, Table, str | None]] = []  # None: how it ends is not told yet
+    kept: list[tuple[str, Table, str | None]] = []  # None: its end is not known yet
     orphans = ""  # comments above tables that go: a heading may be among them
     plan = SequenceMatcher(None, [_same(t.unwrap()) for t in old], [_same(row) for row in rows])
     for what, a, b, c, d in plan.get_opcodes():

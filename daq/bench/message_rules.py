@@ -1,4 +1,4 @@
-"""What bench.toml knows of messages beyond the DBC: cycle, counter, checksum, time, sample sets."""
+"""Rules that bench.toml adds to the DBC: cycle, counter, checksum, time stamp, sample sets."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from dbc.units import to_si
 
 from ..errors import InputError
 
-MEND_MESSAGE = "mend that [[message]] in bench.toml"
-MEND_SET = "mend that [[sample_set]] in bench.toml"
+CORRECT_MESSAGE = "correct that [[message]] in bench.toml"
+CORRECT_SET = "correct that [[sample_set]] in bench.toml"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +29,10 @@ class TimeRule:
 
 @dataclass(frozen=True, slots=True)
 class MessageRule:
-    """What is to be added to a message of the DBC, by name."""
+    """The properties that bench.toml adds to a message of the DBC."""
 
     name: str
-    """The message."""
+    """Name of the message."""
     cycle_s: float | None = None
     """Time between two frames, in place of the DBC's."""
     counter: str | None = None
@@ -40,8 +40,9 @@ class MessageRule:
     counter_modulus: int | None = None
     """Range of the counter; None: all values of its bits."""
     crc: str | None = None
+    """Signal that holds its checksum."""
     crc_rule: str = "crc8_j1850"
-    """Its checksum and how that is computed (`dbc.crc.CRC_RULES`)."""
+    """Rule by which the checksum is computed, one of `dbc.crc.CRC_RULES`."""
     time: TimeRule | None = None
     """Its time stamp."""
 
@@ -51,9 +52,9 @@ class SampleSet:
     """Messages that carry one sample together."""
 
     name: str
-    """Names their sample group."""
+    """Name of their sample group."""
     messages: tuple[str, ...]
-    """The messages."""
+    """Names of the messages."""
     bound_by: str
     """``Message.signal``: a counter or time stamp in a frame of its own, sent in one burst with the
     others; or the name of a counter that each of the messages has."""
@@ -91,7 +92,7 @@ def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Co
     known = {message.name for message in codec.messages}
     for name in by_name:
         if name not in known:
-            raise InputError(f"message {name}", f"is not in {dbc_name}", MEND_MESSAGE)
+            raise InputError(f"message {name}", f"is not in {dbc_name}", CORRECT_MESSAGE)
     messages = tuple(
         _ruled(message, by_name[message.name]) if message.name in by_name else message
         for message in codec.messages
@@ -106,13 +107,13 @@ def _ruled(message: MessageLayout, rule: MessageRule) -> MessageLayout:
         modulus = rule.counter_modulus or 1 << min(signal.length, 33)
         if signal.length > 32 or modulus > 1 << signal.length:
             what = f"counter {signal.name} of {signal.length} bits cannot run to {modulus}"
-            raise InputError(f"message {message.name}", what, MEND_MESSAGE)
+            raise InputError(f"message {message.name}", what, CORRECT_MESSAGE)
         counter = CounterRule(signal.name, modulus)
     if rule.crc is not None:
         signal = _plain(message, rule.crc)
         if signal.length != 8 or signal.low_bit != 0:
             what = f"checksum {signal.name} is not one whole byte"
-            raise InputError(f"message {message.name}", what, MEND_MESSAGE)
+            raise InputError(f"message {message.name}", what, CORRECT_MESSAGE)
         crc, crc_rule = signal.name, rule.crc_rule
     cycle_s = message.cycle_s if rule.cycle_s is None else rule.cycle_s
     return replace(message, cycle_s=cycle_s, counter=counter, crc=crc, crc_rule=crc_rule)
@@ -120,11 +121,11 @@ def _ruled(message: MessageLayout, rule: MessageRule) -> MessageLayout:
 
 def _plain(message: MessageLayout, name: str) -> SignalLayout:
     """Return a signal that is an unsigned whole number in every frame."""
-    signal = _signal(message, name, MEND_MESSAGE)
+    signal = _signal(message, name, CORRECT_MESSAGE)
     whole = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
     if not whole or signal.is_signed or signal.is_multiplexed:
         what = f"{name} is not a plain unsigned number"
-        raise InputError(f"message {message.name}", what, MEND_MESSAGE)
+        raise InputError(f"message {message.name}", what, CORRECT_MESSAGE)
     return signal
 
 
@@ -152,13 +153,13 @@ def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, Se
 
 
 def timed_messages(codec: Codec, rules: Sequence[MessageRule]) -> frozenset[str]:
-    """Return the messages that tell themselves when their samples were taken."""
+    """Return the messages that carry the time of their samples, as counter or time stamp."""
     counted = {m.name for m in codec.messages if m.counter is not None and m.cycle_s is not None}
     return frozenset(counted | sensor_clocks(codec, rules).keys())
 
 
 def _clock(message: MessageLayout, time: TimeRule) -> SensorClock:
-    signal, where = _signal(message, time.signal, MEND_MESSAGE), f"message {message.name}"
+    signal, where = _signal(message, time.signal, CORRECT_MESSAGE), f"message {message.name}"
     try:
         si = to_si(time.unit or signal.unit)
     except InputError as error:
@@ -193,17 +194,17 @@ def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[Sample
         carrier, signal = sample_set.carrier
         for name in (*sample_set.messages, carrier):
             if name not in messages:
-                raise InputError(where, f"the DBC has no message {name}", MEND_SET)
+                raise InputError(where, f"the DBC has no message {name}", CORRECT_SET)
         for name in sample_set.messages:
             if name in owner:
-                raise InputError(where, f"{name} is also in {owner[name]}", MEND_SET)
+                raise InputError(where, f"{name} is also in {owner[name]}", CORRECT_SET)
             owner[name] = sample_set.name
-        _signal(messages[carrier], signal, MEND_SET)
+        _signal(messages[carrier], signal, CORRECT_SET)
         counter = messages[carrier].counter
         is_time = carrier in clocks and clocks[carrier].signal == f"{carrier}.{signal}"
         if not is_time and (counter is None or counter.signal != signal):
             what = f"{carrier}.{signal} is neither the counter nor the time_signal of its message"
             raise InputError(where, what, f"say which in [[message]] name = {carrier!r}")
         if not is_time and messages[carrier].cycle_s is None:
-            what = f"{carrier} has no cycle time, and a counter alone tells none"
+            what = f"{carrier} has no cycle time, and a counter alone gives no time"
             raise InputError(where, what, f"state cycle_ms in [[message]] name = {carrier!r}")

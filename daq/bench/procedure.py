@@ -21,7 +21,7 @@ class Method(StrEnum):
     """The body is pushed down by hand and let go."""
 
 
-def _usual() -> Mapping[Excitation, str]:
+def _no_instructions() -> Mapping[Excitation, str]:
     return MappingProxyType({})
 
 
@@ -35,11 +35,11 @@ class Procedure:
     """Height of board or block, or depth of the push."""
     accept_after_s: float = 3.0
     """The operator's time to reject a run before the next is armed."""
-    instructions: Mapping[Excitation, str] = field(default_factory=_usual)
-    """What the operator is told, where it is not the usual."""
+    instructions: Mapping[Excitation, str] = field(default_factory=_no_instructions)
+    """The operator's instructions, for the bumps whose usual ones do not fit."""
 
 
-def _told() -> Mapping[tuple[Method, Excitation], str]:
+def _usual_instructions() -> Mapping[tuple[Method, Excitation], str]:
     roll, drop, push = Method.ROLL_OVER, Method.DROP, Method.PUSH
     return {
         (roll, Excitation.BOUNCE): (
@@ -83,7 +83,7 @@ def _told() -> Mapping[tuple[Method, Excitation], str]:
     }
 
 
-_TOLD = _told()
+_USUAL_INSTRUCTIONS = _usual_instructions()
 _FRONT, _REAR, _LEFT = (0, 1), (2, 3), (0, 2)
 _STRUCK: Mapping[Excitation, tuple[int, ...]] = {
     Excitation.BOUNCE: (*_FRONT, *_REAR),
@@ -95,9 +95,9 @@ _STRUCK: Mapping[Excitation, tuple[int, ...]] = {
 
 
 def instruction(procedure: Procedure, excitation: Excitation) -> str:
-    """Return what the operator is told to do."""
+    """Return the operator's instruction for a bump."""
     own = procedure.instructions.get(excitation, "")
-    usual = _TOLD[procedure.method, excitation]
+    usual = _USUAL_INSTRUCTIONS[procedure.method, excitation]
     return own or usual.format(mm=f"{procedure.bump_height_m * 1e3:g}")
 
 

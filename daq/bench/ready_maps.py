@@ -8,7 +8,7 @@ from importlib.resources import files
 from ..errors import InputError
 
 PREFIX = "layout:"
-"""What `dbc` in bench.toml begins with to name a ready map instead of a file."""
+"""Prefix of `dbc` in bench.toml that names a ready map instead of a file."""
 
 _FOLDER = files("daq") / "layouts"
 
@@ -18,12 +18,13 @@ class ReadyMap:
     """A sensor's layout as its public documents state it."""
 
     name: str
+    """Name of the layout in bench.toml, after the prefix."""
     title: str
-    """`name`, `title`: what it is called here, and the sensor."""
+    """Name of the sensor."""
     dbc_text: str
+    """Its DBC."""
     bench_text: str
-    """`dbc_text`, `bench_text`: its DBC, and `[[message]]`, `[[sample_set]]` and `[[channel]]`
-    tables that fit it."""
+    """`[[message]]`, `[[sample_set]]` and `[[channel]]` tables that fit the DBC."""
 
 
 def ready_map_names() -> tuple[str, ...]:

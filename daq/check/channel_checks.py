@@ -1,4 +1,4 @@
-"""Bench check, channels: what a sensor says while the car stands still.
+"""Bench check, channels: the readings of the sensors while the car stands still.
 
 An accelerometer that points upwards reads +1 g at rest, whatever it is called in the DBC: that
 proves unit, axis and sign at once.  Rates read nothing, travels are zero at ride height.
@@ -45,12 +45,16 @@ Found = tuple[Severity, str, str]
 
 @dataclass(frozen=True, slots=True)
 class _Limits:
-    """What a kind of sensor may do at rest, SI: noise, motion, zero, and what cannot be."""
+    """The limits of a kind of sensor at rest, SI."""
 
     noise: float
+    """Largest usual noise of a sample."""
     motion: float
+    """Largest slow motion of a car at rest."""
     zero: float
+    """Largest reading that needs no tare."""
     absurd: float
+    """Largest reading that is possible at all: beyond it unit or scale is wrong."""
 
 
 _BODY = _Limits(0.5, 0.5, math.inf, math.inf)
@@ -175,7 +179,7 @@ def _calibration_lines(channel: Channel, days: int, today: date) -> list[Found]:
     which = f" (serial number {channel.serial_number})" if channel.serial_number else ""
     if age < 0:
         reason = f"calibrated on {channel.calibrated}, which is to come{which}"
-        return [(Severity.WARNING, reason, "mend calibrated, or the clock of this computer")]
+        return [(Severity.WARNING, reason, "correct calibrated, or the clock of this computer")]
     if age > days:
         reason = f"calibrated on {channel.calibrated}, {age} days ago{which}"
         return [(Severity.WARNING, reason, f"have it calibrated; the limit is {days} days")]
@@ -226,7 +230,7 @@ def _validity_lines(
 def _stuck_lines(
     mapped: MappedChannel,
     signal: SignalLayout,
-    told: NDArray[np.float64],
+    raw: NDArray[np.float64],
     value: NDArray[np.float64],
 ) -> list[Found]:
     if np.ptp(value) > 0 or not is_stuck(len(value)):
@@ -234,7 +238,7 @@ def _stuck_lines(
     quantity = mapped.channel.quantity
     reason = f"stuck: all {len(value)} samples are {value[0]:.6g} {mapped.channel.unit}"
     fine = is_fine(quantity, mapped.channel.unit, mapped.step)
-    at_end = not signal.is_float and signal.length > 1 and told[0] in signal.span and told[0] != 0
+    at_end = not signal.is_float and signal.length > 1 and raw[0] in signal.span and raw[0] != 0
     if fine or at_end:
         return [(Severity.ERROR, reason, "the sensor is dead, frozen or not started")]
     if quantity is Quantity.UNUSED:
@@ -268,7 +272,7 @@ def _other_unit(mapped: MappedChannel, level: float, absurd: float) -> str:
         si = to_si(unit)
         if si.unit == mapped.channel.unit and abs(level / mapped.factor * si.factor) < absurd / 2:
             return f'is its unit {unit}? state signal_unit = "{unit}"'
-    return "mend signal_unit, the factor in the DBC, or tare"
+    return "correct signal_unit, the factor in the DBC, or tare"
 
 
 _SCALES = (
@@ -281,7 +285,7 @@ _SCALES = (
     (1e3 / G_M_S2, ""),
     (1e3 * G_M_S2, "mm/s2"),
 )
-"""What gravity becomes if the unit is wrong, as a factor, and the unit that it would prove."""
+"""Factors by which wrong units change gravity, and the unit that each of them would prove."""
 
 
 def _gravity_lines(
@@ -303,9 +307,9 @@ def _gravity_lines(
             fits &= rest.noise < _QUIETEST and abs(share) * G_M_S2 > sure
         if fits:
             turn = f" and {flip}" if share < 0 else ""
-            told = f'signal_unit = "{unit}"' if unit else f"gain = {channel.gain / factor:.6g}"
+            setting = f'signal_unit = "{unit}"' if unit else f"gain = {channel.gain / factor:.6g}"
             reason = f"{says}: {factor:.4g} times gravity, so its unit is wrong"
-            return [(Severity.ERROR, reason, f"state {told}{turn}")]
+            return [(Severity.ERROR, reason, f"state {setting}{turn}")]
     if abs(share) < 0.5:
         upright = [(name, value) for name, value in siblings.items() if abs(abs(value) - 1) < 0.1]
         if upright:
@@ -318,7 +322,7 @@ def _gravity_lines(
     tilt = math.degrees(math.acos(min(abs(share), 1.0)))
     angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
     verdict = Severity.ERROR if abs(abs(share) - 1) > 0.3 else Severity.WARNING
-    return [(verdict, f"{says}{angle}, or its scale is wrong", "mount it upright, or mend gain")]
+    return [(verdict, f"{says}{angle}, or its scale is wrong", "mount it upright, or correct gain")]
 
 
 def _siblings(mapped: MappedChannel, keeping: Timekeeping, decoded: Decoded) -> dict[str, float]:

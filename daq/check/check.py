@@ -1,4 +1,4 @@
-"""The bench check: do frames, DBC and bench.toml fit together; do the sensors tell the truth.
+"""The bench check: frames, DBC and bench.toml must fit together, and sensors read what is true.
 
 Pure: from the frames of a few seconds of rest to a report.  Each line is OK, WARN or FAIL with a
 reason and, where something can be done, what to do.
@@ -27,12 +27,12 @@ from .result import WORDS, CheckLine
 
 _INCOMPLETE_SHARE = 0.01
 _PAUSE_S = 1.0
-"""Without any frame for so long, a bus was off, or a log was not written."""
+"""Time without any frame, s, after which a bus was off, or a log was not written."""
 
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What a bench check found."""
+    """The result of a bench check."""
 
     seconds: float
     """Time from the first frame to the last."""

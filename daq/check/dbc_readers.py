@@ -1,4 +1,4 @@
-"""What cantools says about the bench's DBC, as lines of the check."""
+"""The comparison of our reader with cantools on the bench's DBC, as lines of the check."""
 
 from __future__ import annotations
 

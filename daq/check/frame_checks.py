@@ -1,4 +1,4 @@
-"""Bench check, frames: which arrive, how often, how whole; and who else is on the bus."""
+"""Bench check, frames: arrival, rate and integrity of each message, and foreign traffic."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dbc.frames import FrameBatch, FrameFlag
 from dbc.layout import MessageLayout
 from dbc.samples import UNUSABLE, Decoded, Quality
 
-from ..bench.message_rules import MEND_MESSAGE
+from ..bench.message_rules import CORRECT_MESSAGE
 from ..bus.wire_bits import wire_bits
 from ..channels import Quantity
 from ..samples import health
@@ -36,8 +36,9 @@ class Arrivals:
     """The data frames of one identifier."""
 
     can_id: int
+    """The identifier."""
     is_extended: bool
-    """`can_id`, `is_extended`: the identifier."""
+    """True for 29 bits, false for 11."""
     t_ns: NDArray[np.int64]
     """Arrival times, shape (n,)."""
     length: NDArray[np.uint8]
@@ -66,8 +67,9 @@ class FrameTable:
     unknown: tuple[Arrivals, ...]
     """Identifiers that are not in the DBC, the most frequent first."""
     start_ns: int
+    """Time stamp of the first frame."""
     end_ns: int
-    """`start_ns`, `end_ns`: first and last frame."""
+    """Time stamp of the last frame."""
     bits: float
     """Bits on the wire, estimated."""
 
@@ -184,7 +186,7 @@ def _missing_line(
 ) -> CheckLine:
     width = " with 29 bits" if message.is_extended else ""
     reason = f"no frame with identifier {message.can_id:#x}{width}"
-    advice = "is the sensor on, set to this identifier, and told to send?"
+    advice = "is the sensor on, set to this identifier, and set to send?"
     alike = [
         _hex(a)
         for a in unknown
@@ -239,7 +241,7 @@ def _length_lines(message: MessageLayout, arrivals: Arrivals) -> list[Found]:
     sizes = "/".join(str(v) for v in np.unique(arrivals.length[arrivals.length != message.length]))
     says = f"have {sizes} bytes; the DBC says {message.length}"
     if short:
-        return [(Severity.ERROR, f"{short} of {n} frames {says}", "mend the length, or the DBC")]
+        return [(Severity.ERROR, f"{short} of {n} frames {says}", "correct the length, or the DBC")]
     if long:
         return [(Severity.WARNING, f"{long} of {n} frames {says}", "what is behind is not decoded")]
     return []
@@ -289,7 +291,7 @@ def _counter_lines(
         reason = (
             f"the counter {name} reaches {value.max():.0f}, beyond {message.counter.modulus - 1}"
         )
-        return [(Severity.ERROR, reason, "mend counter_modulus")]
+        return [(Severity.ERROR, reason, "correct counter_modulus")]
     if counter.missing:
         verdict = Severity.ERROR if counter.missing > _LOST_FAIL * n else Severity.WARNING
         reason = f"{counter.missing} frames are missing by the counter {name} (of {n})"
@@ -314,7 +316,7 @@ def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded)
     rate = float(np.sum(gap) / (t_s[-1] - t_s[0]))
     reason = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
     if abs(rate - 1) > _CLOCK_FAIL:
-        return [(Severity.ERROR, reason, f"mend time_unit or time_wrap; {MEND_MESSAGE}")]
+        return [(Severity.ERROR, reason, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}")]
     if abs(rate - 1) > _CLOCK_WARN:
         return [(Severity.WARNING, reason, "is the host's clock set while measuring?")]
     return []

@@ -1,4 +1,4 @@
-"""What a signal may be, guessed from unit, name, comment and gravity."""
+"""Guesses of what a signal measures, by unit, name, comment and gravity."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _PITCH, _ROLL, _YAW = {"pitch", "nick"}, {"roll", "wank"}, {"yaw", "gier"}
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """What a signal may be."""
+    """A guess of what a signal measures."""
 
     quantity: Quantity
     """Its kind."""
@@ -39,7 +39,7 @@ class Guess:
     sign: int
     """-1 if gravity shows that it is upside down."""
     why: str
-    """What the guess rests on."""
+    """The grounds of the guess."""
 
 
 def words(text: str) -> set[str]:
@@ -55,7 +55,7 @@ def signal_comments(dbc_text: str) -> dict[tuple[int, str], str]:
 
 
 def guess_corner(name: str, message: str, comment: str) -> tuple[Corner, str] | None:
-    """Return the wheel that a name, a message's name or a comment tells, and which of them does."""
+    """Return the wheel that a name, a message's name or a comment states, and the place of it."""
     texts = {"name": words(name), "end of the name": {name.lower()[-2:]}}
     for place, said in (texts | {"message": words(message), "comment": words(comment)}).items():
         found = [c for c, groups in _CORNERS.items() if any(group <= said for group in groups)]

@@ -1,6 +1,6 @@
 """A bench.toml proposed from a DBC, better with some seconds of traffic at rest.
 
-Every guess says what it rests on; what nobody can guess (positions) is marked for the reader.
+Every guess states its grounds; values that cannot be guessed (positions) are marked for the reader.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _REST = """
 name = "vehicle"  # FILL IN
 
 [campaign]
-excitations = ["bounce", "pitch", "roll"]  # "warp" tells more than any of these
+excitations = ["bounce", "pitch", "roll"]  # "warp" adds more information than any of these
 repeats = 2
 method = "roll_over"  # or "drop", "push"
 bump_height_mm = 40.0
@@ -99,7 +99,7 @@ def propose_bench(dbc: str, dbc_text: str, codec: Codec, frames: FrameBatch | No
     comments = signal_comments(dbc_text)
     lines = [
         "# Proposed by bumpbench check.  Read it, and prove it: bumpbench check FILE.",
-        "# Fill in what is marked FILL IN; nobody can guess it.",
+        "# Fill in what is marked FILL IN; it cannot be guessed.",
         f"dbc = {json.dumps(dbc)}",
         "",
         "[bus]",
@@ -142,7 +142,7 @@ def _rule(message: MessageLayout, seen: _Seen | None) -> list[str]:
     lines += _first(_time(message, signal, seen) for signal in message.signals)
     head = ["[[message]]", f"name = {json.dumps(message.name)}"]
     if all(line.startswith("#") for line in lines):
-        # Whoever uncomments a line needs the table it stands in.
+        # A line that is uncommented needs the table it stands in.
         return [f"# {line}" for line in head] + lines if lines else []
     return [*head, *lines]
 

@@ -17,7 +17,7 @@ from ..channels import Channel, Quantity
 from ..vehicle import Corner
 
 ORDER = (Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RIGHT)
-"""In which the corners are pushed."""
+"""The order in which the corners are pushed."""
 _WORDS = {
     Corner.FRONT_LEFT: "front LEFT",
     Corner.FRONT_RIGHT: "front RIGHT",
@@ -31,11 +31,12 @@ _LEAST = {
     Quantity.PITCH_RATE: 0.01,
     Quantity.ROLL_RATE: 0.01,
 }
-"""What a hand does at least, SI.  Accelerations have no part: in them what comes back is stronger
-than what came first, and gravity has proved their signs already."""
+"""Least deviation that counts as a push by hand, SI.  Accelerations have no part: in them the swing
+back is stronger than the push, and gravity has proved their signs already."""
 _OVER_NOISE = 6.0
 _FIRST_SHARE = 0.4
-"""Of the peak: where the first excursion is told from noise and from what comes back."""
+"""Share of the peak from which on the first excursion counts: clearly more than noise, and reached
+before the swing back."""
 _SETTLED_S = 0.6
 _LONGEST_S = 5.0
 _SURE = 0.4
@@ -45,17 +46,18 @@ Envelope = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Wiggle:
-    """What a push on one corner showed."""
+    """The result of a push on one corner."""
 
     corner: Corner
-    """Which was to be pushed."""
+    """The corner that was to be pushed."""
     done: bool
+    """True once the push is over."""
     passed: bool
-    """`done`, `passed`: whether the push is over, and whether everything that moved moved as it
-    must."""
+    """True if every channel that moved, moved the right way."""
     text: str
+    """The observation, in words."""
     advice: str = ""
-    """`text`, `advice`: what was seen, and what to do."""
+    """The next step for the operator; empty if all is right."""
     inverted: tuple[str, ...] = ()
     """Channels that moved the wrong way."""
 
@@ -74,8 +76,8 @@ def spoken(corner: Corner) -> str:
     return _WORDS[corner]
 
 
-def can_tell(channels: Sequence[Channel]) -> bool:
-    """Whether any channel of a bench shows a push of a hand."""
+def shows_push(channels: Sequence[Channel]) -> bool:
+    """Return whether any channel of a bench shows a push by hand."""
     return any(channel.quantity in _LEAST for channel in channels)
 
 
@@ -145,7 +147,7 @@ def _move(channel: Channel, deviation: NDArray[np.float64]) -> _Move:
 
 
 def _over(deviations: Sequence[tuple[NDArray[np.float64], float]], bin_s: float) -> bool:
-    """Whether all is at rest again, or has gone on for too long to wait."""
+    """Return whether all is at rest again, or has moved for too long to wait."""
     began, ended, length = [], [], 0
     for deviation, least in deviations:
         loud = np.flatnonzero(np.abs(deviation) >= least)
@@ -180,7 +182,7 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
 
 
 def _elsewhere(corner: Corner, own: Channel, most: _Move, moves: Sequence[_Move]) -> Wiggle:
-    """Tell a swapped plug from a push on another corner, as far as the gyros know."""
+    """Distinguish a swapped plug from a push on another corner, as far as the gyros show it."""
     assert most.channel.corner is not None  # held by Channel: a travel has a corner
     pushed = _corner_of_turn(moves)
     text = f"{most.channel.corner} moved"
@@ -216,7 +218,7 @@ def _expected(corner: Corner, channel: Channel, channels: Sequence[Channel]) -> 
 
 
 def _sinks(corner: Corner, channel: Channel) -> bool:
-    """Whether a point of the body surely goes down with a corner.
+    """Return whether a point of the body surely goes down with a corner.
 
     A plate on four equal springs sinks by 1 + u u' + v v' at (u, v), counted in half lengths from
     its middle, if it is pushed at (u', v'); a car of usual size will do for the halves.

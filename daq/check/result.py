@@ -9,7 +9,7 @@ from types import MappingProxyType
 from dbc.finding import Severity
 
 WORDS = {Severity.NOTE: "OK", Severity.WARNING: "WARN", Severity.ERROR: "FAIL"}
-"""How a line of the check is printed and sent to the terminal."""
+"""Words for the severities, as printed and as sent to the terminal."""
 
 
 def _nothing() -> Mapping[str, float]:
@@ -25,9 +25,9 @@ class CheckLine:
     subject: str
     """``bus``, ``message X``, ``sample set X`` or ``channel X``."""
     reason: str
-    """What was found, with the numbers."""
+    """The observation, with its numbers."""
     advice: str = ""
-    """What to do; empty where nothing need be done."""
+    """The remedy; empty where nothing need be done."""
     figures: Mapping[str, float] = field(default_factory=_nothing)
     """The measured numbers, SI."""
 

@@ -37,9 +37,9 @@ def judge(
     bench : Bench
         Channels, trigger, procedure.
     step : Step
-        What was to be bumped.
+        The mass state and the kind of bump that were due.
     window : RunWindow
-        What was received.
+        The samples and losses of the run.
     accepted : sequence of RunMeasure
         Of the accepted runs of the same mass state and excitation, so far.
 
@@ -50,7 +50,7 @@ def judge(
         The first that failed is the likeliest cause of the others.  A check that the sensors do
         not allow is left out.
     RunMeasure
-        What was measured, to judge later runs by.
+        The measures, to judge later runs by.
     """
     seen = traces(bench.channels, window)
     if not seen:
@@ -64,7 +64,7 @@ def judge(
     findings += tuple(motion.not_decayed(bench, window, seen))
     findings += tuple(motion.rest_changed(bench, window, seen))
     findings += tuple(not_repeatable(seen, measure, accepted))
-    return (*findings, _told(measure)), measure
+    return (*findings, _motion(measure)), measure
 
 
 def _measure(
@@ -92,7 +92,7 @@ def _measure(
     )
 
 
-def _told(measure: RunMeasure) -> Finding:
+def _motion(measure: RunMeasure) -> Finding:
     parts = []
     if measure.peak_m_s2 is not None:
         parts.append(f"peak {measure.peak_m_s2:.1f} m/s2")

@@ -1,4 +1,4 @@
-"""Whether the car rested before, moved enough, was struck once, and came to rest."""
+"""Checks that the car rested before, moved enough, was struck once, and came to rest."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .window import RunWindow, Trace, kin, traces
 from .words import finding
 
 REST_NOISE = 3.0
-"""RMS before the bump over the sensor's own noise: below that nothing can be told to move."""
+"""RMS before the bump over the sensor's own noise: below that no motion can be detected."""
 REST_SHARE = 0.03
 """RMS before the bump over the peak: what moves less changes no amplitude by more than 4 %."""
 WEAK_LEVELS = 2.0
@@ -26,25 +26,26 @@ WEAK_LEVELS = 2.0
 WEAK_NOISE = 10.0
 """Peak over the noise of the best channel, 20 dB: as the desk asks of each mode."""
 LEFT_SHARE = 0.15
-"""Of the peak, at the end: after that the desk would fit a wave that was cut in the middle."""
+"""Largest motion at the end over the peak: with more left, the desk would fit a wave that was cut
+in the middle."""
 END_S = 0.5
-"""The motion left is taken over so long: half a period of a body at 1 Hz."""
+"""Time over which the motion left is taken, s: half a period of a body at 1 Hz."""
 STIFF_SHARE = 0.15
 """Change of the rest position over the peak of the travel: friction that holds so much is no small
 departure from a linear car."""
 STRUCK_S = 0.1
-"""The energy of a strike is taken over so long: a period of the wheels."""
+"""Time over which the energy of a strike is taken, s: a period of the wheels."""
 STRUCK_RISE = 3.0
 """Envelope over its lowest value since the first strike ended: free wheels only decay."""
 STRUCK_SHARE = 0.25
 """Envelope of a second strike over that of the first: the body's swing shows less on the hubs."""
 STRUCK_GUARD_S = 0.25
-"""After the bump a wheel that was in the air lands: that belongs to the same strike."""
+"""Time after the bump that belongs to the same strike, s: a wheel that was in the air lands."""
 PUSH_GUARD_S = 1.0
-"""A push by hand goes down before it lets go: both are one."""
+"""The same after a push by hand, s: it goes down before it lets go, and both are one strike."""
 _GRID_S = 0.005
 _FINEST = 1e-3
-"""Of the peak: no sensor counts as quieter."""
+"""Least noise over the peak that is assumed of any sensor."""
 
 _SLOW = (
     Quantity.SUSPENSION_TRAVEL,
@@ -56,7 +57,7 @@ _SLOW = (
     Quantity.PITCH_ACCELERATION,
     Quantity.ROLL_ACCELERATION,
 )
-"""What shows the swing of the body."""
+"""Quantities that show the swing of the body."""
 
 
 def not_at_rest(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
@@ -234,7 +235,7 @@ def peak_left(
     Returns
     -------
     float or None
-        0..1; None as long as it cannot be told.
+        0..1; None as long as it is not known.
     """
     seen = traces(channels, RunWindow(bump_ns, columns))
     left = _left(seen, (now_ns - bump_ns) * 1e-9) if seen else None

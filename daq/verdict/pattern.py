@@ -1,4 +1,4 @@
-"""Which wheels were struck, or how the body moved: bounce, pitch, roll or warp."""
+"""The kind of a bump by the wheels struck, or by the body's motion: bounce, pitch, roll or warp."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ PURITY = 0.8
 """Likeness to the pattern that is due: wheels that stand still show a tenth of the struck ones
 through body and anti-roll bars, and the struck ones differ by a third at most."""
 BODY_PURITY = 0.65
-"""Of the body alone, whose motions mix: its pitch goes with heave, its roll too.  Simulated cars
-show 0.86 and more if bumped right, 0.53 and less if not."""
+"""Likeness that is due by the body alone, whose motions mix: its pitch goes with heave, its roll
+too.  Simulated cars show 0.86 and more if bumped right, 0.53 and less if not."""
 _STRIKE_S = 0.1
-"""The wheels' first swing after they have left the bump belongs to the strike."""
+"""Time after the bump that belongs to the strike, s: the wheels' first swing."""
 _AXLES_S = 2.5
-"""At walking pace the rear axle meets a board so long after the front one."""
+"""Time after the front axle at which the rear one has met a board at walking pace, s."""
 _HALF_WHEELBASE_M, _HALF_TRACK_M = 1.35, 0.75
-"""Of a usual car, where bench.toml states none: only ratios below count."""
+"""Half lengths of a usual car, m, where bench.toml states none: only their ratios count."""
 
 Corners = NDArray[np.float64]
 """One figure for each corner, (4,), in the order of `Corner`."""
@@ -75,22 +75,22 @@ STRIKES = (
 
 
 class Pattern(NamedTuple):
-    """What was seen."""
+    """The kind of bump that some of the sensors show."""
 
     shares: Mapping[str, float]
-    """Of the corners' motion, 0..1; empty if unknown."""
+    """Shares of bounce, pitch, roll and warp in the motion, 0..1; empty if unknown."""
     likeness: Mapping[Excitation, float]
-    """To each kind of bump, 0..1; kinds that cannot be told apart are alike."""
+    """Likeness to each kind of bump, 0..1; equal for kinds that these sensors cannot separate."""
     words: str
-    """What it looks like."""
+    """The motion in words."""
     by: str
-    """By which sensors."""
+    """The sensors, in words."""
     limit: float
     """Least likeness to the kind that is due."""
 
 
 def patterns(bench: Bench, seen: tuple[Trace, ...]) -> tuple[Pattern, ...]:
-    """Tell how the car was bumped: by four hubs, else by four travels and by the body.
+    """Return how the car was bumped: by four hubs, else by four travels and by the body.
 
     Travels alone may be misled by stiff anti-roll bars, which move one wheel with the other.
     """

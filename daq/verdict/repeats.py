@@ -1,4 +1,4 @@
-"""Whether a run is like the accepted ones of its kind."""
+"""The comparison of a run with the accepted ones of its kind."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from .window import RunMeasure, Trace, kin
 from .words import finding
 
 PEAK_RATIO = 1.4
-"""Of a peak to the median of the accepted runs: a bump at another speed or height."""
+"""Largest ratio of a peak to the median of the accepted runs, either way: beyond it the bump had
+another speed or height."""
 LIKENESS = 0.85
-"""Correlation of the slow motion with the median: below it, it is another motion."""
+"""Least correlation of the slow motion with the median: below it, it is another motion."""
 MAIN = 0.3
-"""Channels with less of the largest peak of their kind than this do not count: what moves little
+"""Share of the largest peak of its kind that a channel must exceed to count: what moves little
 differs much."""
 _STEP_S, _LENGTH_S, _BIN_S = 0.02, 1.5, 0.06
 

@@ -1,4 +1,4 @@
-"""Whether all that the sensors sent has arrived, and within their range."""
+"""Checks that all that the sensors sent has arrived, and within their range."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from .window import RunWindow, Trace
 from .words import finding
 
 STALE_S = 0.25
-"""Silence for so long is no lost frame but a sensor that stopped: a quarter of a body's period."""
+"""Longest silence of a sensor that has not stopped, s: a quarter of a body's period."""
 STALE_CYCLES = 10.0
-"""The same for a slow message."""
+"""The same for a slow message, in its cycles."""
 LOST_SHARE = 0.02
-"""A loose plug loses when the car moves most; a bump costs a minute, so be strict."""
+"""Largest share of lost frames: a loose plug loses most while the car moves most, and another bump
+costs only a minute."""
 WHEEL_MOTION_S = 0.2
-"""After so long the wheels' motion is over by 97 %."""
+"""Time after the bump by which 97 % of the wheels' motion is over, s."""
 GAP_S = 0.02
-"""A quarter of a period of the wheels."""
+"""Longest gap while the wheels move, s: a quarter of their period."""
 GAP_CYCLES = 3.5
-"""Two lost samples in a row are no gap, however slow the message."""
+"""The same in cycles of the message: two lost samples in a row are no gap, however slow it is."""
 _SPOKEN = 0.9
 """Share of the samples of a message that each of its channels has, if it is sound."""
 

@@ -12,9 +12,9 @@ _STEP_S = 0.02
 _FREQUENCY_HZ = (0.4, 5.0)
 _DAMPING = (0.01, 0.7)
 _TURNS = 3
-"""Each turn of the search narrows the grid to two of its cells."""
+"""Number of searches, each on the two cells of the grid around the best point of the last."""
 _CLEAR = 5.0
-"""Peak over noise from which on a wave is looked for."""
+"""Least peak over noise at which a wave is searched for."""
 
 
 def body_wave(seen: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:

@@ -1,4 +1,4 @@
-"""What is judged of a run, and what is remembered of it."""
+"""The data by which a run is judged, and the measures that are kept of it."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ..runs import Losses
 from ..samples.blocks import SampleBlock
 
 BEFORE_S = 0.03
-"""The last of the rest before the trigger, left out: a slow bump begins below the level."""
+"""End of the rest before the trigger that is left out, s: a slow bump begins below the level."""
 _FEWEST = 8
-"""With fewer samples a channel says nothing."""
+"""Least number of samples of a channel that is judged."""
 
 ANGULAR = frozenset(
     {
@@ -40,35 +40,36 @@ class RunWindow:
     """SI, NaN where a sample cannot be used, each shape (t_ns (n,); channels may be empty or absent
     (value (n,) float64))."""
     losses: Losses = field(default_factory=Losses)
-    """Within the run."""
+    """Frames lost within the run."""
     stale: tuple[str, ...] = ()
     """Messages that were silent for long during it, where that is known otherwise than by the
     samples."""
     saturated: tuple[str, ...] = ()
     """Channels of which samples touched the end of the signal's range."""
     timed: frozenset[str] = frozenset()
-    """Messages whose counter or time stamp tells when a sample was taken: their frames may come
-    late, in a bunch, and nothing is lost."""
+    """Messages whose counter or time stamp gives the time of a sample: their frames may come late,
+    in a bunch, and nothing is lost."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunMeasure:
-    """What was measured of a run: for the operator's eyes, and to compare later runs with."""
+    """The measures of a run: for the operator's eyes, and to compare later runs with."""
 
     peak_m_s2: float | None = None
+    """Largest deviation from rest of any acceleration; None without one."""
     peak_m: float | None = None
-    """`peak_m_s2`, `peak_m`: largest deviation from rest of any acceleration and any displacement;
-    None without such."""
+    """Largest deviation from rest of any displacement; None without one."""
     frequency_hz: float | None = None
+    """Natural frequency of the body's motion after the bump, taken as one damped wave; None if the
+    motion shows none."""
     damping: float | None = None
-    """`frequency_hz`, `damping`: of the body's motion after the bump, taken as one damped wave;
-    None if it shows none."""
+    """Damping ratio of the same wave."""
     shares: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    """Share of bounce, pitch, roll and warp in what the corners did, 0..1; empty if unknown."""
+    """Share of bounce, pitch, roll and warp in the corners' motion, 0..1; empty if unknown."""
     purity: float | None = None
-    """How well the corners moved as this excitation should move them, 0..1."""
+    """Likeness of the corners' motion to the excitation that was due, 0..1; None if unknown."""
     peaks: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    """Largest deviation from rest, SI."""
+    """Largest deviation from rest of each channel, SI."""
     waves: Mapping[str, NDArray[np.float64]] = field(default_factory=lambda: MappingProxyType({}))
     """The slow motion after the bump on a common time axis (`daq.verdict.repeats`), SI, each shape
     (n,)."""
@@ -79,14 +80,14 @@ class Trace:
     """One channel of a run, as deviation from rest."""
 
     channel: Channel
-    """What it measures."""
+    """The channel."""
     time_s: NDArray[np.float64]
-    """Since the bump, shape (n,)."""
+    """Time since the bump, shape (n,)."""
     value: NDArray[np.float64]
     """Deviation from the level before the bump, SI, shape (n,)."""
     noise: float
-    """Standard deviation of white noise, told from neighbouring samples before the bump: slow
-    motion does not show in it."""
+    """Standard deviation of white noise, by the differences of neighbouring samples before the
+    bump: slow motion does not show in it."""
     moved: float
     """RMS before the bump."""
 

@@ -1,4 +1,4 @@
-"""What each finding means and what to do: one table for terminal, report and manual."""
+"""The meaning of each finding and its remedy: one table for terminal, report and manual."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class Words(NamedTuple):
     title: str
     """Its name."""
     meaning: str
-    """What is wrong with the run then, and why it matters."""
+    """The fault of the run, and why it matters."""
     advice: str
-    """What to do, in one line."""
+    """The remedy, in one line."""
 
 
 WORDS: Mapping[str, Words] = MappingProxyType(
@@ -30,7 +30,7 @@ WORDS: Mapping[str, Words] = MappingProxyType(
         "lost_frames": Words(
             "frames lost",
             "Frames that were sent never arrived, by the counters in them or by the interface. A "
-            "few cost little; many, or a gap while the wheels move, take away what tells of them.",
+            "few cost little; many, or a gap while the wheels move, hide the wheels' motion.",
             "check bus load, cable and plugs, then bump again",
         ),
         "overload": Words(
@@ -47,7 +47,7 @@ WORDS: Mapping[str, Words] = MappingProxyType(
         "too_weak": Words(
             "too weak",
             "The bump hardly stands out of the noise, or barely reached the trigger's level. "
-            "Frequencies and damping cannot be told well from it.",
+            "Frequencies and damping cannot be identified well from it.",
             "use a higher bump, or take it faster",
         ),
         "double_bump": Words(
@@ -70,7 +70,7 @@ WORDS: Mapping[str, Words] = MappingProxyType(
         "not_repeatable": Words(
             "unlike the others",
             "The motion differs from the accepted runs of the same kind in size or in course.",
-            "bump as before: same speed, same boards, nobody on the car",
+            "bump as before: same speed, same boards, everyone off the car",
         ),
         "rest_changed": Words(
             "rest position changed",
@@ -108,7 +108,7 @@ def finding(
     subject: str = "",
     advice: str = "",
 ) -> Finding:
-    """Return a finding; one that failed has the table's advice unless it is given its own."""
+    """Return a finding; one that failed has the table's advice unless `advice` replaces it."""
     return Finding(
         code,
         Severity.NOTE if passed else Severity.ERROR,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daq.alarms import ALARM, ALARM_END, CLOCK_STEP, acknowledged
-from daq.alarms.debounce import RETELL_S
+from daq.alarms.debounce import REPORT_AGAIN_S
 from daq.bus.error_frames import ErrorClass, describe_error_frame, tally_error_frames
 from daq.channels import Channel, Quantity
 from daq.control.messages import BusState
@@ -150,7 +150,7 @@ def test_a_loose_contact_is_shown_each_time_and_does_not_fill_the_journal() -> N
         shown -= bench.alarm("disconnected", "can0") is not None
     assert shown == 60
     began = bench.told(ALARM).count("disconnected can0")
-    assert 5 <= began <= 300 / RETELL_S + 1
+    assert 5 <= began <= 300 / REPORT_AGAIN_S + 1
     assert bench.told(ALARM_END).count("disconnected can0") == began
 
 

@@ -58,7 +58,7 @@ def _id(name: str) -> int:
 def _with_payload(
     name: str, change: Callable[[np.ndarray], None], crc_too: bool = True
 ) -> FrameBatch:
-    """Change the payloads of one message, and mend their checksums."""
+    """Change the payloads of one message, and correct their checksums."""
     from dbc.crc import crc8_j1850
 
     frames = _rest()

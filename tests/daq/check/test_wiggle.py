@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from daq.bench.config import default_bench_text, parse_bench
 from daq.channels import Channel, Quantity
-from daq.check.push_test import Wiggle, can_tell, judge_wiggle
+from daq.check.push_test import Wiggle, judge_wiggle, shows_push
 from daq.sim.balance import forces, static_pose
 from daq.sim.load import load_car
 from daq.sim.plant import corner_motion
@@ -160,5 +160,5 @@ def test_nothing_is_said_before_the_push_is_over() -> None:
 
 
 def test_a_bench_of_accelerometers_alone_cannot_tell() -> None:
-    assert not can_tell(_only(Quantity.HUB_ACCELERATION, Quantity.BODY_ACCELERATION))
-    assert can_tell(_only(Quantity.PITCH_RATE))
+    assert not shows_push(_only(Quantity.HUB_ACCELERATION, Quantity.BODY_ACCELERATION))
+    assert shows_push(_only(Quantity.PITCH_RATE))

@@ -12,7 +12,7 @@ from textual.content import Content
 from textual.widgets import Static
 
 from daq.bench.edit import with_channel
-from daq.check.push_test import ORDER, Wiggle, can_tell, judge_wiggle
+from daq.check.push_test import ORDER, Wiggle, judge_wiggle, shows_push
 from daq.control.messages import CheckItem, Phase, Status
 from daq.control.orders import AskCheck, Configure, Mark, OverrideWarning
 from daq.errors import InputError, printable
@@ -157,7 +157,7 @@ class CheckScreen(BenchScreen):
             rows.append(CheckRow(WAIT, "sensors", "listening"))
         rows = with_overrides(rows, overridden)
         active = self._corner or ""
-        rows += wiggle_rows(self._pushed, active, overridden, can_tell(app.bench.channels))
+        rows += wiggle_rows(self._pushed, active, overridden, shows_push(app.bench.channels))
         rows.append(self._zero_row())
         self._rows = rows
         lines = self.query_one(RowList)
@@ -300,7 +300,7 @@ class CheckScreen(BenchScreen):
 
     def _next_corner(self) -> Corner | None:
         app = self.bench_app
-        if app.bench is None or app.status is None or not can_tell(app.bench.channels):
+        if app.bench is None or app.status is None or not shows_push(app.bench.channels):
             return None
         skipped = {override.subject for override in app.status.overrides} | self._skipped
         open_corners = (c for c in ORDER if wiggle_subject(c) not in skipped)
