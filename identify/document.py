@@ -13,9 +13,10 @@ from typing import TypedDict
 from daq.html_tables import html_line, html_table
 from dbc.finding import Finding
 
-from .fit.uncertainty import Correlation, Estimate, ModeEstimate
+from .fit.uncertainty import COVERAGE_95, Correlation, Estimate, ModeEstimate
 from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
+from .nonlinear.forces import DamperCurve, Forces
 from .trust.finding import Verdict
 
 
@@ -72,6 +73,58 @@ class PairEntry(TypedDict):
     """Likeness of their shapes, 0 to 1."""
 
 
+class DamperEntry(TypedDict):
+    """Force of one damper of an axle over its speed, compression positive, SI."""
+
+    speed_m_s: list[float]
+    force_n: list[float]
+    """Of the damper alone."""
+    force_low_n: list[float]
+    """Lower end of its 95 % band."""
+    force_high_n: list[float]
+    """Upper end of its 95 % band."""
+    total_n: list[float]
+    """Damper and friction together: right whatever the law of the friction is."""
+    total_low_n: list[float]
+    """Lower end of its 95 % band."""
+    total_high_n: list[float]
+    """Upper end of its 95 % band."""
+
+
+class AxleEntry(TypedDict):
+    """The forces of one corner of an axle beyond springs and tyres."""
+
+    damper: DamperEntry
+    elements: dict[str, EstimateEntry]
+    """Friction, bump stop, mount and the like, where they are there."""
+    notes: list[str]
+    """What is not determined, in words."""
+
+
+class ElementEntry(TypedDict):
+    """One group of force elements that the fit tried."""
+
+    name: str
+    """As in `[vehicle.structure]`."""
+    gain: float
+    """Fall of the cost with it, in units of the noise."""
+    threshold: float
+    """Gain from which it counts as there."""
+    kept: bool
+    forced: bool
+    """True where `[vehicle.structure]` decides."""
+    values: dict[str, EstimateEntry]
+
+
+class ForcesEntry(TypedDict):
+    """Forces of a car that is not linear."""
+
+    law: str
+    axles: dict[str, AxleEntry]
+    """By `front` and `rear`."""
+    elements: list[ElementEntry]
+
+
 class Document(TypedDict):
     """An identification as JSON, SI units; its parts are those of `Identification`."""
 
@@ -100,6 +153,8 @@ class Document(TypedDict):
     """By way to C."""
     noise: dict[str, float]
     """By channel."""
+    forces: ForcesEntry | None
+    """Damper curves and other elements; null where the linear model explains the decays."""
 
 
 def finding_entries(findings: Sequence[Finding]) -> list[FindingEntry]:
@@ -164,6 +219,46 @@ def sensed_mode_entries(model: ModalModel) -> list[SensedModeEntry]:
         }
         for i in range(len(model))
     ]
+
+
+def forces_entry(forces: Forces) -> ForcesEntry:
+    """Return damper curves, elements, and which elements were tried."""
+    return {
+        "law": forces.law,
+        "axles": {
+            one.axle: {
+                "damper": _damper_entry(one.damper),
+                "elements": estimate_entries(one.values),
+                "notes": list(one.notes),
+            }
+            for one in forces.axles
+        },
+        "elements": [
+            {
+                "name": choice.name,
+                "gain": choice.gain,
+                "threshold": choice.threshold,
+                "kept": choice.kept,
+                "forced": choice.forced,
+                "values": estimate_entries(choice.values),
+            }
+            for choice in forces.choices
+        ],
+    }
+
+
+def _damper_entry(curve: DamperCurve) -> DamperEntry:
+    low, high = curve.band_n
+    half = COVERAGE_95 * curve.total_std_n
+    return {
+        "speed_m_s": curve.speed_m_s.tolist(),
+        "force_n": curve.force_n.tolist(),
+        "force_low_n": low.tolist(),
+        "force_high_n": high.tolist(),
+        "total_n": curve.total_n.tolist(),
+        "total_low_n": (curve.total_n - half).tolist(),
+        "total_high_n": (curve.total_n + half).tolist(),
+    }
 
 
 def document_html(document: Document) -> str:

@@ -13,6 +13,7 @@ from .document import (
     document_html,
     estimate_entries,
     finding_entries,
+    forces_entry,
     mode_entries,
     pair_entries,
     sensed_mode_entries,
@@ -96,6 +97,7 @@ class Identification:
             "closed_form": dict(self.closed_form),
             "closed_form_damping": {way: dict(c) for way, c in self.closed_form_damping.items()},
             "noise": dict(self.noise),
+            "forces": forces_entry(self.forces) if self.forces else None,
         }
 
     def _repr_html_(self) -> str:

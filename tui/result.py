@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from daq.vehicle import parameter_unit
+from identify.report.dampers import damper_rows, element_answer
 from identify.report.numbers import half_width_percent, largest_share, number
+from identify.report.words import plain
 
 from .output import print_line, print_table
 
 if TYPE_CHECKING:
     from identify import Document
-    from identify.document import EstimateEntry
+    from identify.document import EstimateEntry, ForcesEntry
 
 _MARKS = {"ok": "note", "doubtful": "doubt", "refused": "refused"}
 
@@ -30,6 +32,9 @@ def print_identification(document: Document, truth: Mapping[str, float]) -> None
         print_line()
         _print_modes(document)
         print_line()
+        if document["forces"]:
+            _print_forces(document["forces"])
+            print_line()
     print_line(f"verdict: {document['verdict']}   chi2/n {document['chi2_per_n']:.3f}")
     for finding in document["findings"]:
         print_line(f"  - {_MARKS[finding['severity']]}: {finding['text']}")
@@ -64,6 +69,25 @@ def _print_estimates(
         rows.append([*row, rests_on.get(name, "")] if rests_on else row)
     columns = [what, "estimate", "95 % interval", "±", "unit"]
     print_table(title, [*columns, "mostly from"] if rests_on else columns, rows)
+
+
+def _print_forces(forces: ForcesEntry) -> None:
+    """Write force elements of both axles, forces at some speeds, and what else was tried."""
+    rows = [
+        [f"{axle} {plain(name)}", number(e["value"]), _interval(e), e["unit"].removeprefix("1")]
+        for axle, one in forces["axles"].items()
+        for name, e in one["elements"].items()
+    ]
+    columns = ["element", "estimate", "95 % interval", "unit"]
+    print_table("Force elements, each of one corner", columns, rows)
+    print_line()
+    columns = ["speed, m/s, compression positive", *forces["axles"]]
+    print_table("Damper force, N, with 95 % interval", columns, damper_rows(forces))
+    for axle, one in forces["axles"].items():
+        for note in one["notes"]:
+            print_line(f"{axle} {note}")
+    tried = [f"{one['name']} {element_answer(one)}" for one in forces["elements"]]
+    print_line(f"elements: {', '.join(tried)}")
 
 
 def _interval(e: EstimateEntry) -> str:

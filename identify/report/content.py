@@ -12,6 +12,7 @@ from ..document import Document, unit_text
 from ..fit.cross_validation import Prediction, leave_one_out
 from ..identification import Identification
 from .blocks import Cell, Report, Section, Source, cited
+from .dampers import damper_section
 from .decays import decay_section
 from .evidence import closed_form_section, correlation_section, information_section
 from .modes import modes_section
@@ -37,8 +38,10 @@ def report_of(session: Session, result: Identification, source: Source) -> Repor
     predictions = leave_one_out(result.estimation) if result.estimation else ()
     sections: list[Section] = []
     if result.estimation is not None:
+        dampers = damper_section(document)
         sections += [
             parameter_section(document),
+            *([dampers] if dampers else []),
             vehicle_section(session, result.estimation),
             modes_section(result, document),
             decay_section(result.estimation),

@@ -145,8 +145,33 @@ class ShapePanel:
     shapes: tuple[Shape, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class AxleCurve:
+    """Damper force of one axle over speed, with the 95 % band."""
+
+    axle: str
+    speed_m_s: Floats
+    """Compression positive, shape (n,)."""
+    force_n: Floats
+    """Of the damper alone, shape (n,)."""
+    low_n: Floats
+    """Lower end of the 95 % band, shape (n,)."""
+    high_n: Floats
+    """Upper end of the 95 % band, shape (n,)."""
+    total_n: Floats
+    """Damper and friction together, shape (n,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class DamperPanel:
+    """Damper curves of both axles."""
+
+    axles: tuple[AxleCurve, ...]
+
+
 Panel = (
-    IntervalPanel
+    DamperPanel
+    | IntervalPanel
     | ClosedFormPanel
     | DecayPanel
     | StabilisationPanel

@@ -14,7 +14,7 @@ from identify.modes.pairing import Pairing
 KEYS = (
     "verdict", "reasons", "findings", "chi2_per_n", "chi2_by_run", "parameters", "derived",
     "correlation", "drivers", "modes", "paired", "swapped", "snr_db", "sensed_modes", "closed_form",
-    "closed_form_damping", "noise",
+    "closed_form_damping", "noise", "forces",
 )  # fmt: skip
 
 

@@ -12,12 +12,16 @@ from ..diagnostics import ExitCode
 
 def identify(
     session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
+    dampers: Annotated[
+        Path | None, typer.Option(help="Write the damper curves to this CSV file.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> int:
     """Identify the physical parameters of a session's vehicle."""
     import daq
     import identify as method
 
+    from ..damper_csv import write_damper_csv
     from ..jobs.helpers import helpers
     from ..output import print_json, progress
     from ..result import print_identification
@@ -28,6 +32,8 @@ def identify(
         with helpers(("identify",)) as pool:
             result = method.identify(recorded, stage, pool)
     document = result.document()
+    if dampers is not None:
+        write_damper_csv(document, dampers)
     if json:
         print_json(document)
     else:

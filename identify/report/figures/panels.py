@@ -12,6 +12,7 @@ from matplotlib.figure import Figure, FigureBase
 from ..panels import (
     ClosedFormPanel,
     CorrelationPanel,
+    DamperPanel,
     DecayPanel,
     DifferencePanel,
     IntervalPanel,
@@ -24,6 +25,7 @@ from ..panels import (
 )
 from .bars import bars_height_in, draw_closed_form, draw_intervals, draw_predictions
 from .cars import draw_shapes, shapes_height_in
+from .dampers import draw_dampers
 from .decays import draw_decay
 from .differences import draw_differences, draw_trend
 from .heat import draw_correlation, draw_snr, heat_height_in
@@ -58,6 +60,8 @@ def size_in(panel: Panel) -> tuple[float, float]:
             return WIDTH_IN, heat_height_in(len(panel.runs))
         case StabilisationPanel():
             return HALF_IN, 2.7
+        case DamperPanel():
+            return WIDTH_IN, 2.9
         case DecayPanel():
             return HALF_IN, 2.75
 
@@ -80,6 +84,7 @@ draw.register(IntervalPanel, draw_intervals)
 draw.register(ClosedFormPanel, draw_closed_form)
 draw.register(PredictionPanel, draw_predictions)
 draw.register(ShapePanel, draw_shapes)
+draw.register(DamperPanel, draw_dampers)
 draw.register(DecayPanel, draw_decay)
 draw.register(DifferencePanel, draw_differences)
 draw.register(TrendPanel, draw_trend)
