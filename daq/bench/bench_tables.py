@@ -6,7 +6,7 @@ What they mean is in `daq.bench.config`.
 from __future__ import annotations
 
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -107,15 +107,25 @@ class CampaignTable(Table):
     repeats: Annotated[int, Field(ge=1, le=100)] = 2
     bump_s: _Positive = 0.2
     method: Method = Method.ROLL_OVER
-    bump_height_mm: Annotated[float, Field(ge=1, le=200)] = 40.0
+    bump_height_mm: Annotated[float, Field(gt=0, le=200)] = 40.0
     accept_after_s: Annotated[float, Field(ge=0, le=60)] = 3.0
     instructions: dict[Excitation, Annotated[str, Field(max_length=200)]] = {}
 
 
-def campaign_limits(key: str) -> tuple[float, float]:
-    """Return the lowest and the highest number that a key of `[campaign]` may have."""
+class Limits(NamedTuple):
+    """Limits of a number in bench.toml."""
+
+    low: float
+    high: float
+    above_low: bool
+    """True if the number must be above `low`; False if it may equal it."""
+
+
+def campaign_limits(key: str) -> Limits:
+    """Return the limits of a number of `[campaign]`; the highest may be reached."""
     low, high = CampaignTable.model_fields[key].metadata
-    return float(low.ge), float(high.le)
+    above_low = hasattr(low, "gt")
+    return Limits(float(low.gt if above_low else low.ge), float(high.le), above_low)
 
 
 class TriggerTable(Table):

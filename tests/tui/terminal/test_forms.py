@@ -42,6 +42,10 @@ def test_the_bench_in_force_fills_a_form_without_errors() -> None:
     assert check_vehicle(GOOD, BENCH) == ()
 
 
+def test_a_bump_lower_than_one_millimetre_is_accepted() -> None:
+    assert check_vehicle(GOOD | {"bump_height_mm": "0.5"}, BENCH) == ()
+
+
 @pytest.mark.parametrize(
     ("typed", "field", "label", "limit", "reason"),
     [
@@ -60,7 +64,11 @@ def test_the_bench_in_force_fills_a_form_without_errors() -> None:
         ({"repeats": "2.5"}, "repeats", "Repeats", "whole number 1 to 100", "2.5"),
         ({"repeats": "1_0"}, "repeats", "Repeats", "whole number", "'1_0'"),
         ({"method": "kick"}, "method", "Method", "roll_over, drop, push", "'kick'"),
-        ({"bump_height_mm": "201"}, "bump_height_mm", "Bump height", "1 to 200 mm", "leave the"),
+        ({"bump_height_mm": "201"}, "bump_height_mm", "Bump height", "above 0, up to 200 mm",
+         "leave the"),
+        ({"bump_height_mm": "0"}, "bump_height_mm", "Bump height", "above 0, up to 200 mm",
+         "0 mm is not above 0"),
+        ({"bump_height_mm": "-1"}, "bump_height_mm", "Bump height", "above 0, up to", "below"),
         ({"accept_after_s": "-1"}, "accept_after_s", "Accept after", "0 to 60 s", "below"),
         ({"bump.bounce": "no", "bump.pitch": "no", "bump.roll": "no"}, "bump.bounce", "Bounce",
          "at least one", "nothing would be bumped"),

@@ -27,7 +27,7 @@ class Field:
     """Unit of a number; empty for text."""
     low: float = -math.inf
     high: float = math.inf
-    """Limits of a number, both included."""
+    """Limits of a number; `high` is included, and `low` too unless `above_low`."""
     reason: str = ""
     """Why these limits."""
     help: str = ""
@@ -40,6 +40,8 @@ class Field:
     """True for a whole number."""
     most: int = 60
     """Characters of a text."""
+    above_low: bool = False
+    """True if a number must be above `low`; False if it may equal it."""
 
     @property
     def is_number(self) -> bool:
@@ -54,7 +56,8 @@ class Field:
         if not self.is_number:
             return f"{'1' if self.needed else '0'} to {self.most} characters"
         kind = "a whole number " if self.whole else ""
-        return f"{kind}{self.low:g} to {self.high:g} {self.unit}".strip()
+        low = f"above {self.low:g}, up" if self.above_low else f"{self.low:g}"
+        return f"{kind}{low} to {self.high:g} {self.unit}".strip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +97,8 @@ def _checked(field: Field, typed: str) -> FieldError | None:
         return wrong(f"{text!r} is not a number")
     if field.whole and value != round(value):
         return wrong(f"{text} is not a whole number")
+    if field.above_low and value == field.low:
+        return wrong(f"{text} {field.unit} is not above {field.low:g}")
     if not field.low <= value <= field.high:
         side = "below" if value < field.low else "above"
         return wrong(f"{text} {field.unit} is {side} the limit: {field.reason}")

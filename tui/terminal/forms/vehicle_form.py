@@ -28,6 +28,11 @@ def _fact(name: str, label: str, unit: str, low: float, high: float, why: str) -
     )  # fmt: skip
 
 
+def _number(name: str, label: str, unit: str, why: str, text: str, *, whole: bool = False) -> Field:
+    low, high, above_low = campaign_limits(name)
+    return Field(name, label, unit, low, high, why, text, True, whole=whole, above_low=above_low)
+
+
 _CAR_KG = "from a formula car to a loaded van"
 FACTS: tuple[tuple[FactQuantity, str, str, float, float, str], ...] = (
     (FactQuantity.TOTAL_MASS, "Total mass", "kg", 100.0, 10_000.0, _CAR_KG),
@@ -55,15 +60,13 @@ VEHICLE_FIELDS: tuple[Field, ...] = (
         Field(f"bump.{e}", e.capitalize(), choices=(YES, NO), help=f"whether {e} is bumped")
         for e in Excitation
     ),
-    Field("repeats", "Repeats", "runs", *campaign_limits("repeats"), _TIMES, _TIMES, True,
-          whole=True),
+    _number("repeats", "Repeats", "runs", _TIMES, _TIMES, whole=True),
     Field("method", "Method", needed=True, choices=tuple(Method),
           help="roll over boards, drop off blocks, or push by hand"),
-    Field("bump_height_mm", "Bump height", "mm", *campaign_limits("bump_height_mm"),
-          "above 50 mm wheels leave the ground",
-          "height of board or block, or depth of the push: 50 mm or less", True),
-    Field("accept_after_s", "Accept after", "s", *campaign_limits("accept_after_s"),
-          "the operator's time to reject a run", "the next run arms itself after this", True),
+    _number("bump_height_mm", "Bump height", "mm", "above 50 mm wheels leave the ground",
+            "height of board or block, or depth of the push: 50 mm or less"),
+    _number("accept_after_s", "Accept after", "s", "the operator's time to reject a run",
+            "the next run arms itself after this"),
     Field("notes", "Notes", most=500, help="tyre pressures, fuel, what is odd: for the report"),
 )  # fmt: skip
 
