@@ -44,7 +44,7 @@ def session_from_arrays(
     vehicle : Vehicle or str, optional
         What is known of it beforehand, or just its name.
     bump_s : float
-        Duration of the bump, s, if it is known; else the misfit tells where the decay starts.
+        Duration of the bump, s, if it is known; else the misfit decides where the decay starts.
 
     Returns
     -------

@@ -68,7 +68,7 @@ class Channel:
     name: str
     """Unique in a session."""
     quantity: Quantity
-    """What it measures."""
+    """The measured quantity."""
     unit: str
     """SI unit of the stored value."""
     signal: str = ""
@@ -76,21 +76,23 @@ class Channel:
     corner: Corner | None = None
     """For quantities at a wheel."""
     x_m: float = 0.0
+    """Mounting position on the body, forward from the middle of the front axle (`daq.vehicle`)."""
     y_m: float = 0.0
-    """`x_m`, `y_m`: mounting position on the body from the middle of the front axle
-    (`daq.vehicle`)."""
+    """Mounting position, to the left."""
     position_sigma_m: float = 0.0
     """Standard uncertainty of x_m and y_m; 0 means exact."""
     at_cg: bool = False
     """The position is exactly the CG, wherever that is; x_m and y_m do not count."""
     sign: float = 1.0
+    """Polarity, +1 or -1."""
     gain: float = 1.0
+    """Scale correction."""
     tare: float = 0.0
-    """`sign`, `gain`, `tare`: polarity (+1 or -1), scale correction and zero."""
+    """Zero."""
     delay_s: float = 0.0
+    """Known lateness of the sensor (data sheet)."""
     delay_sigma_s: float = 0.0
-    """`delay_s`, `delay_sigma_s`: known lateness of the sensor (data sheet) and its standard
-    uncertainty."""
+    """Standard uncertainty of the lateness."""
     low_pass_hz: float = 0.0
     """Cut-off (-3 dB) of the sensor's own Butterworth low-pass (data sheet); 0 means none."""
     low_pass_order: int = 2
@@ -98,7 +100,7 @@ class Channel:
     signal_unit: str = ""
     """Unit of the signal where the DBC states none or a wrong one; empty: as in the DBC."""
     serial_number: str = ""
-    """Of the sensor."""
+    """Serial number of the sensor."""
     calibrated: str = ""
     """Day of its last calibration, ISO 8601; empty if it is not known."""
 

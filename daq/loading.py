@@ -1,4 +1,4 @@
-"""What weights do to a car, in closed form: for a person who is about to bolt them on.
+"""Effect of added weights on a car, in closed form: for a person who is about to bolt them on.
 
 Positions are those of `daq.vehicle`: from the middle of the front axle, x forward, y left.
 """
@@ -28,18 +28,21 @@ class Loading:
     """The difference that added weights make."""
 
     body_kg: float
+    """Mass on the body."""
     hub_kg: float
-    """`body_kg`, `hub_kg`: mass on the body and on the hubs."""
+    """Mass on the hubs."""
     x_shift_m: float
+    """Shift of the CG of the sprung mass, forward."""
     y_shift_m: float
-    """`x_shift_m`, `y_shift_m`: how far the CG of the sprung mass moves: forward, to the left."""
+    """Shift of the CG of the sprung mass, to the left."""
     I_xx: float
+    """Added roll inertia about the CG without the weights, kg m2."""
     I_yy: float
-    """`I_xx`, `I_yy`: added to the roll and pitch inertia about the CG without the weights, kg
-    m2."""
+    """Added pitch inertia about the CG without the weights, kg m2."""
     front_kg: float
+    """Added load of the front axle, as the scales show it."""
     rear_kg: float
-    """`front_kg`, `rear_kg`: added to what the scales under each axle show."""
+    """Added load of the rear axle."""
 
 
 def loading(weights: Sequence[Weight], car: VehicleParameters) -> Loading:
@@ -104,7 +107,7 @@ def sag_stiffness(
 
 
 def expected_car(vehicle: Vehicle) -> VehicleParameters:
-    """Return a car like this one: the paper's, scaled to what scales and tape measure tell.
+    """Return a car like this one: the paper's, scaled to the weighed and measured facts.
 
     Masses, springs and dampers go with the total mass, so that the frequencies are those of a
     usual car; inertias go with the square of the lengths as well.

@@ -1,4 +1,4 @@
-"""What persons said of a session, out of its provenance: notes, and warnings they answered for."""
+"""Reads what persons wrote on a session from its provenance: notes and overridden warnings."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ def notes_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
     Parameters
     ----------
     provenance : mapping of str to str
-        Of a session, which may come from anybody: what is not as we write it is told as it is.
+        Provenance of a session from any source; text that is not our JSON is returned unchanged.
     """
-    return _told(provenance.get("notes", ""), _note)
+    return _parsed(provenance.get("notes", ""), _note)
 
 
 def overrides_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
     """Return the warnings that were overridden: subject, reason and name."""
-    return _told(provenance.get("overrides", ""), _override)
+    return _parsed(provenance.get("overrides", ""), _override)
 
 
-def _told(text: str, words: Callable[[Mapping[str, Any]], str]) -> tuple[str, ...]:
+def _parsed(text: str, words: Callable[[Mapping[str, Any]], str]) -> tuple[str, ...]:
     try:
-        return tuple(dict.fromkeys(said for item in json.loads(text) if (said := words(item))))
+        return tuple(dict.fromkeys(line for item in json.loads(text) if (line := words(item))))
     except (ValueError, KeyError, TypeError, RecursionError):
         return (text,) if text else ()
 
 
 def _note(note: Mapping[str, Any]) -> str:
-    if not note["by"]:  # a mark of the terminal, and nobody's word
+    if not note["by"]:  # a mark set by the terminal, not written by a person
         return ""
     about = f"{note['label']}: " if note["label"] else ""
     return f"{about}{note['text']} ({note['by']})"

@@ -26,7 +26,7 @@ class Excitation(StrEnum):
 
 
 class RunStatus(StrEnum):
-    """What became of a run; only accepted runs are identified, none is ever deleted."""
+    """Status of a run; only accepted runs are identified, none is ever deleted."""
 
     ACCEPTED = "accepted"
     REJECTED = "rejected"
@@ -68,7 +68,7 @@ class Losses:
     """Frames that were lost or unusable, counted at every hop from the wire to the run."""
 
     bus_dropped: int = 0
-    """Lost before we could read them, as far as the interface tells."""
+    """Lost before we could read them, as counted by the interface."""
     bus_garbled: int = 0
     """Read from the interface and not a frame."""
     queue_dropped: int = 0
@@ -76,12 +76,15 @@ class Losses:
     counter_gaps: int = 0
     """Frames missing by the sensors' rolling counters."""
     crc_bad: int = 0
+    """Checksum in the payload does not fit; stored raw, not decoded."""
     wrong_length: int = 0
+    """Another length than in the DBC; stored raw, not decoded."""
     unknown_id: int = 0
+    """Identifier is not in the DBC; stored raw, not decoded."""
     error_frames: int = 0
+    """Error frames of the bus; stored raw."""
     remote_frames: int = 0
-    """`crc_bad`, `wrong_length`, `unknown_id`, `error_frames`, `remote_frames`: received, stored
-    raw, not decoded."""
+    """Remote frames, which have no payload; stored raw."""
 
     @property
     def measured(self) -> int:
@@ -123,12 +126,13 @@ class Run:
     groups: tuple[SampleGroup, ...]
     """The measured samples."""
     status: RunStatus
+    """The verdict."""
     reasons: tuple[str, ...]
-    """`status`, `reasons`: verdict and why."""
+    """Reasons of the verdict."""
     losses: Losses
-    """What is missing from this run."""
+    """Frames that were lost or unusable in this run."""
     events: tuple[Event, ...]
-    """What happened during it."""
+    """Events during the run."""
     frames: FrameBatch
     """The raw frames; empty for data that never were on a bus."""
 

@@ -42,7 +42,7 @@ class Corner(StrEnum):
 
     @property
     def front(self) -> bool:
-        """Whether the corner is on the front axle."""
+        """True if the corner is on the front axle."""
         return self.position < 2
 
     @property
@@ -56,11 +56,13 @@ class VehicleGeometry:
     """Where the CG and the wheels are."""
 
     a: float
+    """Distance from the CG of the sprung mass to the front axle, m."""
     b: float
-    """Distance from the CG of the sprung mass to the front and rear axle, m."""
+    """Distance from the CG of the sprung mass to the rear axle, m."""
     t_f: float
+    """Half width of the front axle, m."""
     t_r: float
-    """`t_f`, `t_r`: half width of the front and rear axle, m."""
+    """Half width of the rear axle, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,25 +72,33 @@ class VehicleParameters:
     m_s: float
     """Sprung mass, kg."""
     I_yy: float
+    """Pitch moment of inertia of the sprung mass about its CG, kg m^2."""
     I_xx: float
-    """`I_yy`, `I_xx`: pitch and roll moment of inertia of the sprung mass about its CG, kg m^2."""
+    """Roll moment of inertia of the sprung mass about its CG, kg m^2."""
     m_uf: float
+    """Unsprung mass of one front wheel, kg."""
     m_ur: float
-    """`m_uf`, `m_ur`: unsprung mass of one front and one rear wheel, kg."""
+    """Unsprung mass of one rear wheel, kg."""
     k_sf: float
+    """Suspension stiffness of one front corner, N/m."""
     k_sr: float
+    """Suspension stiffness of one rear corner, N/m."""
     k_tf: float
+    """Tyre stiffness of one front corner, N/m."""
     k_tr: float
-    """`k_sf`, `k_sr`, `k_tf`, `k_tr`: suspension and tyre stiffness of one front and one rear
-    corner, N/m."""
+    """Tyre stiffness of one rear corner, N/m."""
     c_sf: float
+    """Suspension damping of one front corner, N s/m."""
     c_sr: float
-    """`c_sf`, `c_sr`: suspension damping of one front and one rear corner, N s/m."""
+    """Suspension damping of one rear corner, N s/m."""
     a: float
+    """Distance from the CG of the sprung mass to the front axle, m."""
     b: float
+    """Distance from the CG of the sprung mass to the rear axle, m."""
     t_f: float
+    """Half width of the front axle, m."""
     t_r: float
-    """`a`, `b`, `t_f`, `t_r`: as in `VehicleGeometry`, m."""
+    """Half width of the rear axle, m."""
 
     @property
     def geometry(self) -> VehicleGeometry:
@@ -128,12 +138,13 @@ class BodyWeight:
 
     mass_kg: float
     x_m: float
+    """Position forward from the middle of the front axle."""
     y_m: float
-    """`x_m`, `y_m`: position from the middle of the front axle: x forward, y left."""
+    """Position to the left of the middle of the front axle."""
     height_m: float = 0.0
     """Height above the CG of the sprung mass; it adds m h^2 to both inertias."""
     sigma_kg: float = 0.0
-    """`mass_kg`, `sigma_kg`: mass and its standard uncertainty."""
+    """Standard uncertainty of the mass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +162,7 @@ def _no_matrix() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class AddedMass:
-    """What a mass state carries beyond the vehicle itself; none of it is the baseline."""
+    """Mass that a mass state adds to the vehicle; the baseline has none."""
 
     weights: tuple[BodyWeight | HubWeight, ...] = ()
     """Known weights at known places."""
@@ -227,7 +238,7 @@ def parameter_unit(name: str) -> str:
 
 
 class FactQuantity(StrEnum):
-    """What scales and a tape measure tell of the vehicle without added mass.
+    """Quantities known from scales and a tape measure, of the vehicle without added mass.
 
     A load is what the scales under the wheels show, kg; a track is the full width between the
     middles of the tyres, m.
@@ -252,8 +263,9 @@ class Fact:
     quantity: str
     """A `FactQuantity`, or the name of a parameter of the model (a spring that was measured)."""
     value: float
+    """Its value, SI."""
     sigma: float
-    """`value`, `sigma`: value and its standard uncertainty, SI."""
+    """Standard uncertainty of the value, SI."""
 
     def __post_init__(self) -> None:
         if not self.sigma > 0.0:
@@ -288,7 +300,7 @@ class Vehicle:
     structure: Structure = Structure()
     """Which parameters its model has."""
     facts: tuple[Fact, ...] = ()
-    """What scales and tape measure say."""
+    """Weighed and measured quantities with their uncertainties."""
     elements: Mapping[str, bool] = field(default_factory=dict, hash=False)
     """Elements that `[vehicle.structure]` forces (true) or forbids (false) where a car is not
     linear; the others are chosen by the data."""

@@ -1,4 +1,4 @@
-"""What a CAN frame means: frames, DBC databases, decoding, units."""
+"""CAN frames and their meaning: DBC databases, decoding, encoding, units."""
 
 from .codec import Codec
 from .database import load_codec, parse_codec, read_dbc, shipped_dbc

@@ -27,7 +27,7 @@ class Codec:
     left_out: tuple[Finding, ...] = ()
     """Messages of the database that cannot be used, and why."""
     notes: tuple[Finding, ...] = ()
-    """What is odd in the database and does no harm."""
+    """Oddities of the database that do no harm."""
     _by_name: dict[str, MessageLayout] = field(init=False, repr=False, compare=False)
     _by_id: dict[tuple[int, bool], MessageLayout] = field(init=False, repr=False, compare=False)
     _readers: tuple[MessageReader, ...] = field(init=False, repr=False, compare=False)

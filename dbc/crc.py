@@ -15,9 +15,11 @@ class Crc8:
     """A CRC of 8 bits, most significant bit first, neither input nor output reflected."""
 
     polynomial: int
+    """Generator polynomial, as catalogues of CRC algorithms list it."""
     initial: int
+    """Register before the first byte."""
     final_xor: int
-    """`polynomial`, `initial`, `final_xor`: as catalogues of CRC algorithms list them."""
+    """Exclusive-or of the register after the last byte."""
 
     def __call__(self, payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return the checksum of each row of (n, m) bytes, (n,)."""

@@ -123,7 +123,7 @@ def parse_codec(text: str, name: str) -> Codec:
 
 
 def _compile(document: Document, source: Source) -> Codec:
-    """Check the messages of a document one by one; tell the usable ones from the others."""
+    """Check the messages of a document one by one and separate the usable ones from the others."""
     usable: list[tuple[Block, MessageLayout]] = []
     left_out: list[Finding] = []
     faults = _strays(document) | document.faults

@@ -105,7 +105,7 @@ def _mark(quality: NDArray[np.uint8], where: NDArray[np.bool_], bit: Quality) ->
 
 
 def _crc_misfit(layout: MessageLayout, frames: MessageFrames) -> NDArray[np.bool_]:
-    """Tell the frames whose checksum is there and does not fit."""
+    """Return a mask of the frames whose checksum is there and does not fit."""
     if layout.crc is None:
         return np.zeros(len(frames.t_ns), np.bool_)
     byte = layout.signal(layout.crc).first_byte

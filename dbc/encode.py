@@ -63,7 +63,7 @@ def _raw(
 def _present(
     layout: MessageLayout, signal: SignalLayout, raw: Mapping[str, NDArray[np.uint64]], n: int
 ) -> NDArray[np.bool_]:
-    """Tell the frames whose selector, and its selector, name this signal."""
+    """Return a mask of the frames whose selector, and its selector, name this signal."""
     present = np.ones(n, np.bool_)
     while signal.selector is not None:
         if signal.selector not in raw:

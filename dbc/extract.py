@@ -26,7 +26,7 @@ class FieldReader:
     layout: SignalLayout
     """The signal."""
     view: np.dtype[np.generic]
-    """What to read, with its byte order: the field itself, or a window of 8 bytes around it."""
+    """The type to read, with its byte order: the field itself, or a window of 8 bytes around it."""
     byte: int
     """Where to read it in the payload."""
     shift: int | None

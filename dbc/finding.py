@@ -16,7 +16,7 @@ class Severity(IntEnum):
     WARNING = 1
     """For a person to judge."""
     ERROR = 2
-    """What it is about must not be used as it is."""
+    """The subject must not be used as it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,17 +24,17 @@ class Finding:
     """One thing that was judged, with the figure, its limit and what to do."""
 
     code: str
-    """What was judged: a word or two with underscores (`overload`, `chi2`, `left_out`)."""
+    """The judged property: a word or two with underscores (`overload`, `chi2`, `left_out`)."""
     severity: Severity
     """How bad it is."""
     text: str
-    """What was found, in plain words with the numbers."""
+    """The finding in plain words with the numbers."""
     subject: str = ""
     """The channel, message, bus or run that it is about; may be empty."""
     advice: str = ""
-    """What to do; empty where nothing need be done."""
+    """Advice on what to do; empty where nothing need be done."""
     value: float = 0.0
-    """What was measured, in `unit`."""
+    """The measured value, in `unit`."""
     limit: float = 0.0
     """Its limit, in `unit`; both are 0 where the finding rests on no single figure."""
     unit: str = ""
@@ -44,7 +44,7 @@ class Finding:
 
     @property
     def passed(self) -> bool:
-        """Whether it is no error."""
+        """True if it is no error."""
         return self.severity is not Severity.ERROR
 
     def __str__(self) -> str:

@@ -37,7 +37,7 @@ def read_only(values: NDArray[_T]) -> NDArray[_T]:
 FD_LENGTHS = read_only(np.array([*range(9), 12, 16, 20, 24, 32, 48, 64], np.uint8))
 """Payload bytes of each data length code, 0 to 15 (ISO 11898-1); a classic frame has 8 at most."""
 LENGTH_ALLOWED = np.zeros((2, 256), bool)
-"""Whether a payload may have that many bytes: row 0 for classic frames, row 1 for FD frames."""
+"""True where a payload may have that many bytes: row 0 for classic frames, row 1 for FD frames."""
 LENGTH_ALLOWED[0, :9] = LENGTH_ALLOWED[1, FD_LENGTHS] = True
 
 

@@ -1,4 +1,4 @@
-"""What a DBC says about messages and signals, as plain data."""
+"""Messages and signals as a DBC describes them, as plain data."""
 
 from __future__ import annotations
 
@@ -30,15 +30,17 @@ class SignalLayout:
     is_big_endian: bool
     """Motorola byte order."""
     is_signed: bool
+    """Two's complement."""
     is_float: bool
-    """`is_signed`, `is_float`: two's complement; IEEE 754 of 16, 32 or 64 bits."""
+    """IEEE 754 of 16, 32 or 64 bits."""
     factor: int | float
     offset: int | float
     """value = raw * factor + offset.  Whole numbers stay `int`, because arithmetic with them is
     exact."""
     minimum: float | None
+    """Lowest valid value in `unit`; None where the DBC states none."""
     maximum: float | None
-    """`minimum`, `maximum`: range of valid values in `unit`; None where the DBC states none."""
+    """Highest valid value in `unit`; None where the DBC states none."""
     selector: str | None
     """Name of the multiplexer signal that decides whether this signal is in a frame."""
     selected_by: tuple[tuple[int, int], ...]
@@ -48,7 +50,7 @@ class SignalLayout:
 
     @property
     def is_multiplexed(self) -> bool:
-        """Whether only some frames of the message hold this signal."""
+        """True if only some frames of the message hold this signal."""
         return self.selector is not None
 
     @property
@@ -102,7 +104,7 @@ class MessageLayout:
     can_id: int
     """11 or 29 bits, without flag bits."""
     is_extended: bool
-    """Whether `can_id` has 29 bits.  The pair decides; equal numbers may be different messages."""
+    """True if `can_id` has 29 bits.  The pair decides; equal numbers may be different messages."""
     length: int
     """Payload bytes, 0..64."""
     cycle_s: float | None

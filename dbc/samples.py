@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 class Quality(IntFlag):
-    """What is known against a sample; 0 is a good one.  Stored in session files."""
+    """Faults of a sample; 0 is a good one.  Stored in session files."""
 
     COUNTER_GAP = 1
     """At least one frame of this message is missing before this one."""
@@ -64,7 +64,7 @@ class Decoded:
     """Signals of the messages that occur in the batch.  Signals of one (not multiplexed) message
     share one `t_ns` array."""
     counts: DecodeCounts
-    """What was not decoded."""
+    """Numbers of frames that were not decoded."""
 
     def __getitem__(self, signal: str) -> Samples:
         return self.samples[signal]

@@ -17,7 +17,6 @@ class SiUnit:
 
     factor: float
     offset: float
-    """`factor`, `offset`: the conversion."""
     unit: str
     """The SI unit; "1" for plain numbers."""
 

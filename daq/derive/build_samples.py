@@ -31,7 +31,7 @@ from ..samples.mapping import MappedChannel, map_channels
 from ..sessions import Session
 
 _NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
-"""Events that are told elsewhere in a session, or say nothing of the run in which they fall."""
+"""Events that a session stores elsewhere, or that say nothing of the run in which they fall."""
 _TEXT_BYTES = 160
 """An event's text in a session file."""
 _EDGE_S = 0.05

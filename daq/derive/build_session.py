@@ -30,7 +30,7 @@ from .build_samples import session_from_journal
 
 NICENESS = 10
 _SLACK_NS = 1_000_000_000
-"""Kept beyond the runs: the last samples before and after a window tell whether it is covered."""
+"""Time kept beyond the runs, ns: whether a window is covered is seen from the samples around it."""
 
 DONE, BAD_INPUT, DONE_WITH_LOSS = 0, 2, 3
 """Exit codes, as those of the command line."""
@@ -38,12 +38,12 @@ DONE, BAD_INPUT, DONE_WITH_LOSS = 0, 2, 3
 
 @dataclass(frozen=True, slots=True)
 class Derived:
-    """What became of a recording."""
+    """Result of deriving a session from a recording."""
 
     loss: str
-    """What the journal has lost; empty if nothing."""
+    """Losses of the journal in words; empty if there are none."""
     runs: int
-    """In the session file."""
+    """Number of runs in the session file."""
 
 
 def derive(segments: Sequence[Path], target: Path) -> Derived:
@@ -100,8 +100,8 @@ def main(arguments: Sequence[str], out: TextIO) -> int:
     except (BumpbenchError, OSError) as error:
         out.write(json.dumps({"path": str(target), "error": str(error)}) + "\n")
         return BAD_INPUT
-    told = {"path": str(target), "loss": done.loss, "runs": done.runs}
-    out.write(json.dumps(told) + "\n")
+    result = {"path": str(target), "loss": done.loss, "runs": done.runs}
+    out.write(json.dumps(result) + "\n")
     return DONE_WITH_LOSS if done.loss else DONE
 
 

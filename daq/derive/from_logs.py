@@ -40,7 +40,7 @@ _CONTINUES_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class LogPart:
-    """What an import keeps of a stretch of log."""
+    """The part of a stretch of log that an import keeps."""
 
     frames: FrameBatch
     """Those around the bumps, in order of arrival."""
@@ -58,7 +58,7 @@ class LogPart:
 
 
 class Intake:
-    """Takes in one stretch of log block by block, then tells what was in it.
+    """Takes in one stretch of log block by block, then returns what was in it.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Intake:
         self._end_ns: int | None = None
 
     def goes_on_with(self, batch: FrameBatch) -> bool:
-        """Whether a block follows what was taken in so far, without a break in time."""
+        """Return True if a block follows the ones before it without a break in time."""
         if self._end_ns is None:
             return True
         return 0 <= int(batch.t_ns[0]) - self._end_ns < _CONTINUES_NS

@@ -38,7 +38,7 @@ def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[st
     where : str
         Name of the session, for messages.
     provenance : mapping of str to str
-        What is to be told of this beside the DBC and bench.toml.
+        Entries to store in addition to the DBC and bench.toml.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def _bump(session: Session, run: Run) -> Event:
     for event in run.events:
         if event.code == trigger.BUMP and event.text == run.label:
             return event
-    what = f"run {run.label} does not tell when its bump was"
+    what = f"run {run.label} does not state when its bump was"
     raise InputError(session.provenance.get("uuid", "session"), what, "record or import it again")
 
 

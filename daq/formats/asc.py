@@ -113,7 +113,7 @@ def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _
     remote = letter == ord("r")
     can_id, extended, good = _identifiers(lines, rows, 2, base)
     dlc, has_dlc = integers(lines.text, *_token_or_none(lines, rows, 5), base, longest=2)
-    good &= remote | has_dlc  # before version 8.5 a remote frame did not tell
+    good &= remote | has_dlc  # before version 8.5 a remote frame had no DLC
     dlc = np.where(has_dlc, dlc, 0)
     good &= dlc < 16  # a DLC of 9 to 15 means 8 bytes
     length = np.minimum(dlc, 8)

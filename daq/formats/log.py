@@ -26,7 +26,7 @@ class LogFormat:
     name: str
     """As people call it."""
     lacks: str
-    """What of a frame it cannot hold; empty if it holds everything."""
+    """Parts of a frame that it cannot hold; empty if it holds everything."""
 
 
 FORMATS = {
@@ -79,7 +79,7 @@ class Log:
 
     @property
     def loss(self) -> LogLoss:
-        """What was found missing so far."""
+        """Losses found so far."""
         if self._journal is None:
             return self._ledger.loss
         lost = self._journal.lost
@@ -87,7 +87,7 @@ class Log:
 
     @property
     def hops(self) -> HopLosses:
-        """Losses before the log was written, as far as it tells, and what cannot be read in it."""
+        """Losses before the log was written, as it states them, and what cannot be read in it."""
         if self._journal is None:
             return HopLosses(bus_garbled=self._ledger.loss.garbled)
         return self._hops
@@ -137,7 +137,7 @@ class Log:
 
 
 def read_log(path: Path) -> Log:
-    """Return the log in a file; its suffix tells the format.
+    """Return the log in a file; its suffix decides the format.
 
     Raises
     ------

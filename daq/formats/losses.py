@@ -1,4 +1,4 @@
-"""What a reader could not read: counted as it goes, told afterwards."""
+"""Counts what a reader could not read, and reports it at the end."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _NOTES = 8
 
 @dataclass(frozen=True, slots=True)
 class LogLoss:
-    """What a log should hold and does not."""
+    """Records that a log should hold and does not."""
 
     garbled: int = 0
     """Records that should be frames and cannot be read."""
@@ -23,7 +23,7 @@ class LogLoss:
 
     @property
     def any(self) -> bool:
-        """Whether something that was logged is missing."""
+        """True if something that was logged is missing."""
         return bool(self.garbled or self.bytes_cut)
 
     @property
@@ -44,7 +44,7 @@ class Ledger:
 
     @property
     def loss(self) -> LogLoss:
-        """What was found missing so far."""
+        """Losses found so far."""
         return LogLoss(self._garbled, self._bytes_cut, tuple(self._notes))
 
     def garbled(self, count: int, note: str) -> None:

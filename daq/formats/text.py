@@ -61,14 +61,14 @@ class Lines:
 
 @dataclass(frozen=True, slots=True)
 class Parsed:
-    """What a block of lines holds."""
+    """Frames and faulty lines of a block of lines."""
 
     frames: FrameBatch
     """In the order of the lines."""
     bad: Index
     """Numbers of the lines in the block that should be frames and cannot be read."""
     header: bool = False
-    """Whether the block has what only this format has, frames aside."""
+    """True if the block has lines, other than frames, that only this format has."""
 
 
 def cut_lines(block: bytes, separators: bytes = b" \t") -> Lines:
@@ -207,15 +207,15 @@ def read_lines(
                 advice = "check what it is; its suffix may be wrong"
                 raise InputError(where, "begins with no line of its format", advice)
             if ended:
-                _tell(parsed, block, before, ledger)
+                _count_bad_lines(parsed, block, before, ledger)
                 yield parsed.frames
             elif tail.lstrip()[:1] in b"(0123456789":
-                # Nobody can tell a whole last line from one cut in a number or in its payload.
+                # A whole last line looks the same as one cut in a number or in its payload.
                 ledger.cut(len(tail), f"line {before + 1} has no end")
             before += block.count(b"\n")
 
 
-def _tell(parsed: Parsed, block: bytes, before: int, ledger: Ledger) -> None:
+def _count_bad_lines(parsed: Parsed, block: bytes, before: int, ledger: Ledger) -> None:
     if len(parsed.bad):
         number = int(parsed.bad[0])
         line = block.split(b"\n", number + 1)[number].decode("ascii", "backslashreplace")

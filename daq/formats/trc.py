@@ -32,7 +32,7 @@ _EPOCH_DAYS = 25_569
 class TrcParser:
     """Parses a TRC log block by block; remembers what its header said.
 
-    The header tells local time without a zone; as in python-can it is taken for UTC.
+    The header states local time without a zone; as in python-can it is taken for UTC.
     """
 
     def __init__(self) -> None:

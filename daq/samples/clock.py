@@ -156,7 +156,7 @@ def stamped_times(
 def _restarts(
     gap: NDArray[np.float64], elapsed: NDArray[np.float64], arrival: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Tell the neighbours between which the sensor began to count time anew.
+    """Return a mask of the neighbours between which the sensor began to count time anew.
 
     Late frames come back to the line that punctual ones lie on; after a restart none does.
     """

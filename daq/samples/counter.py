@@ -1,6 +1,6 @@
 """Rolling counters: from a value that wraps to the number of frames sent.
 
-A counter says how many frames were sent modulo its range; the time of arrival tells the number of
+A counter says how many frames were sent modulo its range; the time of arrival gives the number of
 whole turns.  A frame arrives when it was sent or later, and a stalled reader hands over a whole
 backlog at one instant, so an arrival alone proves little: what holds a frame's sending time is
 the arrival of those that followed it.

@@ -25,7 +25,7 @@ class Timekeeping:
     """How the samples of a bench get their times."""
 
     messages: Mapping[str, MessageLayout]
-    """Of the bench's codec."""
+    """Messages of the bench's codec, by name."""
     clocks: Mapping[str, SensorClock]
     """Messages with a time stamp."""
     sets: Sequence[SampleSet]

@@ -29,17 +29,19 @@ class CounterHealth:
     """One message's counter so far."""
 
     last: int
+    """Last counter value that can be trusted."""
     t_ns: int
-    """`last`, `t_ns`: last counter value that can be trusted, and when it arrived."""
+    """Time of its arrival."""
     late_s: float = 0.0
     """How late it was (`daq.samples.counter`)."""
     unreadable: int = 0
     """Frames with a bad checksum since then."""
     received: int = 0
+    """Frames with a good counter."""
     missing: int = 0
+    """Frames that were sent and never came."""
     restarts: int = 0
-    """`received`, `missing`, `restarts`: frames with a good counter; frames that were sent and
-    never came; new starts of the sensor."""
+    """New starts of the sensor."""
 
 
 @dataclass(frozen=True, slots=True)

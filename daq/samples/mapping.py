@@ -35,7 +35,7 @@ class MappedChannel:
 
     @property
     def is_multiplexed(self) -> bool:
-        """Whether only some frames of the message hold the signal."""
+        """True if only some frames of the message hold the signal."""
         return self.signal.is_multiplexed
 
     @property
@@ -90,7 +90,7 @@ def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) 
         raise InputError(where, what, "state signal_unit in its [[channel]]") from error
     if si.unit != expected:
         what = f"{found}; {channel.quantity} needs {expected} or a multiple"
-        raise InputError(where, what, "mend signal, signal_unit or quantity in bench.toml")
+        raise InputError(where, what, "correct signal, signal_unit or quantity in bench.toml")
     return MappedChannel(replace(channel, unit=expected), message, si.factor, si.offset)
 
 

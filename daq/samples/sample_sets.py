@@ -16,12 +16,12 @@ def bind(
     rows: NDArray[np.intp],
     t_ns: NDArray[np.int64],
 ) -> Bound:
-    """Tell the sample numbers of the frames of a message by the carrier frames around them.
+    """Find the sample numbers of the frames of a message from the carrier frames around them.
 
     A sensor sends all frames of a sample in one burst, so a frame belongs to the carrier before it
     or, for messages that are sent ahead of the carrier, to the one behind it; which of the two is
-    nearer in most cases says so.  Between carriers with lost ones in between, frames are told
-    apart by their count or, where some of them are lost too, by their time.
+    nearer in most cases says so.  Between carriers with lost ones in between, frames are
+    assigned by their count or, where some of them are lost too, by their time.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def bind_counted(
     own: Samples,
     modulus: int,
 ) -> Bound:
-    """Tell the sample numbers of a message that has the carrier's counter itself.
+    """Find the sample numbers of a message that has the carrier's counter itself.
 
     Parameters
     ----------

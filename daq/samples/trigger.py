@@ -47,7 +47,7 @@ class TriggerPhase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ChannelRest:
-    """What is known of one trigger channel."""
+    """Level and rest of one trigger channel so far."""
 
     quiet_since_ns: int
     """Time of the last sample away from rest (or of the first sample)."""
@@ -71,7 +71,7 @@ class ChannelRest:
         return replace(self, slot=slot, level=level, total=0.0, count=0)
 
     def rested(self, now_ns: int, since_ns: int, rest_ns: int) -> bool:
-        """Whether the channel has rested for `rest_ns`, counted from `since_ns` at the earliest."""
+        """Return True if the channel has rested for `rest_ns`, counted from `since_ns` or later."""
         known = not np.isnan(self.level)
         return known and now_ns - max(self.quiet_since_ns, since_ns) >= rest_ns
 
@@ -173,7 +173,7 @@ def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
 
 
 def pre_trigger_full(config: TriggerConfig, state: TriggerState, first_ns: int) -> bool:
-    """Whether the samples kept since `first_ns` reach `pre_s` back from the latest one."""
+    """Return True if the samples kept since `first_ns` reach `pre_s` back from the latest one."""
     return state.now_ns - first_ns >= round(config.pre_s * 1e9)
 
 

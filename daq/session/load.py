@@ -102,7 +102,7 @@ def open_session(path: Path) -> Iterator[h5py.File]:
 
 
 class _Survey:
-    """What a file claims to hold, added up before anything is read."""
+    """Adds up what a file claims to hold, before anything is read."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit

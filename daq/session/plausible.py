@@ -1,4 +1,4 @@
-"""Whether a session agrees with itself, and with what can happen on a bench."""
+"""Checks that a session agrees with itself, and with what can happen on a bench."""
 
 from __future__ import annotations
 

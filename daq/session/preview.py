@@ -1,7 +1,7 @@
-"""What a list of session files shows of each: attributes only, read in a process with limits.
+"""Reads the outlines of session files for a list: attributes only, in a process with limits.
 
 Run as ``python -I -m daq.session.preview FILE...``, it writes one line of JSON a file.  A file that
-makes libhdf5 crash or hang ends the child; the parent tells that of this file and starts another
+makes libhdf5 crash or hang ends the child; the parent reports that for this file and starts another
 child at the next one, so many sound files cost one start of Python.
 """
 
@@ -37,13 +37,15 @@ class Glance:
 
     path: str
     vehicle: str
+    """Name of the vehicle as the file says; foreign text."""
     created: str
-    """`vehicle`, `created`: as the file says; foreign text."""
+    """Time of its making as the file says; foreign text."""
     accepted: int
+    """Number of accepted runs."""
     rejected: int
-    """`accepted`, `rejected`: runs."""
+    """Number of rejected runs."""
     notes: str = ""
-    """What was noted on the session, one a line."""
+    """Notes on the session, one a line."""
 
 
 def glances(paths: Sequence[Path]) -> Iterator[Glance | InputError]:

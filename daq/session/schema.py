@@ -28,7 +28,7 @@ TEXTS = ("dbc", "bench_toml")
 RESERVED_IN_GROUP = {"time", "t_ns", "quality"}
 """Datasets of a sample group that are no channels."""
 RESERVED_IN_RUN = ("raw_bus", "events")
-"""What the names of groups in a run begin with that are no sample groups."""
+"""Prefixes of the groups in a run that are no sample groups."""
 
 CHANNEL_COLUMNS = {
     "name": "S64",

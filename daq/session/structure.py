@@ -1,4 +1,4 @@
-"""Whether a tree has the structure of schema v1, and its hashes fit."""
+"""Checks that a tree has the structure of schema v1, and that its hashes fit."""
 
 from __future__ import annotations
 

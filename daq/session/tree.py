@@ -28,8 +28,9 @@ class Group:
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
     """Those of a simple type."""
     groups: Mapping[str, Group] = field(default_factory=dict)
+    """The groups in it, in order of their names."""
     datasets: Mapping[str, Dataset] = field(default_factory=dict)
-    """`groups`, `datasets`: in order of their names."""
+    """The datasets in it, in order of their names."""
 
     def group(self, name: str) -> Group:
         """Return a group in this one.

@@ -1,4 +1,4 @@
-"""What the simulated bench does: rest, bumps as they are due, spoilt ones, pushes on a corner."""
+"""Acts of the simulated bench: rest, bumps as they are due, spoilt ones, pushes on a corner."""
 
 from __future__ import annotations
 

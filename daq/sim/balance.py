@@ -20,7 +20,7 @@ _SETTLED_M = 1e-13
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """What acts between the parts of the car, each (4, n) in the order of `Corner`."""
+    """Forces between the parts of the car, each (4, n) in the order of `Corner`."""
 
     suspension_n: Array
     """Force of spring, stop, damper, bar and friction: up on the body, down on the wheel."""

@@ -29,7 +29,7 @@ __all__ = ["Fault", "SimulatedBench"]
 PIECE_S = 0.1
 """The car is sampled in pieces of at most this length: a read takes some milliseconds."""
 BLOCK_S = 0.02
-"""Of the host's time between blocks: each costs some milliseconds, however short it is."""
+"""Host time between blocks, s: each costs some milliseconds, however short it is."""
 PATIENCE_S = (1.0, 1.6)
 """After arming somebody bumps the car between so early and so late."""
 WIGGLE_S = 3.0
@@ -40,7 +40,7 @@ class SimulatedBench:
     """A bench whose car is bumped as the campaign says, as a `daq.bus.source.FrameSource`.
 
     Frames carry the car's own time, which runs `speed` times as fast as the host's.  Counters,
-    clocks and noise run on through everything that happens, also while nobody reads.
+    clocks and noise run on through everything that happens, also between reads.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class SimulatedBench:
         return self._sampled(stop_s)
 
     def losses(self) -> SourceLosses:
-        """Return nothing: what this bus loses is told by the counters in its frames."""
+        """Return nothing: the counters in the frames show what this bus loses."""
         return SourceLosses()
 
     def close(self) -> None:

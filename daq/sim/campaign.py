@@ -47,7 +47,7 @@ class PlannedBump:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is driven and measured, as the session states it."""
+    """The bumps and the channels, as the session states them."""
 
     bumps: tuple[PlannedBump, ...]
     """The runs, in their order; each is driven anew."""
@@ -64,7 +64,7 @@ class Plan:
     rest_s: float = 0.6
     """Rest that is recorded before the bump, s."""
     decay_s: float = 2.2
-    """What is recorded after it, s."""
+    """Time that is recorded after the bump, s."""
     from_decay: bool = False
     """Records begin with the free decay: the first sample of each sensor sees the car after the
     bump.  Else they begin at rest."""
@@ -79,9 +79,9 @@ class Simulated:
     """A session, and what it does not say."""
 
     session: Session
-    """What was recorded."""
+    """The recorded session."""
     truth: Truth
-    """What was drawn for it."""
+    """The true values drawn for it."""
     motions: tuple[Motion, ...]
     """How the car moved in each run."""
 

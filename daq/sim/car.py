@@ -1,4 +1,4 @@
-"""What is simulated, and what is drawn by lot once for a whole campaign.
+"""The simulated car and its sensors, and the errors drawn once for a whole campaign.
 
 A bench knows its sensors as far as a person can measure: a position to a centimetre, a delay as the
 data sheet states it, a weight as the scales show it.  The simulated bench differs from that by
@@ -27,13 +27,13 @@ class Spread:
     """Standard deviations of an error, by kind of sensor."""
 
     body_acceleration_m_s2: float
+    """Accelerometers on the body."""
     hub_acceleration_m_s2: float
-    """`body_acceleration_m_s2`, `hub_acceleration_m_s2`: accelerometers on the body and on the
-    hubs."""
+    """Accelerometers on the hubs."""
     rate_rad_s: float
+    """Gyroscopes."""
     angular_acceleration_rad_s2: float
-    """`rate_rad_s`, `angular_acceleration_rad_s2`: gyroscopes, and angular accelerometers where
-    there are any."""
+    """Angular accelerometers, where there are any."""
     displacement_m: float
     """Suspension travel and other displacements."""
 
@@ -68,20 +68,21 @@ class SimulatedCar:
     bump_height_m: float = 0.05
     """Height of the half-sine bump."""
     noise: Spread = NOISE
+    """Noise of the sensors, beyond the errors that bench.toml states."""
     bias: Spread = BIAS
-    """`noise`, `bias`: errors of the sensors beyond those that bench.toml states."""
+    """Constant errors of the sensors, beyond those that bench.toml states."""
     clock_error: float = 10e-6
     """Standard deviation of the relative rate error of each message's clock."""
     jitter_s: float = 50e-6
     """Mean time by which a frame is released late (exponential), s."""
     lead_s: float = 1.3
+    """Rest before the bump, s."""
     tail_s: float = 2.8
-    """`lead_s`, `tail_s`: rest before the bump, and time from the beginning of the bump to the end
-    of the run."""
+    """Time from the beginning of the bump to the end of the run, s."""
     imperfections: Imperfections = NONE
-    """What the car has beyond its parameters."""
+    """Effects that the 15 parameters do not describe."""
     faults: tuple[SensorFault, ...] = ()
-    """What is wrong with sensors, at most one entry a channel."""
+    """Faults of sensors, at most one entry a channel."""
 
     @property
     def run_s(self) -> float:
@@ -94,16 +95,17 @@ class SensorTruth:
     """A sensor as it really is mounted."""
 
     x_m: float
+    """True position, forward from the middle of the front axle; NaN where there is none."""
     y_m: float
-    """`x_m`, `y_m`: true position from the middle of the front axle; NaN where a position says
-    nothing."""
+    """True position, to the left; NaN where there is none."""
     delay_s: float
     """True lateness: a frame released at t carries the value at t - delay_s."""
     bias: float
     """Constant error in the channel's SI unit, before gain, sign and tare."""
     low_pass_hz: float = 0.0
+    """Cut-off (-3 dB) of its Butterworth low-pass; 0 means none."""
     low_pass_order: int = 2
-    """`low_pass_hz`, `low_pass_order`: its Butterworth low-pass; 0 Hz means none."""
+    """Order of that low-pass."""
     gain: float = 1.0
     """Factor between what it measures and what it says, 1 for a sound one."""
     limit: float = math.inf
@@ -129,9 +131,9 @@ class Truth:
     mass_states: Mapping[str, AddedMass]
     """The weights as they really are."""
     sensors: Mapping[str, SensorTruth]
-    """Of every channel."""
+    """True position, delay and errors, by channel."""
     clocks: Mapping[str, ClockTruth]
-    """Of every message that carries a channel."""
+    """True clock of every message that carries a channel."""
 
 
 def message_of(channel: Channel) -> str:

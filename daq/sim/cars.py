@@ -34,7 +34,7 @@ class NamedCar:
     parameters: VehicleParameters
     """Its 15 parameters; c_s is the secant of the damper curve of an axle without wear."""
     imperfections: Imperfections
-    """What distinguishes it from them."""
+    """Effects that the parameters do not describe."""
 
     def simulated(self, **changes: Any) -> SimulatedCar:
         """Return it for a simulated bench; `changes` are fields of `SimulatedCar`."""

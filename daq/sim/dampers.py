@@ -116,7 +116,7 @@ class DamperLaw:
 
     @property
     def straight(self) -> bool:
-        """Whether force is proportional to speed, in both directions alike."""
+        """True if force is proportional to speed, in both directions alike."""
         alike = np.array_equal(self.compression_ns_m, self.rebound_ns_m)
         return alike and self.bends is None and self.hinges is None
 

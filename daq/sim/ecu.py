@@ -31,7 +31,7 @@ class Sender:
     """A message of the bench, the channels in it, and the clock that samples them."""
 
     message: MessageLayout
-    """What is sent."""
+    """The message that is sent."""
     cycle_s: float
     """Its cycle time as the DBC states it, s."""
     clock: ClockTruth
@@ -49,7 +49,7 @@ class Sender:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """What stays the same through a campaign."""
+    """The parts of a bench that stay the same through a campaign."""
 
     codec: Codec
     """The bench's DBC."""
@@ -66,14 +66,14 @@ class Rig:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What the car does for a while."""
+    """Motion of the car over a stretch of time."""
 
     motion: Moving
     """Its motion."""
     begins_s: float
     """When the motion's time 0 is, s since the start of the campaign."""
     low_passed: Mapping[str, tuple[Array, Array]]
-    """What sensors with a low-pass make of it, on the motion's time (`sensors.low_passed`)."""
+    """Outputs of the sensors with a low-pass, on the motion's time (`sensors.low_passed`)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,8 +32,9 @@ class Bump:
     height_m: float
     """Height of the bump."""
     start_s: float
+    """Time when the wheels meet the bump."""
     duration_s: float
-    """`start_s`, `duration_s`: when the wheels meet it and how long they are on it."""
+    """Time that the wheels are on the bump."""
 
     @property
     def end_s(self) -> float:

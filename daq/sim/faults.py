@@ -1,4 +1,4 @@
-"""What may be wrong with a sensor: declared for the simulated bench, unknown to bench.toml."""
+"""Faults of sensors, declared for the simulated bench and unknown to bench.toml."""
 
 from __future__ import annotations
 

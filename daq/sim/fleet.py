@@ -43,7 +43,7 @@ class FleetCar:
     plan: Plan
     """Its campaign."""
     seed: int
-    """Of the campaign's noise."""
+    """Seed of the campaign's noise."""
 
     def simulate(self) -> Simulated:
         """Return its session; the same each time."""

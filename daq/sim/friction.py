@@ -38,7 +38,7 @@ class FrictionLaw:
 
     @property
     def present(self) -> bool:
-        """Whether any corner has friction."""
+        """True if any corner has friction."""
         return bool(np.any(self.force_n))
 
     def sliding_share(self, closing: Array) -> Array:

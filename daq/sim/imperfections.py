@@ -39,7 +39,7 @@ class Friction:
 
 @dataclass(frozen=True, slots=True)
 class Imperfections:
-    """What distinguishes a car from its 15 parameters."""
+    """Effects in a car that its 15 parameters do not describe."""
 
     friction: Friction = Friction()
     """Stiction and friction of the suspension."""

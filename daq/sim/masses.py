@@ -1,4 +1,4 @@
-"""What the masses of the car do: they resist acceleration, and gravity pulls them down."""
+"""Inertia and weight of the masses of the car."""
 
 from __future__ import annotations
 

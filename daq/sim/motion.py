@@ -19,7 +19,7 @@ from .stepping import State, Steps, step_all
 
 
 class Tolerance(NamedTuple):
-    """Of one step of the integration: share of the state, and in m, rad and their rates."""
+    """Tolerance of one integration step: share of the state, and in m, rad and their rates."""
 
     relative: float
     absolute: float
@@ -59,7 +59,7 @@ class Motion(Moving, Protocol):
 
     @property
     def plant(self) -> Plant:
-        """What moves."""
+        """The car that moves."""
 
     @property
     def bump(self) -> Bump:
@@ -74,7 +74,7 @@ class SmoothMotion:
     """A run of a car without memory, solved to rounding as an ordinary differential equation."""
 
     plant: Plant
-    """What moves."""
+    """The car that moves."""
     bump: Bump
     """Why it moves."""
     rest: Array
@@ -113,7 +113,7 @@ class SteppedMotion:
     """A run of a car whose forces remember their past, read between fine steps."""
 
     plant: Plant
-    """What moves."""
+    """The car that moves."""
     bump: Bump
     """Why it moves."""
     rest: State

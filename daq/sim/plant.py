@@ -71,9 +71,9 @@ class Mounts:
     """Rubber between dampers and body, in series with the damper; (4, 1) each."""
 
     stiffness_n_m: Array
-    """Of each mount; zero where the damper is bolted to the body, N/m."""
+    """Stiffness of each mount, N/m; zero where the damper is bolted to the body."""
     elastic: NDArray[np.bool_]
-    """Whether the corner has a mount."""
+    """True if the corner has a mount."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class Plant:
     friction: FrictionLaw
     """Friction of each corner."""
     mounts: Mounts | None
-    """What is elastic in series with the dampers, if anything."""
+    """Rubber in series with the dampers, if there is any."""
     tyre_n_m: Array
     """(4, 1) Stiffness of each tyre, N/m."""
     tyre_damping_ns_m: Array
@@ -105,16 +105,16 @@ class Plant:
     mobility: Array
     """(7, 7) Accelerations from forces, the inverse of `inertia`; (n, 7, 7) for several cars."""
     progression: Progression | None = None
-    """What makes springs and tyres progressive, if anything."""
+    """Progressive stiffness of springs and tyres, if there is any."""
 
     @property
     def smooth(self) -> bool:
-        """Whether no force turns round with the direction of travel, or sets in at a gap."""
+        """True if no force turns round with the direction of travel, or sets in at a gap."""
         return self.damper.straight and self.progression is None and not self.remembers
 
     @property
     def remembers(self) -> bool:
-        """Whether forces depend on the past: friction and mounts have a deflection of their own."""
+        """True if forces depend on the past: friction and mounts have a deflection of their own."""
         return self.friction.present or self.mounts is not None
 
     def accelerated(self, total_n: Array) -> Array:
@@ -126,7 +126,7 @@ class Plant:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """What a corner remembers of its past, (4, n) each."""
+    """State of friction and mounts at each corner, (4, n) each."""
 
     friction: Array
     """Deflection of rubber and seals, as a share of the one at which the corner slides."""

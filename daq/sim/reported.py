@@ -1,4 +1,4 @@
-"""What an identification of a simulated car should report, by the names that it uses."""
+"""Values that an identification of a simulated car should report, by the names that it uses."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ _SPARE: dict[str, tuple[Quantity, Callable[[Array], Array]]] = {
     "IMU_Accel.acc_y": (Quantity.BODY_ACCELERATION, _specific_force_y),
     "IMU_Rate.rate_z": (Quantity.PITCH_RATE, _yaw_rate),
 }
-"""What the shipped IMU senses and the method does not use: the kind of sensor, for its errors, and
+"""Signals of the shipped IMU that the method does not use: the kind of sensor, for its errors, and
 the reading from the pose against the design pose."""
 
 

@@ -1,4 +1,4 @@
-"""What can go wrong with one bump of the simulated bench, on request."""
+"""Faults of one bump of the simulated bench, on request."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..runs import Excitation
 
 
 class Fault(StrEnum):
-    """What spoils a run."""
+    """Kinds of spoilt runs."""
 
     DOUBLE_BUMP = "double-bump"
     OVERLOAD = "overload"
@@ -32,9 +32,9 @@ silence of a sensor that stopped."""
 WEAK_LEVELS = 1.4
 """Peak over the trigger's level: above it in spite of noise, below what a good bump shows."""
 UNPLUGGED_S = 3.0
-"""Of the host's time."""
+"""Time without the adapter, s of the host's time."""
 UNPLUG_AFTER_S = 0.5
-"""Since the bump."""
+"""Time from the bump to the unplugging, s."""
 MIXED_UP = {
     Excitation.BOUNCE: Excitation.PITCH,
     Excitation.PITCH: Excitation.ROLL,

@@ -32,7 +32,7 @@ class State:
     velocity: Array
     """(7, n) Its rate of change."""
     memory: Memory
-    """What friction and mounts remember; zero where they do not."""
+    """State of friction and mounts; zero where they have none."""
 
 
 @dataclass(frozen=True, slots=True)

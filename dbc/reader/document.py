@@ -57,12 +57,13 @@ class Document:
     loose: list[tuple[int, str]] = field(default_factory=list)
     """Where and what is not understood, whichever message it may be about."""
     float_types: dict[SignalKey, int] = field(default_factory=dict)
+    """`SIG_VALTYPE_`."""
     selections: dict[SignalKey, tuple[str, tuple[tuple[int, int], ...]]] = field(
         default_factory=dict
     )
+    """`SG_MUL_VAL_` as selector and ranges."""
     tables: dict[SignalKey, dict[int, str]] = field(default_factory=lambda: defaultdict(dict))
-    """`float_types`, `selections`, `tables`: `SIG_VALTYPE_`; `SG_MUL_VAL_` as selector and ranges;
-    `VAL_` as names by raw value."""
+    """`VAL_` as names by raw value."""
     attributes: dict[tuple[str, int | str | SignalKey], str | float] = field(default_factory=dict)
     """`BA_`, of messages by identifier, of signals by (identifier, signal), of nodes by name."""
     defaults: dict[str, str | float] = field(default_factory=dict)

@@ -40,7 +40,7 @@ def parse_foreign(text: str, name: str) -> Codec:
     text : str
         The file.
     name : str
-        Its name; the suffix tells the format.
+        Name of the file; the suffix decides the format.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def _check_numbers(text: str, name: str, kind: str) -> None:
 
 def _misfit(text: str, name: str, position: int, what: str) -> InputError:
     line = text.count("\n", 0, position) + 1
-    return InputError(f"{name}:{line}", what, "mend that line")
+    return InputError(f"{name}:{line}", what, "correct that line")
 
 
 def _parse(text: str, name: str, kind: str) -> Sequence[Any]:
@@ -116,7 +116,7 @@ def _parse(text: str, name: str, kind: str) -> Sequence[Any]:
         what = str(error).split("\n", 1)[0] or type(error).__name__
         place = re.search(r"\bline (\d+)", what)
         where = f"{name}:{place[1]}" if place else name
-        raise InputError(where, f"not a valid {kind.upper()}: {what}", "mend it") from error
+        raise InputError(where, f"not a valid {kind.upper()}: {what}", "correct it") from error
 
 
 def _message(message: Any) -> MessageLayout:

@@ -104,11 +104,11 @@ class Statement:
     keyword: str
     """Its first word; any word, or none, where the text is no statement."""
     before: int
+    """End of the statement before it."""
     start: int
     stop: int
-    """Where the one before ends; where it begins and ends."""
     body: re.Match[str] | None
-    """What follows the keyword, by group names; None if it is not understood."""
+    """Text after the keyword, by group names; None if it is not understood."""
 
 
 def readable(text: str) -> str:

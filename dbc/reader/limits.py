@@ -1,4 +1,4 @@
-"""What no CAN database needs more of: the limits that keep a hostile one from filling memory."""
+"""Limits on the size of a CAN database, so that a hostile one cannot fill memory."""
 
 MAX_BYTES = 5_000_000
 MAX_SIGNAL_BITS = 64

@@ -1,4 +1,4 @@
-"""What a message must hold before frames may be decoded with it.
+"""Checks a message before frames are decoded with it.
 
 A wrong value is worse than none, so a message with a fault is left out, whole, and said so.
 """
@@ -94,7 +94,7 @@ def _number_fault(signal: SignalLayout) -> str | None:
 
 
 def _multiplexing_fault(by_name: Mapping[str, SignalLayout], signal: SignalLayout) -> str | None:
-    """Tell what is wrong with the chain of selectors above a signal."""
+    """Return what is wrong with the chain of selectors above a signal; None if nothing."""
     if len(signal.selected_by) > MAX_SELECTIONS:
         return f"has more than {MAX_SELECTIONS} ranges of selector values"
     name = signal.name

@@ -45,7 +45,7 @@ _PRESENT = frozenset(_WORDS["present"].split())
 
 
 def names_no_value(label: str) -> bool:
-    """Tell whether a name in a value table says that there is no value.
+    """Return True if a name in a value table says that there is no value.
 
     Parameters
     ----------

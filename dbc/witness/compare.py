@@ -1,4 +1,4 @@
-"""What two readers make of one message, side by side."""
+"""Compares how two readers understand one message."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Difference:
     signal: str | None
     """Name of the signal; None if it is the message."""
     ours: str
-    """What our reader has."""
+    """The reading of our reader."""
     theirs: str
-    """What cantools has."""
+    """The reading of cantools."""
 
     @property
     def reason(self) -> str:

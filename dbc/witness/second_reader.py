@@ -32,7 +32,7 @@ MAX_BYTES = 1 << 30
 
 @dataclass(frozen=True, slots=True)
 class WitnessReport:
-    """What cantools says about a DBC."""
+    """The differences between our reading of a DBC and cantools'."""
 
     differences: tuple[Difference, ...]
     """Where it reads something else, the messages in use first."""

@@ -2,7 +2,7 @@
 
 A wrong sensor or label drags the whole fit along, so that a score test, which looks from the
 fitted point, sees it dimly.  Here the decays are described otherwise, the vehicle is fitted again
-on fewer samples, and the cost tells how much better that description is.
+on fewer samples, and the cost shows how much better that description is.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class Explanation:
     """A likely cause."""
 
     name: str
-    """What is wrong."""
+    """The fault."""
     sizes: str
     """How much."""
     advice: str
-    """What to do."""
+    """Advice on what to do."""
     explained: float
     """Share of the excess of the squared residuals that it explains."""
     shift: float

@@ -45,9 +45,9 @@ class _Hypothesis:
     """A pair of labels that may have been exchanged."""
 
     name: str
-    """What is wrong, for people."""
+    """The fault, in words."""
     advice: str
-    """What to do."""
+    """Advice on what to do."""
     channel: Callable[[Channel], Channel]
     """From a channel as stated to the one whose samples it carries."""
     mass_state: Callable[[str], str]

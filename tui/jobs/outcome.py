@@ -1,4 +1,4 @@
-"""What the terminal shows of an identification: plain numbers and words, made in the worker.
+"""An identification as the terminal shows it: plain numbers and words, made in the worker.
 
 `outcome_of` makes it there; here it is only read, so that the terminal needs neither SciPy nor the
 session itself.
@@ -19,8 +19,9 @@ class Estimated:
     """A quantity with its 95 % interval."""
 
     name: str
+    """Symbol."""
     words: str
-    """`name`, `words`: symbol, and what it is."""
+    """The quantity in words."""
     value: float
     low: float
     high: float
@@ -87,7 +88,7 @@ class RunOutcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class FindingRow:
     """A finding: severity `refused`, `doubtful` or `ok` (a note)."""
 
     gate: str
@@ -100,17 +101,21 @@ class Outcome:
     """All that the screens show of one identification."""
 
     session: str
+    """The session file."""
     vehicle: str
+    """Its vehicle."""
     created: str
-    """`session`, `vehicle`, `created`: the file; whom and when it is of."""
+    """When it was made."""
     without: tuple[str, ...]
     """Runs left out for a trial; the file is not changed by that."""
     verdict: str
+    """`ok`, `doubtful` or `refused`."""
     headline: str
+    """The verdict in one sentence."""
     meaning: str
-    """`verdict`, `headline`, `meaning`: `ok`, `doubtful` or `refused`, and that in words."""
+    """The reason of the verdict, in one or two sentences."""
     chi2_per_n: float
-    findings: tuple[Told, ...]
+    findings: tuple[FindingRow, ...]
     """The worst first."""
     overrides: tuple[str, ...]
     """Warnings that a person answered for, with reason and name."""

@@ -17,7 +17,7 @@ from identify.report.numbers import largest_share
 from identify.report.panels import DecayPanel, Trace
 from identify.report.words import HEADLINE, MEANING, parameter_words, plain
 
-from .outcome import Curve, Estimated, ModeRow, Outcome, Row, RunOutcome, StateOutcome, Told
+from .outcome import Curve, Estimated, FindingRow, ModeRow, Outcome, Row, RunOutcome, StateOutcome
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,7 +55,7 @@ def outcome_of(
         headline=HEADLINE[verdict],
         meaning=MEANING[verdict],
         chi2_per_n=document["chi2_per_n"],
-        findings=tuple(Told(**finding) for finding in document["findings"]),
+        findings=tuple(FindingRow(**finding) for finding in document["findings"]),
         overrides=overrides_of(session.provenance),
         parameters=tuple(
             _estimated(

@@ -27,8 +27,9 @@ class Place:
     """Where a channel measures: a node and a direction, and what it is taken against."""
 
     node: int
+    """Number of the node; 0 if it is not known."""
     direction: int
-    """`node`, `direction`: 0 where nobody knows."""
+    """Direction of a universal file; 0 if it is not known."""
     against: int = 0
     """Node that the motion is relative to; 0 for the ground."""
 
@@ -58,7 +59,7 @@ def wheel_places(vehicle: Vehicle) -> tuple[float, float, float, float] | None:
 
 
 def car_nodes(vehicle: Vehicle, channels: Sequence[Channel]) -> CarNodes | None:
-    """Return the nodes of a car and its sensors; None if nobody knows where the wheels are."""
+    """Return the nodes of a car and its sensors; None if the places of the wheels are not known."""
     known = wheel_places(vehicle)
     if known is None:
         return None

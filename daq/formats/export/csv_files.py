@@ -16,7 +16,7 @@ from ...runs import SampleGroup
 
 @dataclass(frozen=True, slots=True)
 class CsvStyle:
-    """How numbers and columns are told apart.
+    """Characters that separate columns and fractions.
 
     Raises
     ------

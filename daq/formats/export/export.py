@@ -22,7 +22,7 @@ from .universal import ModeShapes, write_uff
 
 
 class ExportFormat(StrEnum):
-    """What a session can be exported as."""
+    """File formats to which a session can be exported."""
 
     MF4 = "mf4"
     MAT = "mat"
@@ -35,7 +35,7 @@ class ExportFormat(StrEnum):
 
     @property
     def suffix(self) -> str:
-        """Of its files."""
+        """Suffix of its files."""
         return ".json" if self is ExportFormat.SEP005 else f".{self}"
 
 
@@ -44,12 +44,12 @@ _SUFFIXES = {form.suffix: form for form in ExportFormat} | {".unv": ExportFormat
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What an export has made."""
+    """The files of an export."""
 
     paths: tuple[Path, ...]
     """The files."""
     notes: tuple[str, ...]
-    """What the format cannot hold, one line each."""
+    """Contents of the session that the format cannot hold, one line each."""
 
 
 def format_of(path: Path) -> ExportFormat:
@@ -122,7 +122,7 @@ def export_session(
         raise
     except Exception as error:  # each library raises what it likes
         what = f"cannot be written: {str(error) or type(error).__name__}"
-        advice = "bumpbench validate tells whether the session is sound"
+        advice = "check the session with bumpbench validate"
         raise InputError(str(path), what, advice) from error
 
 

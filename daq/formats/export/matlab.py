@@ -16,7 +16,7 @@ from .raw_frames import frames_left_out
 
 _NAME_LENGTH = 63
 _MAX_BYTES = 2**31 - 1
-"""Of one variable in a file of this version."""
+"""Bytes of one variable, the most that a file of this version can hold."""
 
 
 def write_mat(session: Session, path: Path) -> tuple[str, ...]:
@@ -24,7 +24,7 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
 
     Beside the channels of a group stand ``t_ns`` (int64, bus time) and ``quality`` (uint8); a run
     has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons`` and ``t0_ns``.
-    ``vehicle`` and ``channels`` tell what was measured and where.
+    ``vehicle`` and ``channels`` state what was measured and where.
 
     Returns
     -------

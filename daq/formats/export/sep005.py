@@ -13,7 +13,7 @@ from ...sessions import Session
 from .raw_frames import frames_left_out
 
 _LETTERS = "dva"
-"""Of displacement and its time derivatives."""
+"""Letters for displacement, velocity and acceleration."""
 
 
 def sep005_channels(session: Session) -> list[dict[str, Any]]:

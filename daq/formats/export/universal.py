@@ -36,7 +36,7 @@ class ModeShapes:
     state: str
     """Its name."""
     geometry: VehicleGeometry
-    """Of the identified vehicle."""
+    """Lengths of the identified vehicle."""
     poles: NDArray[np.complex128]
     """rad/s, imaginary parts positive, shape (m,)."""
     shapes: NDArray[np.complex128]
@@ -66,7 +66,7 @@ def write_uff(session: Session, modes: Sequence[ModeShapes], path: Path) -> tupl
         vehicle = replace(vehicle, geometry=modes[0].geometry)
     nodes = car_nodes(vehicle, session.channels)
     if nodes is None:
-        notes.append("nodes and lines are left out: nobody knows where the wheels are (--modes)")
+        notes.append("nodes and lines are left out: wheel positions are not known (--modes)")
     missing = 0
     with path.open("wb") as stream:
         stream.write(_units())

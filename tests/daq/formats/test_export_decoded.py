@@ -237,7 +237,7 @@ def test_uff_of_a_car_that_nobody_measured(tmp_path: Path, session: Session) -> 
     unknown = replace(session, vehicle=replace(session.vehicle, geometry=None))
     path = tmp_path / "car.unv"
     done = export_session(unknown, path, ExportFormat.UFF)
-    assert any("nobody knows where the wheels are" in note for note in done.notes)
+    assert any("wheel positions are not known" in note for note in done.notes)
     assert set(pyuff.UFF(str(path)).get_set_types().tolist()) == {164, 58}
     identified = ModeShapes(
         "baseline", VehicleGeometry(1.0, 1.5, 0.7, 0.8), np.array([1j]), np.ones((7, 1), complex)

@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from tui.jobs.outcome import Curve, Estimated, ModeRow, Outcome, Row, RunOutcome, StateOutcome, Told
+from tui.jobs.outcome import (
+    Curve,
+    Estimated,
+    FindingRow,
+    ModeRow,
+    Outcome,
+    Row,
+    RunOutcome,
+    StateOutcome,
+)
 
 _PARAMETERS = (
     ("m_s", "sprung mass", 1380.0, 22.0, "kg"),
@@ -36,12 +45,12 @@ _LABELS = [
     for repeat in (1, 2)
 ]
 DOUBTS = (
-    Told(
+    FindingRow(
         "odd_run", "doubtful",
         "run baseline_bounce_2 differs from its repeat by 7.1 sigma (limit 5): somebody leaned on "
         "the car, or a damper warmed up; exclude it, or record bounce again",
     ),
-    Told("late_start", "ok", "the decays begin 0.05 s after the stated end of the bump"),
+    FindingRow("late_start", "ok", "the decays begin 0.05 s after the stated end of the bump"),
 )  # fmt: skip
 
 
@@ -98,7 +107,7 @@ def refused() -> Outcome:
         outcome(),
         verdict="refused",
         headline="The parameters must not be used.",
-        findings=(Told("no_runs", "refused", text),),
+        findings=(FindingRow("no_runs", "refused", text),),
         chi2_per_n=math.nan,
         parameters=(),
         derived=(),

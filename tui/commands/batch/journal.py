@@ -136,6 +136,6 @@ def _lock(stream: IO[bytes]) -> None:
     """
     try:
         import fcntl
-    except ModuleNotFoundError:  # Windows: two batches into one file are not told apart there
+    except ModuleNotFoundError:  # Windows: two batches into one file are not detected there
         return
     fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)

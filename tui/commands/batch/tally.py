@@ -23,7 +23,7 @@ _BAD = ("refused", FAILED)
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """What came of the sessions of one batch."""
+    """Results of the sessions of one batch, counted."""
 
     sessions: int
     """How many there are; a copy of another one does not count."""
@@ -51,7 +51,7 @@ def work_off(
     out : Path
         The table, brought up to date every minute.
     stage : Stage
-        Is told how far it is.
+        Receives the progress.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a worker does with one session file; and which files there are."""
+"""Identifies one session file in a worker; lists the session files of a batch."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Job:
     file: str
     """Absolute path: a cluster's workers have other working directories."""
     sha256: str
-    """Of its content; empty if it cannot be read."""
+    """Hash of its content; empty if it cannot be read."""
 
 
 def session_files(names: Sequence[str]) -> list[Path]:
