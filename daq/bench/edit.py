@@ -46,7 +46,10 @@ def with_vehicle(text: str, name: str, structure: Structure) -> str:
         own = _table(table, "structure")
         for flag, value in changed.items():
             _set(own, flag, value)
-    vehicle = replace(before.vehicle, name=name, structure=structure)
+    # A flag that is written is an element that is decided; the wheels' symmetry is none.
+    decided = {flag: value for flag, value in changed.items() if flag != "symmetric"}
+    elements = {**before.vehicle.elements, **decided}
+    vehicle = replace(before.vehicle, name=name, structure=structure, elements=elements)
     return _proven(document, text, "vehicle", lambda bench: bench.vehicle == vehicle)
 
 

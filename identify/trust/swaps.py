@@ -21,6 +21,8 @@ _RATE_HZ = 125.0
 _CLEARS = 0.6
 """Share of the misfit that must go with a swap to call it the cause: what else may be wrong keeps
 the rest; without a swap none explains more than a third (`tests/identify/trust/test_swaps.py`)."""
+_LEAST_GAIN = 100.0
+"""Fall of the squared residuals, in units of the noise, below which a swap is chance."""
 _RUNAWAY = 30.0
 """Sprung mass in units of the added mass above which a fit says that the mass does nothing."""
 
@@ -72,8 +74,10 @@ def swap_explanation(estimation: Estimation) -> Explanation | None:
     hypothesis, found = min(tried, key=lambda one: one[1].fit.cost)
     before = refit(estimation, as_described, estimation.fit.eta)
     after = refit(estimation, hypothesis.channel, found.fit.eta, hypothesis.mass_state)
+    if before.fit.cost - after.fit.cost < _LEAST_GAIN:
+        return None
     explained = 1.0 - after.excess / before.excess
-    cured = _runs_away(before) and not _runs_away(after) and explained > 0.0
+    cured = _runs_away(before) and not _runs_away(after)
     if explained < _CLEARS and not cured:
         return None
     shift, shifted = largest_shift(before, after)

@@ -58,6 +58,8 @@ def test_a_swap_is_named_and_refused(name: str) -> None:
     assert f"likely cause: {name} " in finding.text
 
 
-@pytest.mark.parametrize("name", ["friction", "hubs_late_5ms", "hot_damper"])
+@pytest.mark.parametrize(
+    "name", ["linear", "friction", "hubs_late_5ms", "hot_damper", "tyre_damping"]
+)
 def test_what_is_no_swap_is_not_taken_for_one(name: str) -> None:
     assert swap_explanation(estimated(name, 1)) is None
