@@ -92,7 +92,7 @@ def test_a_campaign_by_space_alone_and_its_replay(tmp_path: Path) -> None:
     replay(tmp_path / "replayed", session, 20.0)
     alone = tmp_path / "alone.h5"  # what lay between the runs is in the journal only
     shutil.copy(session, alone)
-    with pytest.raises(InputError, match="beside its journal"):
+    with pytest.raises(InputError, match="next to its journal"):
         whole_frames(read_session(alone), alone)
 
 
