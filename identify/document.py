@@ -98,7 +98,7 @@ class AxleEntry(TypedDict):
     elements: dict[str, EstimateEntry]
     """Friction, bump stop, mount and the like, where they are there."""
     notes: list[str]
-    """What is not determined, in words."""
+    """Remarks on what is not determined."""
 
 
 class ElementEntry(TypedDict):

@@ -1,4 +1,4 @@
-"""Whether a car's elements or its bench explain what the linear fit leaves."""
+"""Decides whether a car's elements or its bench explain what the linear fit leaves."""
 
 from __future__ import annotations
 

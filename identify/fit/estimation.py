@@ -85,7 +85,7 @@ class Estimation:
 
     @property
     def engine(self) -> Engine:
-        """What evaluates shares and residuals of runs at other unknowns."""
+        """Engine of this fit: evaluates normal blocks and residuals of runs at other unknowns."""
         return self.nonlinear or LinearEngine(self.box)
 
     @property

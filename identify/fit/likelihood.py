@@ -205,7 +205,7 @@ def residuals(
 
 
 class Engine(Protocol):
-    """What evaluates shares and residuals of runs: the linear fit's, or the nonlinear one's."""
+    """Evaluates normal blocks and residuals of runs, for the linear or the nonlinear fit."""
 
     def normal_blocks(
         self,

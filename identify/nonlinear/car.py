@@ -94,7 +94,7 @@ class Car:
 
     @property
     def has_mount(self) -> bool:
-        """Whether a damper stands on a compliant mount, or may."""
+        """True if a damper stands on a compliant mount, or may."""
         return bool(self.corner[:, MOUNT].any() or self.d_corner[:, MOUNT].any())
 
 

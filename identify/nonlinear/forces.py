@@ -1,4 +1,4 @@
-"""What a fit says of the forces in the suspension: damper curves, friction, stops, mounts."""
+"""Forces in the suspension from a fit: damper curves, friction, stops, mounts."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class AxleForces:
     [N/m2], `cubic` [N/m3], `tyre_progressive` [1/m], `friction_left_right` [N] and
     `dampers_left_right` (half the difference left less right, the latter as a share)."""
     notes: tuple[str, ...]
-    """What is not determined, for people: a mount that is rigid, a stop that was not reached."""
+    """Remarks on what is not determined: a mount that is rigid, a stop that was not reached."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +76,9 @@ class ElementChoice:
     threshold: float
     """Gain from which it counts as there (Bayesian information criterion)."""
     kept: bool
-    """Whether it is there."""
+    """True if the data, or `[vehicle.structure]`, keep it."""
     forced: bool
-    """Whether `[vehicle.structure]` decides it."""
+    """True if `[vehicle.structure]` decides it."""
     values: dict[str, Estimate]
     """Its unknowns."""
 

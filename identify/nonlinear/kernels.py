@@ -35,7 +35,7 @@ from .car import (
 )  # fmt: skip
 
 _LOOSE = {"reassoc", "contract", "arcp", "nsz"}
-"""What the compiler may rearrange; NaN must stay NaN."""
+"""Rearrangements that the compiler may make; NaN must stay NaN."""
 
 for _module in (hinge, spring, stop, bar, damper, friction, tyre, mount):
     for _name, _formula in vars(_module).items():

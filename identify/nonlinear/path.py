@@ -23,7 +23,7 @@ _SHORT_M = 0.15e-3
 
 @dataclass(frozen=True, slots=True)
 class Own:
-    """What belongs to one run: how the car moves as the free decay begins."""
+    """State of one run as the free decay begins."""
 
     motion: NDArray[np.float64]
     """(14,) displacements and speeds of `daq.vehicle.DOF`, from the rest of the bare car."""

@@ -21,7 +21,7 @@ _MOUNT_PRIOR_M = 5e8
 
 @dataclass(frozen=True)
 class Problem:
-    """What is fitted, and which unknowns are free."""
+    """The decays that are fitted, and the unknowns that are free."""
 
     model: Model
     runs: tuple[Run, ...]

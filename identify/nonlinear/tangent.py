@@ -1,4 +1,4 @@
-"""What the tangents of a run start from, and in which steps they are integrated."""
+"""Start and steps of the tangents of a run."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Element:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the unknown is the logarithm of the value."""
+        """True if the unknown is the logarithm of the value."""
         return bool(np.isnan(self.scale))
 
     def value(self, unknown: float) -> float:

@@ -30,7 +30,7 @@ class FleetCase:
     name: str
     """Number and class."""
     verdict: str
-    """What the identification says of itself."""
+    """Verdict of the identification."""
     chi2_per_n: float
     """Goodness of fit; NaN where there was none."""
     worst_percent: float
@@ -46,7 +46,7 @@ class FleetCase:
     there: tuple[str, ...]
     """Force elements that the car has and its runs met."""
     named: tuple[str, ...]
-    """What the identification found beside a linear car: its findings by their gates."""
+    """Codes of the findings of its identification."""
 
 
 def fleet_case(

@@ -10,7 +10,7 @@ from dbc.finding import Finding, Severity
 
 
 class Verdict(StrEnum):
-    """Whether the parameters may be used."""
+    """Usability of the parameters."""
 
     OK = "ok"
     DOUBTFUL = "doubtful"
@@ -50,5 +50,5 @@ class Quality:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What was found, the worst first."""
+        """Texts of the findings, the worst first."""
         return tuple(finding.text for finding in self.findings)

@@ -12,7 +12,7 @@ from .monte_carlo import Scheduler, Seed, Workers
 
 
 class FleetSensors(StrEnum):
-    """What is measured."""
+    """Sets of sensors."""
 
     ALL = "all"
     IMU_HUBS = "imu+hubs"
