@@ -1,37 +1,29 @@
 """From runs to physical parameters with confidence intervals.  Pure computation."""
 
-from dbc.finding import Finding, Severity
+from typing import TYPE_CHECKING
 
-from .document import Document
-from .fit.uncertainty import Estimate
-from .identification import Identification
-from .model.matrices import PhysicalModel, state_space
-from .modes.era import realised_modes
-from .modes.modal_model import ModalModel, Mode, mac, mpc
-from .modes.mode_names import mode_names
-from .modes.mode_selection import identify_modes
-from .modes.stabilisation import StabilisationDiagram, stabilisation_diagram
-from .pipeline import identify
-from .trust.finding import Quality, Verdict
+from dbc.lazy import lazy
 
-__all__ = [
-    "Document",
-    "Estimate",
-    "Finding",
-    "Identification",
-    "ModalModel",
-    "Mode",
-    "PhysicalModel",
-    "Quality",
-    "Severity",
-    "StabilisationDiagram",
-    "Verdict",
-    "identify",
-    "identify_modes",
-    "mac",
-    "mode_names",
-    "mpc",
-    "realised_modes",
-    "stabilisation_diagram",
-    "state_space",
-]
+if TYPE_CHECKING:
+    from dbc.finding import Finding as Finding
+    from dbc.finding import Severity as Severity
+
+    from .document import Document as Document
+    from .fit.uncertainty import Estimate as Estimate
+    from .identification import Identification as Identification
+    from .model.matrices import PhysicalModel as PhysicalModel
+    from .model.matrices import state_space as state_space
+    from .modes.era import realised_modes as realised_modes
+    from .modes.modal_model import ModalModel as ModalModel
+    from .modes.modal_model import Mode as Mode
+    from .modes.modal_model import mac as mac
+    from .modes.modal_model import mpc as mpc
+    from .modes.mode_names import mode_names as mode_names
+    from .modes.mode_selection import identify_modes as identify_modes
+    from .modes.stabilisation import StabilisationDiagram as StabilisationDiagram
+    from .modes.stabilisation import stabilisation_diagram as stabilisation_diagram
+    from .pipeline import identify as identify
+    from .trust.finding import Quality as Quality
+    from .trust.finding import Verdict as Verdict
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

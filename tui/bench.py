@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from daq.bench.config import Bench
+    from daq import Bench
 
 
 def shared_bench(path: Path | None, interface: str | None, channel: str | None) -> Bench:
@@ -24,7 +24,8 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
     InputError
         If the file is bad, or the bus is python-can's `virtual`, which ends at this process.
     """
-    from daq.bench.config import load_bench, on_bus
+    from daq import load_bench
+    from daq.bench import on_bus
 
     bench = on_bus(load_bench(path), interface, channel)
     return reachable(bench, str(path or "bench.toml (shipped)"))
@@ -38,7 +39,7 @@ def reachable(bench: Bench, where: str) -> Bench:
     InputError
         If it is python-can's `virtual`; `where` is named.
     """
-    from daq.errors import InputError
+    from daq import InputError
 
     if bench.bus.interface == "virtual":
         raise InputError(
@@ -67,7 +68,7 @@ def bench_with_dbc(path: Path | None, dbc: Path | None) -> Bench:
     """
     from dataclasses import replace
 
-    from daq.bench.config import load_bench
+    from daq import load_bench
     from dbc import read_dbc
 
     bench = load_bench(path)

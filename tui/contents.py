@@ -13,8 +13,7 @@ from .output import print_line, print_table
 from .recorders.recording import print_summary, summary
 
 if TYPE_CHECKING:
-    from daq import Channel, Session
-    from daq.vehicle import BodyWeight, HubWeight
+    from daq import BodyWeight, Channel, HubWeight, Session
 
 _TEXTS = ("dbc", "bench_toml")
 """Provenance entries that hold whole files: their size is shown, not their text."""

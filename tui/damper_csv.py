@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from daq.errors import InputError
+from daq import InputError
 from daq.files import write_text
 
 if TYPE_CHECKING:

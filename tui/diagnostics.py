@@ -7,8 +7,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dbc import Codec
-    from dbc.errors import BumpbenchError
+    from dbc import BumpbenchError, Codec
 
 _NAMED = 5
 
@@ -44,7 +43,8 @@ def say_left_out(codec: Codec) -> None:
 
 def report(error: BumpbenchError) -> ExitCode:
     """Write an error as one line and return its exit code."""
-    from daq.errors import BusError, FolderLockedError
+    from daq import BusError
+    from daq.errors import FolderLockedError
 
     say(f"error: {error}")
     if isinstance(error, FolderLockedError):

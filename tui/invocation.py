@@ -40,7 +40,7 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.OK
     except Exception as error:
-        from dbc.errors import BumpbenchError  # with NumPy behind it: not for --help
+        from dbc import BumpbenchError  # with NumPy behind it: not for --help
 
         if isinstance(error, BumpbenchError):
             return report(error)

@@ -6,9 +6,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from daq.vehicle import parameter_unit
-from identify.report.dampers import damper_rows, element_answer
-from identify.report.numbers import half_width_percent, largest_share, number
-from identify.report.words import plain
+from identify.report import (
+    damper_rows,
+    element_answer,
+    half_width_percent,
+    largest_share,
+    number,
+    plain,
+)
 
 from .output import print_line, print_table
 

@@ -1,1 +1,22 @@
 """The bench as a person describes it: bench.toml."""
+
+from typing import TYPE_CHECKING
+
+from dbc.lazy import lazy
+
+if TYPE_CHECKING:
+    from .bench_tables import campaign_limits as campaign_limits
+    from .config import BusConfig as BusConfig
+    from .config import on_bus as on_bus
+    from .config import parse_bench as parse_bench
+    from .edit import with_campaign as with_campaign
+    from .edit import with_channel as with_channel
+    from .edit import with_facts as with_facts
+    from .edit import with_vehicle as with_vehicle
+    from .edit import with_weights as with_weights
+    from .procedure import Method as Method
+    from .procedure import sketch as sketch
+    from .ready_maps import ready_map as ready_map
+    from .ready_maps import ready_map_names as ready_map_names
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

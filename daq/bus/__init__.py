@@ -1,1 +1,11 @@
 """Frames from the wire: sources in blocks, whatever the interface; and back onto it."""
+
+from typing import TYPE_CHECKING
+
+from dbc.lazy import lazy
+
+if TYPE_CHECKING:
+    from .interfaces import open_bus as open_bus
+    from .source import FrameSource as FrameSource
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

@@ -1,1 +1,20 @@
 """The bench check, and the proposal of a bench from what is on the bus."""
+
+from typing import TYPE_CHECKING
+
+from dbc.lazy import lazy
+
+if TYPE_CHECKING:
+    from .check import CheckReport as CheckReport
+    from .check import check_bench as check_bench
+    from .dbc_readers import bench_witness as bench_witness
+    from .dbc_readers import reader_lines as reader_lines
+    from .propose import propose_bench as propose_bench
+    from .push_test import ORDER as ORDER
+    from .push_test import Wiggle as Wiggle
+    from .push_test import judge_wiggle as judge_wiggle
+    from .push_test import shows_push as shows_push
+    from .push_test import spoken as spoken
+    from .result import WORDS as WORDS
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

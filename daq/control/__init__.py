@@ -1,1 +1,51 @@
 """The recorder as others see it: orders, status, sockets, the service manager."""
+
+from typing import TYPE_CHECKING
+
+from dbc.lazy import lazy
+
+if TYPE_CHECKING:
+    from .address import control_address as control_address
+    from .client import Client as Client
+    from .client import OrderRefused as OrderRefused
+    from .client import RecorderGone as RecorderGone
+    from .client import is_running as is_running
+    from .figures_file import write_figures as write_figures
+    from .lock import lone_recorder as lone_recorder
+    from .messages import STATUS as STATUS
+    from .messages import BusState as BusState
+    from .messages import CheckItem as CheckItem
+    from .messages import Live as Live
+    from .messages import Phase as Phase
+    from .messages import Reply as Reply
+    from .messages import SessionState as SessionState
+    from .messages import Tally as Tally
+    from .orders import QUESTIONS as QUESTIONS
+    from .orders import Accept as Accept
+    from .orders import Acknowledge as Acknowledge
+    from .orders import Arm as Arm
+    from .orders import AskBench as AskBench
+    from .orders import AskCheck as AskCheck
+    from .orders import AskHistory as AskHistory
+    from .orders import AskStatus as AskStatus
+    from .orders import Build as Build
+    from .orders import Choose as Choose
+    from .orders import Configure as Configure
+    from .orders import Hello as Hello
+    from .orders import Mark as Mark
+    from .orders import Note as Note
+    from .orders import Order as Order
+    from .orders import OverrideWarning as OverrideWarning
+    from .orders import Pause as Pause
+    from .orders import Redo as Redo
+    from .orders import Reject as Reject
+    from .orders import ShutDown as ShutDown
+    from .orders import Start as Start
+    from .orders import Stop as Stop
+    from .orders import Undo as Undo
+    from .orders import Until as Until
+    from .server import Server as Server
+    from .systemd import Systemd as Systemd
+    from .systemd import status_line as status_line
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

@@ -1,1 +1,17 @@
 """Logs and files of other tools, one format a file."""
+
+from typing import TYPE_CHECKING
+
+from dbc.lazy import lazy
+
+if TYPE_CHECKING:
+    from .export import CsvStyle as CsvStyle
+    from .export import ExportFormat as ExportFormat
+    from .export import ModeShapes as ModeShapes
+    from .export import chosen_runs as chosen_runs
+    from .export import export_session as export_session
+    from .export import format_of as format_of
+    from .log import Log as Log
+    from .log import read_logs as read_logs
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

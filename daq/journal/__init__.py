@@ -1,1 +1,14 @@
 """The write-ahead journal: every frame is on the disk before anything else is done with it."""
+
+from typing import TYPE_CHECKING
+
+from dbc.lazy import lazy
+
+if TYPE_CHECKING:
+    from .contents import RecordingInfo as RecordingInfo
+    from .folder import last_recording as last_recording
+    from .folder import recordings_of as recordings_of
+    from .folder import segments_in as segments_in
+    from .scan import read_head as read_head
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

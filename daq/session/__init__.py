@@ -64,6 +64,7 @@ from __future__ import annotations
 from dbc.finding import Finding, Severity
 
 from .findings import finding_document
+from .preview import glances
 from .read import read_foreign_session, read_session
 from .validate import validate_session
 from .write import write_session
@@ -72,6 +73,7 @@ __all__ = [
     "Finding",
     "Severity",
     "finding_document",
+    "glances",
     "read_foreign_session",
     "read_session",
     "validate_session",

@@ -1,1 +1,19 @@
 """A simulated car on a simulated bench: written from forces, an independent truth."""
+
+from typing import TYPE_CHECKING
+
+from dbc.lazy import lazy
+
+if TYPE_CHECKING:
+    from .bench_source import SimulatedBench as SimulatedBench
+    from .car import SimulatedCar as SimulatedCar
+    from .cars import GRANADA as GRANADA
+    from .cars import named_car as named_car
+    from .ecu import campaign_frames as campaign_frames
+    from .fleet import elements as elements
+    from .fleet import fleet_car as fleet_car
+    from .reported import present_parameters as present_parameters
+    from .reported import true_parameters as true_parameters
+    from .spoils import Fault as Fault
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

@@ -79,6 +79,15 @@ def test_only_the_simulator_knows_the_simulator_and_it_knows_no_method() -> None
             assert not [m for m in modules if m.startswith("daq.sim")], name
 
 
+def test_the_user_interface_uses_faces_of_packages_and_rooms() -> None:
+    for path in SOURCES:
+        if (name := _name(path)).startswith("tui/"):
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.ImportFrom) and not node.level:
+                    package, *rooms = str(node.module).split(".")
+                    assert package not in {"dbc", "daq", "identify"} or len(rooms) <= 1, name
+
+
 def test_nothing_listens_through_a_notifier() -> None:
     # python-can's Notifier dies without a word when a listener raises.
     for path in SOURCES:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from textual_serve.server import Server
 
-from dbc.errors import InputError
+from dbc import InputError
 
 HOST = "127.0.0.1"
 """Other hosts get no page: a page gives the same control as the terminal at the bench."""

@@ -10,9 +10,9 @@ import typer
 from ..diagnostics import ExitCode, say, say_left_out
 
 if TYPE_CHECKING:
-    from daq.bench.config import Bench
-    from daq.check.check import CheckReport
-    from dbc.frames import FrameBatch
+    from daq import Bench
+    from daq.check import CheckReport
+    from dbc import FrameBatch
 
 
 def check(
@@ -46,10 +46,8 @@ def check(
     from dataclasses import replace
     from datetime import date
 
-    from daq.bench.config import bench_codec
-    from daq.check.check import check_bench
-    from daq.check.dbc_readers import bench_witness, reader_lines
-    from daq.errors import InputError
+    from daq import InputError, bench_codec
+    from daq.check import bench_witness, check_bench, reader_lines
 
     if layout is not None and bench is not None:
         raise InputError("--layout", "and a bench.toml exclude each other", "name one of them")
@@ -84,7 +82,8 @@ def _bench(
     interface: str | None,
     channel: str | None,
 ) -> Bench:
-    from daq.bench.config import load_bench, on_bus, parse_bench
+    from daq import load_bench
+    from daq.bench import on_bus, parse_bench
 
     from ..bench import reachable, shared_bench
 
@@ -107,9 +106,9 @@ def _proposed(
     """Write the proposal; return it as a bench with the traffic, if there was any."""
     import os
 
-    from daq.bench.config import load_bench, on_bus, parse_bench
-    from daq.check.propose import propose_bench
-    from daq.errors import InputError
+    from daq import InputError, load_bench
+    from daq.bench import on_bus, parse_bench
+    from daq.check import propose_bench
     from dbc import parse_codec, read_dbc
 
     from ..bench import reachable
@@ -149,13 +148,13 @@ def _frames(bench: Bench, log: Path | None, seconds: float) -> FrameBatch:
     """Return the first `seconds` of a log, or the next ones of the bus."""
     import time
 
-    from dbc.frames import FrameBatch
+    from dbc import FrameBatch
 
     from ..output import progress
 
     batches: list[FrameBatch] = []
     if log is not None:
-        from daq.formats.log import read_log
+        from daq import read_log
 
         for batch in read_log(log):
             batches.append(batch)
@@ -164,7 +163,7 @@ def _frames(bench: Bench, log: Path | None, seconds: float) -> FrameBatch:
         frames = FrameBatch.concatenate(batches)
         end_ns = int(frames.t_ns[0]) + round(seconds * 1e9) if len(frames) else 0
         return frames.select(frames.t_ns <= end_ns)
-    from daq.bus.interfaces import open_source
+    from daq import open_source
 
     source = open_source(bench.bus, 0)
     try:
@@ -179,7 +178,7 @@ def _frames(bench: Bench, log: Path | None, seconds: float) -> FrameBatch:
 
 
 def _print_report(report: CheckReport) -> None:
-    from daq.check.result import WORDS
+    from daq.check import WORDS
 
     from ..output import print_line
 
@@ -214,7 +213,7 @@ def _print_document(report: CheckReport) -> None:
 
 
 def _list_layouts(json: bool) -> int:
-    from daq.bench.ready_maps import ready_map, ready_map_names
+    from daq.bench import ready_map, ready_map_names
 
     from ..output import print_json, print_line
 

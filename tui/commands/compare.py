@@ -32,7 +32,7 @@ def compare(
     labels = _labels(sessions)
     comparison = compared(labels, results)
     if html is not None:
-        from identify.report.html import comparison_html
+        from identify.report import comparison_html
 
         write_file(html, comparison_html(comparison).encode())
     if json:

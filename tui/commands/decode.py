@@ -23,8 +23,7 @@ def decode(
     from collections import Counter
     from dataclasses import asdict
 
-    from daq.errors import InputError
-    from daq.formats.log import read_log
+    from daq import InputError, read_log
     from dbc import load_codec, parse_codec, shipped_dbc
 
     from ..diagnostics import say, say_left_out

@@ -28,15 +28,12 @@ def demo(
     import time
 
     import identify as method
-    from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench
-    from daq.bench.edit import with_vehicle
-    from daq.bus.interfaces import open_bus, open_source
-    from daq.control.lock import lone_recorder
-    from daq.control.messages import Phase, Status
-    from daq.replay.replay import play
-    from daq.sim.cars import GRANADA, named_car
-    from daq.sim.ecu import campaign_frames
-    from daq.sim.reported import present_parameters
+    from daq import Status, bench_codec, load_bench, open_source
+    from daq.bench import on_bus, parse_bench, with_vehicle
+    from daq.bus import open_bus
+    from daq.control import Phase, lone_recorder
+    from daq.replay import play
+    from daq.sim import GRANADA, campaign_frames, named_car, present_parameters
 
     from ..output import print_json, print_line, progress
     from ..recorders.daemon import Habits

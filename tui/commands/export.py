@@ -12,7 +12,7 @@ from ..diagnostics import ExitCode, say
 
 if TYPE_CHECKING:
     from daq import Session
-    from daq.formats.export import ModeShapes
+    from daq.formats import ModeShapes
 
 
 class Format(StrEnum):
@@ -45,9 +45,8 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
 ) -> int:
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or SEP005."""
-    from daq.errors import InputError
-    from daq.formats.export import CsvStyle, ExportFormat, chosen_runs, export_session, format_of
-    from daq.session import read_foreign_session
+    from daq import InputError, read_foreign_session
+    from daq.formats import CsvStyle, ExportFormat, chosen_runs, export_session, format_of
 
     from ..output import print_line
 
@@ -77,8 +76,8 @@ def export(
 def _mode_shapes(session: Session) -> tuple[ModeShapes, ...] | None:
     """Return the modes of every state of loading; None, and why, if they are refused."""
     import identify as method
-    from daq.formats.export import ModeShapes
-    from daq.vehicle import VehicleGeometry
+    from daq import VehicleGeometry
+    from daq.formats import ModeShapes
 
     from ..output import progress
 

@@ -12,10 +12,9 @@ from ..diagnostics import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from daq import Session
-    from daq.bench.config import Bench
-    from daq.derive.from_logs import LogPart
-    from daq.formats.log import Log
+    from daq import Bench, Session
+    from daq.derive import LogPart
+    from daq.formats import Log
     from dbc import Codec
 
     from ..output import Stage
@@ -57,13 +56,11 @@ def import_(
     from importlib.metadata import version
     from json import dumps
 
-    from daq import write_session
-    from daq.bench.config import bench_codec
-    from daq.check.dbc_readers import bench_witness, reader_lines
-    from daq.derive.from_logs import labelled, numbered, parse_runs, session_from_parts, with_steps
-    from daq.errors import InputError
-    from daq.formats.log import read_log, read_logs
-    from dbc.finding import Severity
+    from daq import InputError, bench_codec, read_log, write_session
+    from daq.check import bench_witness, reader_lines
+    from daq.derive import labelled, numbered, parse_runs, session_from_parts, with_steps
+    from daq.formats import read_logs
+    from dbc import Severity
 
     from ..bench import bench_with_dbc
     from ..diagnostics import say, say_left_out
@@ -129,7 +126,7 @@ def import_(
 
 
 def _single(text: str) -> tuple[tuple[str, str], Path]:
-    from daq.errors import InputError
+    from daq import InputError
 
     parts = text.split(":", 2)
     if len(parts) != 3 or not all(parts):
@@ -147,7 +144,7 @@ def _parts(
     apart: bool,
 ) -> list[LogPart]:
     """Read all logs; one that goes on where the last one ended is one part with it."""
-    from daq.derive.from_logs import Intake
+    from daq.derive import Intake
 
     intakes: list[Intake] = []
     bumps = frames = 0
@@ -171,7 +168,7 @@ def _parts(
 
 def _some_bump(parts: Sequence[LogPart], sources: Sequence[Log]) -> None:
     """Refuse logs without a bump, with the reason as far as it is known."""
-    from daq.errors import InputError
+    from daq import InputError
 
     if any(part.bumps for part in parts):
         return

@@ -13,7 +13,7 @@ def inspect(
     json: Annotated[bool, typer.Option("--json", help="Print the contents as JSON.")] = False,
 ) -> None:
     """Show the contents of a session: runs, verdicts, losses, channels, vehicle, provenance."""
-    from daq.session import read_foreign_session
+    from daq import read_foreign_session
 
     from ..contents import contents_document, print_contents
     from ..output import print_json

@@ -16,7 +16,7 @@ def notebook(
     """Write a notebook that leads from arrays and session files to parameters and figures."""
     from importlib.resources import files
 
-    from dbc.errors import InputError
+    from dbc import InputError
 
     from ..output import print_line
 

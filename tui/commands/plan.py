@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from daq.bench.config import Bench
-    from daq.sessions import Session
+    from daq import Bench, Session
     from identify.plan import Advice, Plan
 
 
@@ -62,7 +61,8 @@ def plan(
 
 
 def _bench(path: Path | None, session: Path | None, held: Session | None) -> Bench:
-    from daq.bench.config import load_bench, parse_bench
+    from daq import load_bench
+    from daq.bench import parse_bench
 
     text = held.provenance.get("bench_toml") if held and path is None else None
     if held is None or session is None or text is None:
@@ -76,7 +76,7 @@ def _expected_vehicle(
 ) -> tuple[NDArray[np.float64], str]:
     """Return the parameters, (15,) or (28,), that are expected, and whose they are."""
     import identify as method
-    from daq.vehicle import FORD_GRANADA
+    from daq import FORD_GRANADA
     from identify.plan import full_vector, vague
 
     typical = "the Ford Granada of the paper, as a typical car"
@@ -133,7 +133,7 @@ def _document(planned: Plan, advice: Advice, whose: str) -> dict[str, Any]:
 
 
 def _print(planned: Plan, advice: Advice, whose: str) -> None:
-    from identify.report.numbers import number
+    from identify.report import number
 
     from ..output import print_line, print_table
 

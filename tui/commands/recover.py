@@ -12,7 +12,7 @@ from ..diagnostics import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from daq.journal.contents import RecordingInfo
+    from daq.journal import RecordingInfo
 
 
 def recover(
@@ -29,8 +29,8 @@ def recover(
 ) -> int:
     """Build the session file of each recording from its journal, and list exactly what is lost."""
     from daq import read_session
-    from daq.derive.build_session import derive
-    from daq.journal.folder import recordings_of
+    from daq.derive import derive
+    from daq.journal import recordings_of
 
     from ..diagnostics import say
     from ..output import print_json
@@ -60,8 +60,8 @@ def recover(
 
 def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
     """Return the segments that are named, and those of folders that are."""
-    from daq.errors import InputError
-    from daq.journal.folder import segments_in
+    from daq import InputError
+    from daq.journal import segments_in
 
     segments: list[Path] = []
     for path in paths:
@@ -77,7 +77,7 @@ def _segments(paths: Sequence[Path]) -> tuple[Path, ...]:
 
 def _targets(recordings: Sequence[RecordingInfo], out: Path | None) -> list[Path]:
     """Return a session file for each recording."""
-    from daq.errors import InputError
+    from daq import InputError
 
     if out is not None and not out.is_dir():
         if len(recordings) == 1:

@@ -10,8 +10,7 @@ import typer
 from ..diagnostics import ExitCode
 
 if TYPE_CHECKING:
-    from daq import Session
-    from daq.bench.config import Bench
+    from daq import Bench, Session
 
 
 def redecode(
@@ -28,9 +27,8 @@ def redecode(
     """Decode the raw frames of a session again, into a new session."""
     from hashlib import file_digest
 
-    from daq import read_foreign_session, write_session
-    from daq.derive.redecode import redecoded
-    from daq.errors import InputError
+    from daq import InputError, read_foreign_session, write_session
+    from daq.derive import redecoded
 
     from ..output import print_json
     from ..recorders.recording import print_summary, summary
@@ -59,8 +57,8 @@ def _bench(old: Session, where: str, dbc: Path | None, config: Path | None) -> B
     """Return the bench of the session, with what was corrected."""
     from dataclasses import replace
 
-    from daq.bench.config import parse_bench
-    from daq.errors import InputError
+    from daq import InputError
+    from daq.bench import parse_bench
     from dbc import read_dbc, shipped_dbc
 
     from ..bench import bench_with_dbc

@@ -31,10 +31,9 @@ def replay(
     """Send recorded frames on a bus, at their own times or faster; error frames are left out."""
     from collections.abc import Iterable
 
-    from daq import read_foreign_session
-    from daq.bus.interfaces import open_bus
-    from daq.formats.log import read_log
-    from daq.replay.replay import play, recorded_frames
+    from daq import read_foreign_session, read_log
+    from daq.bus import open_bus
+    from daq.replay import play, recorded_frames
     from dbc import FrameBatch
 
     from ..bench import shared_bench

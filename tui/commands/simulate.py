@@ -26,13 +26,11 @@ def simulate(
     from bisect import bisect_right
     from itertools import accumulate
 
-    from daq.bench.config import bench_codec
-    from daq.bus.interfaces import open_bus
-    from daq.replay.replay import play
-    from daq.sim.cars import named_car
-    from daq.sim.ecu import campaign_frames
-    from daq.sim.reported import present_parameters
-    from identify.report.numbers import number
+    from daq import bench_codec
+    from daq.bus import open_bus
+    from daq.replay import play
+    from daq.sim import campaign_frames, named_car, present_parameters
+    from identify.report import number
 
     from ..bench import shared_bench
     from ..output import print_json, print_table, progress

@@ -15,10 +15,7 @@ def status(
     json: Annotated[bool, typer.Option("--json", help="Print the whole status as JSON.")] = False,
 ) -> int:
     """Print the status of a folder's recorder; exit code 1 if none runs there."""
-    from daq.control.address import control_address
-    from daq.control.client import Client, OrderRefused, RecorderGone
-    from daq.control.messages import STATUS
-    from daq.control.orders import AskStatus
+    from daq.control import STATUS, AskStatus, Client, OrderRefused, RecorderGone, control_address
 
     from ..diagnostics import say
     from ..output import print_json, print_line

@@ -92,7 +92,7 @@ def _check_terminal() -> None:
     import os
     import sys
 
-    from daq.errors import InputError
+    from daq import InputError
 
     if "TEXTUAL_DRIVER" in os.environ:  # a server says how to draw: a browser is the terminal
         return
@@ -104,8 +104,7 @@ def _check_terminal() -> None:
 
 def attach(folder: Path, start: Callable[[], subprocess.Popen[bytes]]) -> None:
     """Start a recorder in a folder unless one answers there."""
-    from daq.control.address import control_address
-    from daq.control.client import is_running
+    from daq.control import control_address, is_running
 
     if not is_running(control_address(folder)):
         start()
@@ -121,7 +120,7 @@ def _starter(
     replay: Path | None,
 ) -> Callable[[], subprocess.Popen[bytes]]:
     """Return what starts the recorder that is wanted; wrong options raise at once."""
-    from daq.errors import InputError
+    from daq import InputError
 
     from ..bench import shared_bench
     from ..recorders.process import start_demo_recorder, start_recorder, start_replay_recorder
@@ -146,7 +145,7 @@ def _starter(
 
 
 def _check_is_there(path: Path) -> None:
-    from daq.errors import InputError
+    from daq import InputError
 
     if not path.is_file():
         raise InputError(str(path), "is no file", "name a session file")
@@ -154,7 +153,7 @@ def _check_is_there(path: Path) -> None:
 
 def _serve(arguments: list[str]) -> int:
     """Serve the same command, without --web, to browsers."""
-    from daq.errors import InputError
+    from daq import InputError
 
     try:
         from ..browser.server import serve

@@ -19,7 +19,7 @@ def validate(
 ) -> int:
     """Check session files: schema, hashes, completeness, plausibility."""
     import daq.session
-    from daq.errors import InputError
+    from daq import InputError
 
     from ..output import print_json, print_line
 

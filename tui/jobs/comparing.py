@@ -9,7 +9,7 @@ from dataclasses import replace
 from daq import read_foreign_session
 from identify import Identification, identify
 from identify.compare import Compared, Comparison
-from identify.report.numbers import number
+from identify.report import number
 
 from ..output import Stage, print_line, print_table
 from .spread import over_all

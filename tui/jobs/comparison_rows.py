@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from identify.compare import Compared, Comparison
-from identify.report.numbers import number
+from identify.report import number
 
 
 def comparison_lines(comparison: Comparison) -> Iterator[str]:

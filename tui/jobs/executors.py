@@ -200,7 +200,7 @@ class Cluster:
         import asyncio
         import logging
 
-        from dbc.errors import InputError
+        from dbc import InputError
 
         try:
             import distributed
@@ -238,7 +238,7 @@ class Cluster:
 
     def _same_version(self) -> None:
         """Raise InputError if a worker has another Bumpbench: its rows would mean other things."""
-        from dbc.errors import InputError
+        from dbc import InputError
 
         own = version("bumpbench")
         # A function of the standard library: a worker without Bumpbench could not find ours.
@@ -265,7 +265,7 @@ class Cluster:
 
     def check(self) -> None:
         """Raise InputError if the scheduler has gone, or all workers have for a minute."""
-        from dbc.errors import InputError
+        from dbc import InputError
 
         self._asked_s = monotonic()
         try:

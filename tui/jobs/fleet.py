@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from identify.study.fleet import FleetCase
+    from identify.study import FleetCase
 
 
 def identified_car(seed: int, facts: bool, travels: bool, number: int) -> FleetCase:
@@ -25,9 +25,8 @@ def identified_car(seed: int, facts: bool, travels: bool, number: int) -> FleetC
     from time import process_time
 
     import identify
-    from daq.sim.fleet import elements, fleet_car
-    from daq.sim.reported import true_parameters
-    from identify.study.fleet import fleet_case
+    from daq.sim import elements, fleet_car, true_parameters
+    from identify.study import fleet_case
 
     drawn = fleet_car(number, seed, facts, travels)
     simulated = drawn.simulate()

@@ -16,12 +16,10 @@ from typing import TYPE_CHECKING
 
 from pydantic import TypeAdapter
 
-from daq.errors import BumpbenchError
-from daq.runs import Excitation
+from daq import BumpbenchError, Excitation
 
 if TYPE_CHECKING:
-    from daq.bench.config import Bench
-    from daq.vehicle import VehicleParameters
+    from daq import Bench, VehicleParameters
 
 WANTED_SPREADS = 3.0
 """Least shift of a frequency by the weights, in units of its spread from run to run."""
@@ -92,10 +90,10 @@ def expected_gain(bench: Bench) -> Gain:
 
 
 def _shifts(bench: Bench, car: VehicleParameters) -> tuple[Shift, ...]:
-    from daq.vehicle import AddedMass
-    from identify.model.matrices import SYMMETRIC, loaded_model
-    from identify.modes.modal_model import modes_of
-    from identify.modes.mode_names import MODE_NAMES, mode_names
+    from daq import AddedMass
+    from identify import mode_names
+    from identify.model import SYMMETRIC, loaded_model
+    from identify.modes import MODE_NAMES, modes_of
 
     full = SYMMETRIC @ car.to_array()
     tables = []
@@ -126,8 +124,7 @@ def measured_spread(frequencies_hz: Sequence[float]) -> float | None:
 
 def _dbc_text(journal: Path) -> str | None:
     """Return the DBC of the newest recording; None if there is none yet."""
-    from daq.journal.folder import segments_in
-    from daq.journal.scan import read_head
+    from daq.journal import read_head, segments_in
 
     for path in reversed(segments_in(journal)):
         if head := read_head(path):
@@ -137,7 +134,7 @@ def _dbc_text(journal: Path) -> str | None:
 
 def main() -> int:
     """Answer the question on standard input."""
-    from daq.bench.config import parse_bench
+    from daq.bench import parse_bench
 
     question = json.load(sys.stdin)
     try:

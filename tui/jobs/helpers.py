@@ -35,7 +35,7 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
     InputError
         If there is no process to be had, or one dies.
     """
-    from dbc.errors import InputError
+    from dbc import InputError
 
     with _Helpers(_HELPERS, loaded_once(modules), _made_ready) as pool:
 
@@ -63,7 +63,7 @@ class _Helpers(ProcessPoolExecutor):
         self, fn: Callable[P, Result], /, *args: P.args, **kwargs: P.kwargs
     ) -> Future[Result]:
         """Hand over one piece of work."""
-        from dbc.errors import InputError
+        from dbc import InputError
 
         try:
             return super().submit(fn, *args, **kwargs)

@@ -12,7 +12,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from dbc.errors import BumpbenchError, printable
+from dbc import BumpbenchError
+from dbc.errors import printable
 
 
 @dataclass(frozen=True, slots=True)

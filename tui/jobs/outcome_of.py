@@ -7,15 +7,20 @@ from dataclasses import replace
 from math import nan
 from typing import TYPE_CHECKING
 
+from daq import RunStatus, Session
 from daq.remarks import overrides_of
-from daq.runs import RunStatus
-from daq.sessions import Session
 from identify.document import unit_text
-from identify.report.blocks import Gallery
-from identify.report.decays import decay_section
-from identify.report.numbers import largest_share
-from identify.report.panels import DecayPanel, Trace
-from identify.report.words import HEADLINE, MEANING, parameter_words, plain
+from identify.report import (
+    HEADLINE,
+    MEANING,
+    DecayPanel,
+    Gallery,
+    Trace,
+    decay_section,
+    largest_share,
+    parameter_words,
+    plain,
+)
 
 from .outcome import Curve, Estimated, FindingRow, ModeRow, Outcome, Row, RunOutcome, StateOutcome
 

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from daq.bench.config import Bench
+    from daq import Bench
     from identify.plan import Plan, Sensor
 
 _USUAL_RATE_HZ = 200.0  # where neither the DBC nor the command line has one
@@ -30,7 +30,7 @@ def planned(
     bump_height_m : float
         Height of the bumps.
     """
-    from identify.model.response import Bump
+    from identify.model import Bump
     from identify.plan import Plan, Runs
 
     return Plan(
@@ -52,9 +52,7 @@ def planned(
 
 def sensors(bench: Bench, rate_hz: float | None) -> tuple[Sensor, ...]:
     """Return the sensors of a bench, with the usual noise of their kind."""
-    from daq.bench.config import bench_codec
-    from daq.channels import Quantity
-    from daq.samples.mapping import map_channels
+    from daq import Quantity, bench_codec, map_channels
     from identify.plan import sensor
 
     codec = bench_codec(bench)

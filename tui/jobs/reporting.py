@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from daq.files import write_bytes
-from dbc.errors import InputError
+from dbc import InputError
 
 from .helpers import helpers
 
 if TYPE_CHECKING:  # slow to load
-    from identify.report.blocks import Picture, Report, Source
-    from identify.trust.finding import Quality
+    from identify import Quality
+    from identify.report import Picture, Report, Source
 
 _HEAVY = (
     "identify.report.html",
@@ -29,7 +29,7 @@ _LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
 
 def source_of(path: Path) -> Source:
     """Return where the numbers of a session file come from."""
-    from identify.report.blocks import Source
+    from identify.report import Source
 
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
@@ -68,10 +68,8 @@ def write_report(
 
         reading = reader.submit(daq.read_foreign_session, session)  # while the libraries load
         import identify as method
-        from identify.fit.estimation import Estimation
-        from identify.report.content import report_of
-        from identify.report.decays import decay_section
-        from identify.report.html import drawings, html_of
+        from identify.fit import Estimation
+        from identify.report import decay_section, drawings, html_of, report_of
 
         recorded = reading.result()
     for path in (html, *([] if pdf is None else [pdf])):
@@ -100,7 +98,7 @@ def write_report(
 
 
 def _pdf_of(page: Report) -> bytes:
-    from identify.report.pdf import pdf_of  # matplotlib, which the helpers have loaded
+    from identify.report import pdf_of  # matplotlib, which the helpers have loaded
 
     return pdf_of(page)
 
@@ -136,8 +134,7 @@ def write_file(path: Path, data: bytes) -> None:
 
 def pictures_of(report: Report) -> tuple[Picture, ...]:
     """Return every picture of a report, mode shapes as stills."""
-    from identify.report.blocks import MovingCars, Picture
-    from identify.report.panels import ShapePanel
+    from identify.report import MovingCars, Picture, ShapePanel
 
     cars = [b for section in report.sections for b in section.blocks if isinstance(b, MovingCars)]
     stills = (Picture(b.key, b.title, "", ShapePanel(b.shapes)) for b in cars)
@@ -146,7 +143,7 @@ def pictures_of(report: Report) -> tuple[Picture, ...]:
 
 def write_figures(report: Report, folder: Path, kind: str) -> tuple[Path, ...]:
     """Write each picture of a report as `svg` or `png`; return the files."""
-    from identify.report.figures.panels import panel_png, panel_svg
+    from identify.report import panel_png, panel_svg
 
     written = []
     for picture in pictures_of(report):

@@ -8,7 +8,8 @@ from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
 
-from daq.errors import InputError, printable
+from daq import InputError
+from daq.errors import printable
 
 _MOST = 1000
 _UNITS = 1024.0
@@ -56,7 +57,7 @@ def sessions_in(folder: Path) -> Iterator[SessionEntry]:
 
     Files a folder below are listed too: a bench keeps one folder a vehicle.
     """
-    from daq.session.preview import glances
+    from daq.session import glances
 
     files = _session_files(folder)
     unfinished = _unfinished(folder, {path.name for path in files})
@@ -100,10 +101,9 @@ def _session_files(folder: Path) -> list[Path]:
 
 def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
     """Return the newest recording of a folder's journal if no session file is made of it."""
-    from daq.bench.config import parse_bench
-    from daq.journal.folder import last_recording
-    from daq.runlog.fold import fold
-    from daq.runlog.runlog import LoggedStatus
+    from daq.bench import parse_bench
+    from daq.journal import last_recording
+    from daq.runlog import LoggedStatus, fold
 
     try:
         tail = last_recording(folder / "journal")

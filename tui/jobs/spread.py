@@ -43,7 +43,7 @@ def over_all(
     InputError
         If a worker dies, most likely for want of memory; as `crew_of`.
     """
-    from dbc.errors import InputError  # with NumPy behind it: not for --help
+    from dbc import InputError  # with NumPy behind it: not for --help
 
     results: dict[Item, Result] = {}
     with crew_of(workers, scheduler) as crew:

@@ -139,7 +139,7 @@ def _compare(task: CompareTask, send: Send) -> dict[str, Any]:
 
 def _export(task: ExportTask) -> dict[str, Any]:
     from daq import read_foreign_session
-    from daq.formats.export import ExportFormat, export_session
+    from daq.formats import ExportFormat, export_session
 
     form = ExportFormat(task.form)
     path = Path(task.session)

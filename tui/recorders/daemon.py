@@ -22,11 +22,8 @@ from .lines import news, progress_words
 from .log import Log
 
 if TYPE_CHECKING:
-    from daq.bench.config import Bench
-    from daq.control.messages import Live, Reply, Status
-    from daq.control.server import Server
-    from daq.control.systemd import Systemd
-    from daq.recorder.recorder import Recorder
+    from daq import Bench, Recorder, Status
+    from daq.control import Live, Reply, Server, Systemd
 
 BY = "record"
 """Author of the daemon's own orders, in the journal."""
@@ -75,9 +72,7 @@ def run_recorder(
     InputError
         If no client could speak to it.
     """
-    from daq.control.address import control_address
-    from daq.control.server import Server
-    from daq.control.systemd import Systemd
+    from daq.control import Server, Systemd, control_address
 
     server = Server(recorder.submit, control_address(folder))
     systemd = Systemd()
@@ -174,8 +169,7 @@ class _Daemon:
 
     def _lead(self, status: Status, end: bool) -> None:
         """Arm each recording once; end it when its campaign is complete."""
-        from daq.control.messages import Phase, SessionState
-        from daq.control.orders import Arm, Stop, Until
+        from daq.control import Arm, Phase, SessionState, Stop, Until
 
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
         if self._habits.arm and waits:
@@ -194,7 +188,7 @@ class _Daemon:
 
     def _reload(self) -> None:
         """Reload bench.toml if it is valid; else keep the one in force."""
-        from daq.errors import BumpbenchError
+        from daq import BumpbenchError
 
         self._systemd.reloading()
         try:
@@ -222,7 +216,7 @@ class _Daemon:
             if hanging := self._systemd.notify(self._recorder.heartbeats(), status, now_s):
                 self._log.line(hanging, "hanging")
         if self._habits.figures and now_s - self._figures_s >= FIGURES_S:
-            from daq.control.figures_file import write_figures
+            from daq.control import write_figures
 
             self._figures_s = now_s
             try:

@@ -31,14 +31,11 @@ def demo_recorder(
     """Record a simulated bench, idle, until a client shuts it down."""
     import time
 
-    from daq.bench.config import BusConfig, bench_codec, load_bench
-    from daq.bus.source import FrameSource
-    from daq.control.lock import lone_recorder
-    from daq.control.messages import Status
-    from daq.errors import InputError
-    from daq.sim.bench_source import SimulatedBench
-    from daq.sim.car import SimulatedCar
-    from daq.sim.spoils import Fault
+    from daq import InputError, Status, bench_codec, load_bench
+    from daq.bench import BusConfig
+    from daq.bus import FrameSource
+    from daq.control import lone_recorder
+    from daq.sim import Fault, SimulatedBench, SimulatedCar
 
     from ..output import progress
     from .daemon import Habits

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from daq.control.messages import Status
+    from daq import Status
 
 
 def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
@@ -57,7 +57,7 @@ def progress_words(status: Status) -> tuple[float, str]:
 
 def status_lines(status: Status) -> Iterator[str]:
     """Yield a status in a few lines for a person."""
-    from daq.control.systemd import status_line
+    from daq.control import status_line
 
     yield f"{status.vehicle}, into {status.folder}: {status_line(status)}"
     done, text = progress_words(status)

@@ -126,7 +126,7 @@ class _Handler(logging.Handler):
 
 
 def _opened(path: Path) -> int:
-    from daq.errors import InputError
+    from daq import InputError
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -94,9 +94,8 @@ def wait_for_recorder(process: subprocess.Popen[bytes], folder: Path) -> None:
     InputError
         If it ends, with the last line of its log, or does not answer in time.
     """
-    from daq.control.address import control_address
-    from daq.control.client import is_running
-    from daq.errors import InputError
+    from daq import InputError
+    from daq.control import control_address, is_running
 
     address = control_address(folder)
     deadline_s = time.monotonic() + PATIENCE_S
@@ -125,7 +124,7 @@ def last_line(folder: Path) -> str:
 
 
 def _start(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:
-    from daq.errors import InputError
+    from daq import InputError
 
     try:
         folder.mkdir(parents=True, exist_ok=True)

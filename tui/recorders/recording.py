@@ -13,10 +13,9 @@ from .daemon import Habits, run_recorder
 from .log import Log
 
 if TYPE_CHECKING:
-    from daq import Session
-    from daq.bench.config import Bench, BusConfig
-    from daq.bus.source import FrameSource
-    from daq.control.messages import Status
+    from daq import Bench, Session, Status
+    from daq.bench import BusConfig
+    from daq.bus import FrameSource
 
 
 class OpenedAtStart:
@@ -39,7 +38,7 @@ class OpenedAtStart:
     """
 
     def __init__(self, bench: Bench, open_source: Callable[[BusConfig, int], FrameSource]) -> None:
-        from daq.errors import BusError
+        from daq import BusError
 
         self._open_source = open_source
         self._opened: dict[int, FrameSource] = {}
@@ -90,9 +89,7 @@ def record_campaign(
     """
     from importlib.metadata import version
 
-    from daq.bench.config import bench_codec
-    from daq.recorder.recorder import Recorder
-    from daq.samples.mapping import map_channels
+    from daq import Recorder, bench_codec, map_channels
 
     codec = bench_codec(bench)
     say_left_out(codec)
@@ -118,9 +115,8 @@ def recorded_session(last: Status) -> tuple[Path, Session]:
     InputError
         If there is none, with the reason.
     """
-    from daq import read_session
-    from daq.control.messages import SessionState
-    from daq.errors import InputError
+    from daq import InputError, read_session
+    from daq.control import SessionState
 
     if last.session.state is not SessionState.READY:
         what = last.session.text or "no session file was built"

@@ -27,12 +27,11 @@ def replay_recorder(
     import time
     from dataclasses import replace
 
-    from daq import read_foreign_session
-    from daq.bench.config import BusConfig, parse_bench
-    from daq.bus.source import FrameSource
-    from daq.control.lock import lone_recorder
-    from daq.errors import InputError
-    from daq.replay.recorded_source import RecordedSource, whole_frames
+    from daq import InputError, read_foreign_session
+    from daq.bench import BusConfig, parse_bench
+    from daq.bus import FrameSource
+    from daq.control import lone_recorder
+    from daq.replay import RecordedSource, whole_frames
 
     from ..output import progress
     from .daemon import Habits

@@ -19,9 +19,9 @@ from textual.filter import LineFilter
 from textual.message import Message
 from textual.screen import Screen
 
-from daq.control.messages import Live, Phase, Reply, Status
-from daq.control.orders import QUESTIONS, AskBench, AskHistory, Hello, Order
-from daq.errors import InputError, printable
+from daq import InputError, Status
+from daq.control import QUESTIONS, AskBench, AskHistory, Hello, Live, Order, Phase, Reply
+from daq.errors import printable
 
 from .screens.news import LiveArrived, RecorderLost, StatusArrived
 from .state.feed import Feed, Lost, News, Refused, Role
@@ -32,7 +32,7 @@ from .themes import THEMES
 from .widgets.plain_ascii import PlainAscii
 
 if TYPE_CHECKING:
-    from daq.bench.config import Bench
+    from daq import Bench
 
     from ..jobs.outcome import Outcome
     from .screens.identify import IdentifyScreen
@@ -227,7 +227,7 @@ class BenchApp(App[None]):
                 self.screen.post_message(LiveArrived())
 
     async def _fetch_bench(self) -> None:
-        from daq.bench.config import parse_bench
+        from daq.bench import parse_bench
 
         with suppress(Refused, InputError):
             text = (await self.feed.ask(AskBench())).bench_text

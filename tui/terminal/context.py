@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from daq.control.messages import Reply, Status
-from daq.control.orders import Order
+from daq import Status
+from daq.control import Order, Reply
 
 from ..jobs.outcome import Outcome
 from .state.feed import Lost
@@ -16,7 +16,7 @@ from .state.lanes import Lanes
 from .state.steps import BenchStep
 
 if TYPE_CHECKING:
-    from daq.bench.config import Bench
+    from daq import Bench
 
 
 class BenchContext(Protocol):

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, cast
 from textual.app import App
 from textual.command import DiscoveryHit, Hit, Hits, Provider
 
-from daq.control.orders import Acknowledge, Arm, Build, Pause, Redo, Reject, ShutDown, Stop, Undo
+from daq.control import Acknowledge, Arm, Build, Pause, Redo, Reject, ShutDown, Stop, Undo
 
 from .context import BenchContext
 from .state.steps import BenchStep
 
 if TYPE_CHECKING:
-    from daq.control.orders import Order
+    from daq.control import Order
 
 Command = tuple[str, str, Callable[[], object]]
 """Name with its namespace, what the command does, and the call that does it."""

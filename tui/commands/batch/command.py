@@ -51,7 +51,7 @@ def batch(
     from dataclasses import asdict
     from time import perf_counter
 
-    from dbc.errors import InputError
+    from dbc import InputError
 
     from ...diagnostics import say
     from ...jobs.executors import crew_of

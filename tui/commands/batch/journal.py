@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
-from dbc.errors import InputError
+from dbc import InputError
 from identify.batch import Cell
 
 from .work import FAILED, software

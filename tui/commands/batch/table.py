@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 
 from daq.files import replaced
-from dbc.errors import InputError
+from dbc import InputError
 from identify.batch import Cell
 
 from .journal import rows_in

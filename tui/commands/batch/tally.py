@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
-from dbc.errors import InputError
+from dbc import InputError
 
 from ...jobs.executors import Crew, as_finished
 from ...output import Stage

@@ -13,7 +13,8 @@ from pathlib import Path
 from time import perf_counter
 from traceback import extract_tb
 
-from dbc.errors import BumpbenchError, InputError, printable
+from dbc import BumpbenchError, InputError
+from dbc.errors import printable
 from identify.batch import Cell
 
 FAILED = "failed"

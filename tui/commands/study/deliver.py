@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from identify.study.result import Cell, Column, Study
+    from identify.study import Cell, Column, Study
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 FigureFile = Annotated[
@@ -26,7 +26,7 @@ def check_figure_file(path: Path | None) -> None:
     InputError
         If it does not end in .svg or its directory does not exist.
     """
-    from dbc.errors import InputError
+    from dbc import InputError
 
     if path is None:
         return
@@ -48,8 +48,8 @@ def deliver(study: Study, json: bool, figure: Path | None) -> None:
     from ...output import print_json, print_line, print_table
 
     if figure is not None:
-        from dbc.errors import InputError
-        from identify.study.figures import svg
+        from dbc import InputError
+        from identify.study import svg
 
         try:
             figure.write_text(svg(study), encoding="utf-8")

@@ -34,7 +34,7 @@ def fleet(
     """Identify plausible cars with friction, damper curves, stops."""
     from functools import partial
 
-    from identify.study.fleet import fleet_study, fractions
+    from identify.study import fleet_study, fractions
 
     from ...jobs.fleet import identified_car
     from ...jobs.spread import over_all

@@ -10,7 +10,7 @@ import typer
 from .deliver import FigureFile, Json, check_figure_file, deliver
 
 if TYPE_CHECKING:
-    from daq.runs import Excitation
+    from daq import Excitation
 
 Rate = Annotated[float, typer.Option(help="Samples per second.")]
 Noise = Annotated[float, typer.Option(help="Signal-to-noise ratio in dB.")]
@@ -44,8 +44,8 @@ def table3(
     """Compare the paper's chain with maximum likelihood at 30 dB."""
     from functools import partial
 
-    from identify.study.table3 import attempt, table3_campaign
-    from identify.study.table3 import table3 as study
+    from identify.study import attempt, table3_campaign
+    from identify.study import table3 as study
 
     from ...jobs.spread import over_all
     from ...output import progress
@@ -84,10 +84,15 @@ def noise(
     """Compare noisy campaigns with the Cramer-Rao bound."""
     from functools import partial
 
-    from daq.vehicle import FORD_GRANADA
-    from identify.study.campaign import PAPER_MASS_STATES, Campaign
-    from identify.study.noise import bound_percent, noise_study, outcome
-    from identify.study.sensor_sets import SENSOR_SETS
+    from daq import FORD_GRANADA
+    from identify.study import (
+        PAPER_MASS_STATES,
+        SENSOR_SETS,
+        Campaign,
+        bound_percent,
+        noise_study,
+        outcome,
+    )
 
     from ...jobs.spread import over_all
     from ...output import progress
@@ -111,8 +116,8 @@ def noise(
 
 def _cases(text: str) -> tuple[Excitation, ...]:
     """Return the cases named in a list with commas."""
-    from daq.runs import Excitation
-    from dbc.errors import InputError
+    from daq import Excitation
+    from dbc import InputError
 
     names = [name.strip().lower() for name in text.split(",") if name.strip()]
     unknown = [name for name in names if name not in set(Excitation)]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from daq.errors import InputError
+from daq import InputError
 
 from ..state.drafts import read_draft, write_draft
 from .fields import FieldError, number

@@ -6,13 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from daq.bench.config import Bench
-from daq.channels import Quantity
-from daq.control.messages import Status
+from daq import BASELINE, Bench, BodyWeight, Corner, HubWeight, Quantity, Status, VehicleParameters
 from daq.loading import Loading, expected_car, sag_stiffness
-from daq.runlog.runlog import LoggedStatus
-from daq.runs import BASELINE
-from daq.vehicle import BodyWeight, Corner, HubWeight, VehicleParameters
+from daq.runlog import LoggedStatus
 
 from ...jobs.gain import USUAL_SPREAD, WANTED_SPREADS, Gain, Shift, measured_spread
 from .fields import check_fields

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from daq.bench.bench_tables import campaign_limits
-from daq.bench.config import Bench
-from daq.bench.procedure import Method
-from daq.runs import Excitation
+from daq import Bench, Excitation
+from daq.bench import Method, campaign_limits
 from daq.vehicle import Fact, FactQuantity, Structure
 
 from .fields import NO, YES, Field, FieldError, Values, check_fields, number, stated
@@ -159,7 +157,7 @@ def vehicle_text(text: str, bench: Bench, values: Values) -> str:
 
     Facts that the form has no field for stay.
     """
-    from daq.bench.edit import with_campaign, with_facts, with_vehicle
+    from daq.bench import with_campaign, with_facts, with_vehicle
 
     here = {name for name, *_ in FACTS}
     facts = [fact for fact in bench.vehicle.facts if fact.quantity not in here]

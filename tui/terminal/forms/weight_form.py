@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from daq.vehicle import BodyWeight, Corner, HubWeight
+from daq import BodyWeight, Corner, HubWeight
 
 from .fields import Field, FieldError, Values, check_fields, number, stated
 

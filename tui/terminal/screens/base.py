@@ -16,7 +16,7 @@ from ..widgets.top_line import TopLine
 from .news import LiveArrived, RecorderLost, StatusArrived
 
 if TYPE_CHECKING:
-    from daq.control.messages import Status
+    from daq import Status
 
 LOCK_OUT_S = 0.3
 """Seconds in which a repeated key counts as held: keyboards repeat faster."""

@@ -6,9 +6,8 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from daq.control.messages import Phase
-from daq.control.orders import Accept, Acknowledge, Choose, Pause, Redo, Reject, Undo
-from daq.runlog.runlog import LoggedRun, LoggedStatus
+from daq.control import Accept, Acknowledge, Choose, Pause, Phase, Redo, Reject, Undo
+from daq.runlog import LoggedRun, LoggedStatus
 
 from ..state.banner import run_words
 from ..state.next_action import NextAction, next_action

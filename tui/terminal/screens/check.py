@@ -11,12 +11,11 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.widgets import Static
 
-from daq.bench.edit import with_channel
-from daq.check.push_test import ORDER, Wiggle, judge_wiggle, shows_push
-from daq.control.messages import CheckItem, Phase, Status
-from daq.control.orders import AskCheck, Configure, Mark, OverrideWarning
-from daq.errors import InputError, printable
-from daq.vehicle import Corner
+from daq import Corner, InputError, Status
+from daq.bench import with_channel
+from daq.check import ORDER, Wiggle, judge_wiggle, shows_push
+from daq.control import AskCheck, CheckItem, Configure, Mark, OverrideWarning, Phase
+from daq.errors import printable
 
 from ..state.bench_check import (
     FAIL,

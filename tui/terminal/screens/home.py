@@ -7,7 +7,7 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
-from daq.control.messages import Status
+from daq import Status
 
 from ..widgets.lists import AlarmList, Journal, RunList, TallyList
 from ..widgets.next_panel import NextPanel

@@ -9,10 +9,10 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from daq.control.messages import SessionState, Status
-from daq.control.orders import Build
+from daq import Status
+from daq.control import Build, SessionState
 from daq.errors import printable
-from daq.runlog.runlog import LoggedStatus
+from daq.runlog import LoggedStatus
 
 from ...jobs.lines import Done, IdentifyTask, Trouble
 from ...jobs.outcome import Outcome, parse_outcome

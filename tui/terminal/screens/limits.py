@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from daq.errors import InputError
+from daq import InputError
 
 from ..forms.axle_limits import AxleLimits, keep_limits, parse_limits
 from .base import BenchScreen

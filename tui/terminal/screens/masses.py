@@ -15,12 +15,11 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.widgets import Static
 
-from daq.bench.edit import with_weights
-from daq.control.messages import Status
-from daq.control.orders import AskCheck, Configure, Mark, Note
-from daq.errors import InputError, printable
+from daq import InputError, Status, VehicleParameters
+from daq.bench import with_weights
+from daq.control import AskCheck, Configure, Mark, Note
+from daq.errors import printable
 from daq.loading import expected_car, loading
-from daq.vehicle import VehicleParameters
 
 from ...jobs.gain import GAIN, Gain
 from ..forms.axle_limits import AxleLimits, axles_line, check_axles, read_limits

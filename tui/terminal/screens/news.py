@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from textual.message import Message
 
-from daq.control.messages import Status
+from daq import Status
 
 
 class StatusArrived(Message):

@@ -12,7 +12,7 @@ from textual.screen import ModalScreen
 from textual.timer import Timer
 from textual.widgets import Static, TextArea
 
-from daq.control.orders import Note
+from daq.control import Note
 from daq.errors import printable
 
 from ..context import BenchContext

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from daq.control.messages import SessionState, Status
-from daq.control.orders import Mark, Start
+from daq import Status
+from daq.control import Mark, SessionState, Start
 from daq.errors import printable
 
 from ...jobs.lines import ReportTask

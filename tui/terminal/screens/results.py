@@ -12,10 +12,10 @@ from textual.content import Content
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
-from daq.control.messages import Status
-from daq.control.orders import Accept, Mark, Reject
+from daq import Status
+from daq.control import Accept, Mark, Reject
 from daq.errors import printable
-from daq.runlog.runlog import LoggedStatus
+from daq.runlog import LoggedStatus
 
 from ...jobs.outcome import Outcome
 from ..state.outcome_text import (

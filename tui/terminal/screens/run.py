@@ -7,7 +7,7 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
-from daq.control.messages import Status
+from daq import Status
 
 from ..state.banner import banner
 from ..widgets.banner_bar import BannerBar

@@ -14,7 +14,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
-from daq.control.messages import Status
+from daq import Status
 from daq.errors import printable
 
 from ...jobs.lines import CompareTask, Done, Item, ListTask, Task, Trouble

@@ -13,9 +13,8 @@ from textual.events import DescendantFocus
 from textual.timer import Timer
 from textual.widgets import Static
 
-from daq.control.messages import Status
-from daq.control.orders import Configure, Hello, Mark, Note
-from daq.errors import InputError
+from daq import InputError, Status
+from daq.control import Configure, Hello, Mark, Note
 
 from ..forms.fields import Field, FieldError
 from ..forms.vehicle_form import VEHICLE_FIELDS, check_vehicle, vehicle_text, vehicle_values

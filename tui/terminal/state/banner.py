@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from daq.control.messages import Phase, Status
+from daq import Status
+from daq.control import Phase
 from daq.errors import printable
-from daq.runlog.runlog import LoggedRun, LoggedStatus
+from daq.runlog import LoggedRun, LoggedStatus
 
 from .feed import Lost
 from .glyphs import Glyphs

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from daq.channels import Channel, Quantity
-from daq.check.push_test import ORDER, Wiggle, spoken
-from daq.control.messages import BusState, CheckItem, Status
-from daq.vehicle import Corner
+from daq import Channel, Corner, Quantity, Status
+from daq.check import ORDER, Wiggle, spoken
+from daq.control import BusState, CheckItem
 
 OK, WARN, FAIL, NOW, WAIT = "OK", "WARN", "FAIL", "NOW", "wait"
 TARED = (Quantity.SUSPENSION_TRAVEL, Quantity.PITCH_RATE, Quantity.ROLL_RATE)

@@ -10,11 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from daq.control.address import control_address
-from daq.control.client import Client, OrderRefused, RecorderGone, is_running
-from daq.control.messages import Live, Reply, Status
-from daq.control.orders import AskCheck, Hello, Order
-from daq.errors import BumpbenchError
+from daq import BumpbenchError, Status
+from daq.control import (
+    AskCheck,
+    Client,
+    Hello,
+    Live,
+    Order,
+    OrderRefused,
+    RecorderGone,
+    Reply,
+    control_address,
+    is_running,
+)
 
 RETRY_S = 0.5
 SLICE_S = 0.25

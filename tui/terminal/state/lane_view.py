@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from daq.channels import AT_CORNER, Channel, Quantity
-from daq.control.messages import Phase, Status
+from daq import Channel, Quantity, Status
+from daq.channels import AT_CORNER
+from daq.control import Phase
 
 from .lanes import Lanes
 
 if TYPE_CHECKING:
-    from daq.bench.config import Bench
+    from daq import Bench
 
 SPAN_S = 6.0
 _HELD = (Phase.TRIGGERED, Phase.DECAY, Phase.ACCEPTED, Phase.REJECTED)

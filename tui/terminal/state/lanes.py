@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.control.messages import Live
+from daq.control import Live
 
 RING_S = 60.0
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from daq.control.messages import Phase, Status
-from daq.control.orders import Arm, Order
+from daq import Status
+from daq.control import Arm, Order, Phase
 
 from .steps import BenchStep, progress
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from daq.control.messages import Status
-from daq.runs import ADDED, BASELINE
+from daq import ADDED, BASELINE, Status
 
 
 class BenchStep(IntEnum):

@@ -8,9 +8,10 @@ from textwrap import wrap
 
 from textual.content import Content
 
-from daq.control.messages import Status, Tally
+from daq import Status
+from daq.control import Tally
 from daq.errors import printable
-from daq.runlog.runlog import LoggedRun, LoggedStatus
+from daq.runlog import LoggedRun, LoggedStatus
 
 from ..state.glyphs import Glyphs
 from .words import Words

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from textual.content import Content
 
-from daq.control.messages import Status
+from daq import Status
 from daq.errors import printable
 
 from ..state.banner import banner

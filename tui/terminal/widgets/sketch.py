@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 from textual.content import Content
 
-from daq.bench.procedure import sketch
-from daq.control.messages import Status
+from daq import Status
+from daq.bench import sketch
 
 from .words import Words
 
 if TYPE_CHECKING:
-    from daq.bench.config import Bench
+    from daq import Bench
 
 
 class SketchBox(Words):

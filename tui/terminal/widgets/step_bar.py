@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from textual.content import Content
 
-from daq.control.messages import Status
+from daq import Status
 
 from ..state.glyphs import Glyphs
 from ..state.steps import BenchStep, progress

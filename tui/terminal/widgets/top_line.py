@@ -6,7 +6,8 @@ from datetime import UTC, datetime
 
 from textual.content import Content
 
-from daq.control.messages import BusState, Status
+from daq import Status
+from daq.control import BusState
 from daq.errors import printable
 
 from ..context import BenchContext
