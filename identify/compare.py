@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from math import erfc, isfinite, sqrt
+from math import erfc, sqrt
 from typing import Any
 
 import numpy as np
@@ -82,6 +82,8 @@ class Comparison:
     """`parameters`, `modes`: every quantity that was identified in all sessions."""
     common: tuple[str, ...]
     """Facts and weights with uncertainties that all sessions state alike."""
+    open: tuple[str, ...] = ()
+    """Parameters that at least one session does not determine: they are not compared."""
 
     @property
     def quantities(self) -> tuple[Compared, ...]:
@@ -136,11 +138,17 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
         tuple(compared[name] for name in parameters),
         tuple(compared[name] for name in modes),
         _common(results),
+        _open(results),
     )
 
 
 def _parameters(result: Identification) -> dict[str, Estimate]:
-    return {n: e for n, e in result.parameters.items() if e.std > 0.0 and isfinite(e.std)}
+    return {n: e for n, e in result.parameters.items() if e.std > 0.0 and e.determined}
+
+
+def _open(results: Sequence[Identification]) -> tuple[str, ...]:
+    every = (item for result in results for item in result.parameters.items())
+    return tuple(dict.fromkeys(name for name, e in every if not e.determined))
 
 
 def _modes(result: Identification) -> dict[str, Estimate]:
@@ -150,7 +158,7 @@ def _modes(result: Identification) -> dict[str, Estimate]:
         for name, mode in zip(result.mode_names[state], modes, strict=True):
             found[f"{state}: {name}, frequency"] = mode.frequency
             found[f"{state}: {name}, damping ratio"] = mode.damping_ratio
-    return {n: e for n, e in found.items() if e.std > 0.0 and isfinite(e.std)}
+    return {n: e for n, e in found.items() if e.std > 0.0 and e.determined}
 
 
 def _in_all(found: Sequence[dict[str, Estimate]]) -> dict[str, tuple[Estimate, ...]]:

@@ -7,27 +7,35 @@ kind of result is one more key here and one more line in `Identification.documen
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from math import isfinite, nan
 from typing import TypedDict
 
 from daq.html_tables import html_line, html_table
 from dbc.finding import Finding
 
-from .fit.uncertainty import COVERAGE_95, Correlation, Estimate, ModeEstimate
+from .fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Correlation, Estimate, ModeEstimate
 from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
 from .nonlinear.forces import DamperCurve, Forces
 from .trust.finding import Verdict
 
+NOT_DETERMINED = "not determined"
+"""What stands in the place of a number that the data do not determine, in every printed form."""
+
 
 class EstimateEntry(TypedDict):
-    """A number in `unit` (1 for a ratio) with its standard deviation and 95 % interval."""
+    """A number in `unit` (1 for a ratio) with its standard deviation and 95 % interval.
+
+    All four are NaN, which JSON writes as null, where the data do not determine it.
+    """
 
     value: float
     std: float
     low: float
     high: float
     unit: str
+    reason: str
+    """Why there is no number; empty where there is one."""
 
 
 class FindingEntry(TypedDict):
@@ -62,6 +70,8 @@ class ModeEntry(SensedModeEntry):
     frequency_high_hz: float
     damping_ratio_low: float
     damping_ratio_high: float
+    reason: str
+    """Why there are no numbers (NaN); empty where both are there."""
 
 
 class PairEntry(TypedDict):
@@ -165,11 +175,28 @@ def finding_entries(findings: Sequence[Finding]) -> list[FindingEntry]:
 
 
 def estimate_entries(estimates: Mapping[str, Estimate]) -> dict[str, EstimateEntry]:
-    """Return estimates by name."""
+    """Return estimates by name; no number for one that is not determined."""
+    return {name: _estimate_entry(e) for name, e in estimates.items()}
+
+
+def _estimate_entry(e: Estimate) -> EstimateEntry:
+    if not e.determined:
+        return {
+            "value": nan, "std": nan, "low": nan, "high": nan, "unit": e.unit,
+            "reason": _open(e),
+        }  # fmt: skip
     return {
-        name: {"value": e.value, "std": e.std, "low": e.low, "high": e.high, "unit": e.unit}
-        for name, e in estimates.items()
-    }
+        "value": e.value, "std": e.std, "low": e.low, "high": e.high, "unit": e.unit, "reason": "",
+    }  # fmt: skip
+
+
+def _open(e: Estimate) -> str:
+    """Return why an estimate is not a number."""
+    if not isfinite(e.std):
+        return "not determined: the runs say nothing of it"
+    if e.size > LARGEST_SHARE * abs(e.value):
+        return f"not determined: its standard deviation is above {e.size:g} {unit_text(e.unit)}"
+    return f"not determined: its standard deviation is above {LARGEST_SHARE * 100:.0f} % of it"
 
 
 def correlation_entry(correlation: Correlation) -> CorrelationEntry:
@@ -179,20 +206,23 @@ def correlation_entry(correlation: Correlation) -> CorrelationEntry:
 
 def mode_entries(names: Sequence[str], modes: Sequence[ModeEstimate]) -> list[ModeEntry]:
     """Return the modes of one mass state."""
-    return [
-        {
-            "name": name,
-            "frequency_hz": mode.frequency.value,
-            "frequency_std_hz": mode.frequency.std,
-            "frequency_low_hz": mode.frequency.low,
-            "frequency_high_hz": mode.frequency.high,
-            "damping_ratio": mode.damping_ratio.value,
-            "damping_ratio_std": mode.damping_ratio.std,
-            "damping_ratio_low": mode.damping_ratio.low,
-            "damping_ratio_high": mode.damping_ratio.high,
-        }
-        for name, mode in zip(names, modes, strict=True)
-    ]
+    return [_mode_entry(name, mode) for name, mode in zip(names, modes, strict=True)]
+
+
+def _mode_entry(name: str, mode: ModeEstimate) -> ModeEntry:
+    frequency, damping = (_estimate_entry(e) for e in (mode.frequency, mode.damping_ratio))
+    return {
+        "name": name,
+        "frequency_hz": frequency["value"],
+        "frequency_std_hz": frequency["std"],
+        "frequency_low_hz": frequency["low"],
+        "frequency_high_hz": frequency["high"],
+        "damping_ratio": damping["value"],
+        "damping_ratio_std": damping["std"],
+        "damping_ratio_low": damping["low"],
+        "damping_ratio_high": damping["high"],
+        "reason": frequency["reason"] or damping["reason"],
+    }
 
 
 def pair_entries(pairing: Pairing) -> list[PairEntry]:
@@ -274,7 +304,7 @@ def document_html(document: Document) -> str:
         rows = [
             [
                 name,
-                f"{e['value']:.6g}",
+                _digits(e["value"]),
                 _interval(e["low"], e["high"]) if e["std"] else "given",
                 unit_text(e["unit"]),
             ]
@@ -286,9 +316,9 @@ def document_html(document: Document) -> str:
         rows = [
             [
                 mode["name"],
-                f"{mode['frequency_hz']:.6g}",
+                _digits(mode["frequency_hz"]),
                 _interval(mode["frequency_low_hz"], mode["frequency_high_hz"]),
-                f"{mode['damping_ratio']:.6g}",
+                _digits(mode["damping_ratio"]),
                 _interval(mode["damping_ratio_low"], mode["damping_ratio_high"]),
             ]
             for mode in modes
@@ -303,5 +333,9 @@ def unit_text(unit: str) -> str:
     return "" if unit == "1" else unit
 
 
+def _digits(value: float) -> str:
+    return f"{value:.6g}" if isfinite(value) else NOT_DETERMINED
+
+
 def _interval(low: float, high: float) -> str:
-    return f"{low:.6g} .. {high:.6g}"
+    return f"{low:.6g} .. {high:.6g}" if isfinite(high) else ""

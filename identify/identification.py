@@ -76,6 +76,7 @@ class Identification:
     def document(self) -> Document:
         """Return the JSON document, from which every printed form is made."""
         quality = self.quality
+        lost = {name for name, e in self.parameters.items() if not e.determined}
         return {
             "verdict": str(quality.verdict),
             "reasons": list(quality.reasons),
@@ -85,7 +86,9 @@ class Identification:
             "parameters": estimate_entries(self.parameters),
             "derived": estimate_entries(self.derived),
             "correlation": correlation_entry(self.correlation),
-            "drivers": {name: dict(shares) for name, shares in self.drivers.items()},
+            "drivers": {
+                name: {} if name in lost else dict(shares) for name, shares in self.drivers.items()
+            },
             "modes": {
                 state: mode_entries(self.mode_names[state], modes)
                 for state, modes in self.modes.items()

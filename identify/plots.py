@@ -17,6 +17,7 @@ from .modes.stabilisation import StabilisationDiagram
 from .report.blocks import Gallery, Picture
 from .report.decays import decay_section
 from .report.figures.panels import draw, figure_of, look, size_in
+from .report.modes import mode_text
 from .report.panels import CorrelationPanel, ShapePanel, StabilisationPanel
 from .report.parameters import parameter_section
 from .report.shapes import shape_of
@@ -103,12 +104,14 @@ def modes(result: Identification, mass_state: str = "baseline") -> Figure:
     shapes = (
         shape_of(
             name,
-            f"{mode.frequency_hz:.3f} Hz, {mode.damping_ratio * 100:.1f} %",
+            mode_text(known),
             mode.frequency_hz,
             mode.shape,
             geometry,
         )
-        for name, mode in zip(result.mode_names[mass_state], model.modes, strict=True)
+        for name, mode, known in zip(
+            result.mode_names[mass_state], model.modes, result.modes[mass_state], strict=True
+        )
     )
     return figure_of(ShapePanel(tuple(shapes)))
 

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from daq.vehicle import parameter_unit
+from identify.document import NOT_DETERMINED
 from identify.report import (
     damper_rows,
     element_answer,
     half_width_percent,
+    interval,
     largest_share,
     number,
     plain,
@@ -19,7 +21,7 @@ from .output import print_line, print_table
 
 if TYPE_CHECKING:
     from identify import Document
-    from identify.document import EstimateEntry, ForcesEntry
+    from identify.document import EstimateEntry, ForcesEntry, ModeEntry
 
 _MARKS = {"ok": "note", "doubtful": "doubt", "refused": "refused"}
 
@@ -60,6 +62,8 @@ def _print_beside_truth(
 
 def _error(e: EstimateEntry, truth: float) -> str:
     """Return the error in per cent, or as it is where the truth is zero."""
+    if e["reason"]:
+        return ""
     return f"{(e['value'] / truth - 1) * 100:+.2f} %" if truth else number(e["value"])
 
 
@@ -96,7 +100,13 @@ def _print_forces(forces: ForcesEntry) -> None:
 
 
 def _interval(e: EstimateEntry) -> str:
-    return f"{number(e['low'])} .. {number(e['high'])}" if e["std"] else "given"
+    return interval(e["low"], e["high"]) if e["std"] else "given"
+
+
+def _mode(mode: ModeEntry) -> str:
+    if mode["reason"]:
+        return NOT_DETERMINED
+    return f"{mode['frequency_hz']:.3f} Hz {mode['damping_ratio'] * 100:.1f} %"
 
 
 def _print_modes(document: Document) -> None:
@@ -109,13 +119,7 @@ def _print_modes(document: Document) -> None:
     rows = []
     for rank, mode in columns[first].items():
         shown = (column.get(rank) for column in columns.values())
-        rows.append(
-            [f"{rank} {mode['name']}"]
-            + [
-                f"{m['frequency_hz']:.3f} Hz {m['damping_ratio'] * 100:.1f} %" if m else ""
-                for m in shown
-            ]
-        )
+        rows.append([f"{rank} {mode['name']}"] + [_mode(m) if m else "" for m in shown])
     print_table("Modes (frequency, damping ratio)", ["", *columns], rows)
     for state in others:
         for i, j in document["swapped"][state]:

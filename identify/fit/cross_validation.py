@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from ..decays.onset import quiet_counts
 from .estimation import Estimation
 from .likelihood import covariance_of
+from .uncertainty import determined
 
 _LIMIT_SIGMAS = 5.0
 _LEAST_EXCESS = 0.05
@@ -72,12 +74,16 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
         covariance = covariance_of(whole - part.information)
         freedom = sum(own.freedom.values())
         fitted = _chi2(own.values, noise) / freedom
-        if not np.isfinite(np.diag(covariance)[:n]).all():
-            result.append(Prediction(decay.label, fitted, np.nan, np.nan, "", np.nan))
-            continue
         kept = np.where(np.isfinite(covariance), covariance, 0.0)
         step = -kept @ part.gradient
-        (left,) = engine.residuals((decay,), sigma, fit.eta + step)
+        # Over a step that the others do not determine the problem is not linear, nor finite.
+        left = None
+        if determined(box, covariance).all():
+            with suppress(FloatingPointError):
+                (left,) = engine.residuals((decay,), sigma, fit.eta + step)
+        if left is None:
+            result.append(Prediction(decay.label, fitted, np.nan, np.nan, "", np.nan))
+            continue
         spread = 2.0 / freedom + 2.0 / (quiet or freedom)
         unsure = float(np.trace(kept @ part.information)) / freedom
         limit = 1.0 + unsure + max(_LEAST_EXCESS, _LIMIT_SIGMAS * float(np.sqrt(spread)))

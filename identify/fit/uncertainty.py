@@ -12,10 +12,13 @@ from dbc.frames import read_only
 
 from ..model.derived import derived_quantities
 from ..model.exponentials import spectrum
-from .grey_box import COMPLEX_STEP, GreyBox, stepped
+from .grey_box import COMPLEX_STEP, SIGNED, GreyBox, stepped
 from .likelihood import Fit
 
 COVERAGE_95 = 1.959964  # standard deviations, normal distribution
+LARGEST_SHARE = 0.25
+"""Standard deviation, as a share of the value, beyond which a quantity is not determined: its 95 %
+interval would be half of it to either side, and the linear theory behind an interval has ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,14 @@ class Estimate:
     low: float
     high: float
     unit: str
+    size: float = 0.0
+    """Size that matters of a quantity that may be zero or negative, in `unit`; 0 for a positive
+    one."""
+
+    @property
+    def determined(self) -> bool:
+        """True if the standard deviation is at most `LARGEST_SHARE` of the value, or `size`."""
+        return bool(self.std <= max(LARGEST_SHARE * abs(self.value), self.size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +78,18 @@ def estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     known = dict(zip(box.parameters, std.tolist(), strict=True))
     values = zip(box.names, box.values(fit.eta).tolist(), strict=True)
     return {
-        name: _estimate(value, known.get(name, 0.0), parameter_unit(name)) for name, value in values
+        name: _estimate(value, known.get(name, 0.0), parameter_unit(name), SIGNED.get(name, 0.0))
+        for name, value in values
     }
+
+
+def determined(box: GreyBox, covariance: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which of `box.parameters` a covariance of the unknowns determines, (n,).
+
+    The rule is that of `Estimate.determined`, in units of the unknowns.
+    """
+    largest = np.array([1.0 if name in SIGNED else LARGEST_SHARE for name in box.parameters])
+    return np.asarray(np.diag(covariance)[: len(largest)] <= largest**2)
 
 
 def derived_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
@@ -152,6 +173,6 @@ def _spread(slope: NDArray[np.float64], covariance: NDArray[np.float64]) -> floa
     return float(np.sqrt(kept @ finite @ kept))
 
 
-def _estimate(value: float, std: float, unit: str) -> Estimate:
+def _estimate(value: float, std: float, unit: str, size: float = 0.0) -> Estimate:
     half = COVERAGE_95 * std
-    return Estimate(value, std, value - half, value + half, unit)
+    return Estimate(value, std, value - half, value + half, unit, size)

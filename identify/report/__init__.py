@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .html import drawings as drawings
     from .html import html_of as html_of
     from .numbers import half_width_percent as half_width_percent
+    from .numbers import interval as interval
     from .numbers import largest_share as largest_share
     from .numbers import number as number
     from .panels import DecayPanel as DecayPanel

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..compare import Compared, Comparison
-from ..document import unit_text
+from ..document import NOT_DETERMINED, unit_text
 from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
 from .panels import DifferencePanel, TrendPanel
 
@@ -23,6 +23,9 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
         shared = tuple((Cell(text), Cell("")) for text in comparison.common)
         columns = ("what", "")
         blocks.append(Table("Stated alike in all sessions: errors in common", columns, shared))
+    if comparison.open:
+        names = tuple((Cell(name), Cell(NOT_DETERMINED)) for name in comparison.open)
+        blocks.append(Table("Not compared: a session does not determine it", ("", ""), names))
     for number_, label in enumerate(labels[1:]):
         if comparison.parameters:
             blocks.append(_picture(comparison, number_))

@@ -8,7 +8,7 @@ from math import isfinite
 from daq.runs import RunStatus
 from daq.sessions import Session
 
-from ..document import Document, unit_text
+from ..document import NOT_DETERMINED, Document, unit_text
 from ..fit.cross_validation import Prediction, leave_one_out
 from ..identification import Identification
 from .blocks import Cell, Report, Section, Source, cited
@@ -75,18 +75,20 @@ def _highlights(
     for name, words in (("total_mass", "total mass"), ("dynamic_index", "dynamic index")):
         if name in document["derived"]:
             value = cited(document, "derived", name, "value")
-            unit = unit_text(document["derived"][name]["unit"])
+            e = document["derived"][name]
+            unit = "" if e["reason"] else unit_text(e["unit"])
             cards.append((words, replace(value, text=f"{value.text} {unit}".strip())))
     half = {
         name: (e["high"] - e["low"]) / 2.0 / abs(e["value"])
         for name, e in document["parameters"].items()
-        if e["std"] and e["value"]
+        if e["std"] > 0.0 and e["value"]
     }
-    if half:
+    lost = [name for name, e in document["parameters"].items() if e["reason"]]
+    if lost:
+        cards.append((NOT_DETERMINED, Cell(", ".join(lost))))
+    elif half:
         worst = max(half, key=lambda name: half[name])
-        widest = Cell("unknown", f"parameters/{worst}")
-        if isfinite(half[worst]):
-            widest = cited(document, "parameters", worst, form=lambda e: f"±{half_text(e)}")
+        widest = cited(document, "parameters", worst, form=lambda e: f"±{half_text(e)}")
         cards.append((f"widest interval, {worst}", widest))
     if predictions:
         good = sum(p.at_noise for p in predictions)

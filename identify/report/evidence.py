@@ -123,7 +123,8 @@ def correlation_section(document: Document) -> Section:
 
 def closed_form_section(document: Document) -> Section:
     """Return the closed form beside the likelihood."""
-    names = [n for n in document["closed_form"] if n in document["parameters"]]
+    known = {n for n, e in document["parameters"].items() if not e["reason"]}
+    names = [n for n in document["closed_form"] if n in known]
     lead = (
         "The paper's chain (Eqs. 22-33) needs no start values and no iteration, but uses less of "
         "the data. It stands beside the likelihood as a check by another way."

@@ -6,8 +6,9 @@ import numpy as np
 
 from daq.vehicle import VehicleGeometry
 
-from ..document import Document
+from ..document import NOT_DETERMINED, Document
 from ..fit.estimation import Estimation
+from ..fit.uncertainty import ModeEstimate
 from ..identification import Identification
 from ..modes.stabilisation import stabilisation_diagram
 from ..modes.vehicle_modes import on_grid
@@ -77,7 +78,7 @@ def _table(result: Identification, document: Document, state: str) -> Table:
                 Cell(f"{i + 1}"),
                 cited(document, "modes", state, i, "name", form=str),
                 *((Cell(f"{partner[i] + 1}" if i in partner else ""),) if partner else ()),
-                *(cited(document, "modes", state, i, key) for key in _WITH_ENDS),
+                *_mode_cells(document, state, i),
             )
         )
     partners = (f"#in {first}",) if partner else ()
@@ -87,6 +88,24 @@ def _table(result: Identification, document: Document, state: str) -> Table:
         tuple(rows),
         note,
     )
+
+
+def mode_text(mode: ModeEstimate) -> str:
+    """Write frequency and damping ratio of a mode in a few characters."""
+    hz, ratio = mode.frequency, mode.damping_ratio
+    if not (hz.determined and ratio.determined):
+        return NOT_DETERMINED
+    return f"{hz.value:.3f} Hz, {ratio.value * 100:.1f} %"
+
+
+def _mode_cells(document: Document, state: str, i: int) -> tuple[Cell, ...]:
+    """Return frequency and damping ratio, each with the ends of its interval."""
+    cells = []
+    for key in _WITH_ENDS:
+        cell = cited(document, "modes", state, i, key)
+        open_end = cell.text == NOT_DETERMINED and key not in ("frequency_hz", "damping_ratio")
+        cells.append(Cell("") if open_end else cell)
+    return tuple(cells)
 
 
 def _sensed(document: Document, state: str) -> Table:
@@ -111,7 +130,7 @@ def _cars(result: Identification, state: str) -> MovingCars:
     shapes = tuple(
         shape_of(
             f"{i + 1} {name}",
-            f"{mode.frequency.value:.3f} Hz, {mode.damping_ratio.value * 100:.1f} %",
+            mode_text(mode),
             mode.frequency.value,
             shape,
             geometry,

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
+
+from ..document import NOT_DETERMINED
 
 
 def number(value: float) -> str:
     """Write a number with five significant digits, trailing zeros included."""
+    if not isfinite(value):
+        return NOT_DETERMINED
     return f"{value:#,.5g}".rstrip(".") if abs(value) < 1e5 else f"{value:,.0f}"
 
 
 def half_width_percent(value: float, low: float, high: float) -> str:
-    """Write half of an interval as a share of the value; nothing where the value is zero."""
-    return f"{(high - low) / 2 / abs(value) * 100:.2f} %" if value else ""
+    """Write half of an interval as a share of the value; nothing where that says nothing."""
+    return f"{(high - low) / 2 / abs(value) * 100:.2f} %" if value and isfinite(value) else ""
+
+
+def interval(low: float, high: float) -> str:
+    """Write both ends of an interval; nothing where they are not determined."""
+    return f"{number(low)} .. {number(high)}" if isfinite(low) and isfinite(high) else ""
 
 
 def by_kind(shares: Mapping[str, float]) -> dict[str, float]:

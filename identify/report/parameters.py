@@ -36,7 +36,9 @@ def _estimate_cells(
     """Return value, both ends of the interval, its relative half width, and unit."""
     e = document[part][name]
     ends = (Cell("given"), Cell(""), Cell(""))
-    if e["std"]:
+    if e["reason"]:
+        ends = (Cell(""), Cell(""), Cell(""))
+    elif e["std"]:
         ends = (
             cited(document, part, name, "low"),
             cited(document, part, name, "high"),
@@ -84,7 +86,7 @@ def _derived(document: Document) -> Table:
 
 
 def _intervals(document: Document) -> Picture:
-    known = {n: e for n, e in document["parameters"].items() if e["std"] and e["value"]}
+    known = {n: e for n, e in document["parameters"].items() if e["std"] > 0.0 and e["value"]}
     kinds: dict[str, float] = {}
     rows = {name: by_kind(document["drivers"].get(name, {})) for name in known}
     for row in rows.values():

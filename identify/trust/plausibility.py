@@ -11,8 +11,6 @@ from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import estimates
 from ..model.derived import derived_quantities
 
-LARGEST_SHARE = 0.25
-"""A standard deviation beyond this share of the value says nothing about the parameter."""
 DOUBTFUL_SHARE = 0.025
 """Beyond this one the 95 % interval is wider than 5 % to either side."""
 _PRIOR_SIGMAS = 4.0
@@ -33,12 +31,16 @@ _PLAUSIBLE = {
 
 
 def undetermined(estimation: Estimation) -> tuple[str, ...]:
-    """Return the parameters that the data do not determine."""
+    """Return the parameters that the data must determine and do not.
+
+    What may be zero (a bar, tyre damping) may stay open, as long as its variance is finite: it is
+    printed as not determined, and the others hold.
+    """
     found = estimates(estimation.box, estimation.fit)
     return tuple(
         name
         for name, e in found.items()
-        if not (e.std <= LARGEST_SHARE * abs(e.value) or (name in SIGNED and np.isfinite(e.std)))
+        if not e.determined and (name not in SIGNED or not np.isfinite(e.std))
     )
 
 

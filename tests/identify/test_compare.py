@@ -14,7 +14,7 @@ NAMES = ("m_s", "k_sf", "c_sf", "c_sr")
 
 def _result(values: list[float], std: list[float]) -> Identification:
     rows = zip(NAMES, values, std, strict=True)
-    parameters = {n: Estimate(v, s, v - 1.96 * s, v + 1.96 * s, "kg") for n, v, s in rows}
+    parameters = {n: Estimate(v, s, v - 1.96 * s, v + 1.96 * s, "kg", 10.0) for n, v, s in rows}
     return Identification(Quality((), 1.0), {}, parameters=parameters)
 
 
@@ -87,7 +87,9 @@ def test_a_drift_and_a_jump_are_told_apart_from_rest() -> None:
 
 def test_given_and_undetermined_parameters_are_left_out() -> None:
     a, b = _result([1, 2, 3, 4], [0, 1, 1, 1]), _result([1, 2, 3, 4], [1, 1, float("inf"), 1])
-    assert [q.name for q in compare(["a", "b"], [a, b]).parameters] == ["k_sf", "c_sr"]
+    two = compare(["a", "b"], [a, b])
+    assert [q.name for q in two.parameters] == ["k_sf", "c_sr"]
+    assert two.open == ("c_sf",)
 
 
 def test_a_session_without_parameters_is_named() -> None:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from math import inf, isnan
 from typing import get_type_hints
 
 import numpy as np
 
+from daq.strict_json import strict
 from dbc.finding import Finding, Severity
 from identify import Document, Estimate, Identification, ModalModel, Quality
+from identify.document import EstimateEntry, document_html
 from identify.fit.uncertainty import Correlation, ModeEstimate
 from identify.modes.pairing import Pairing
 
@@ -61,8 +66,9 @@ def test_each_entry_is_that_of_the_result() -> None:
     assert document["chi2_by_run"] == {"baseline_roll_1": {"hub": 1.5}}
     assert document["snr_db"] == {"baseline_roll_1": [20.0, 30.0]}
     assert document["parameters"] == {
-        "m_s": {"value": 1380.0, "std": 5.0, "low": 1370.2, "high": 1389.8, "unit": "kg"}
-    }
+        "m_s": {"value": 1380.0, "std": 5.0, "low": 1370.2, "high": 1389.8, "unit": "kg",
+                "reason": ""}
+    }  # fmt: skip
     assert document["derived"]["dynamic_index"]["unit"] == "1"
     assert document["correlation"] == {"names": ["m_s"], "matrix": [[1.0]]}
     assert document["drivers"] == {"m_s": {"facts": 1.0}}
@@ -77,6 +83,7 @@ def test_each_entry_is_that_of_the_result() -> None:
         "damping_ratio_std": 0.01,
         "damping_ratio_low": 0.23,
         "damping_ratio_high": 0.27,
+        "reason": "",
     }
     assert document["paired"] == {
         "added": [{"first": 1, "this": 2, "mac": 0.9}, {"first": 2, "this": 1, "mac": 0.8}]
@@ -91,3 +98,45 @@ def test_each_entry_is_that_of_the_result() -> None:
     assert document["closed_form"] == {"m_s": 1400.0}
     assert document["closed_form_damping"] == {"mean": {"c_sf": 1500.0}}
     assert document["noise"] == {"hub": 0.15}
+
+
+def _entry(value: float, std: float, size: float = 0.0) -> EstimateEntry:
+    e = Estimate(value, std, value - 1.96 * std, value + 1.96 * std, "N/m", size)
+    made = replace(_made(), parameters={"k_sf": e})
+    return made.document()["parameters"]["k_sf"]
+
+
+def test_a_positive_quantity_is_a_number_up_to_a_quarter_of_it() -> None:
+    known, vague = _entry(20e3, 4990.0), _entry(20e3, 5010.0)
+    assert (known["value"], known["reason"]) == (20e3, "")
+    assert all(isnan(vague[key]) for key in ("value", "std", "low", "high"))
+    assert vague["reason"] == "not determined: its standard deviation is above 25 % of it"
+    assert _entry(20e3, inf)["reason"] == "not determined: the runs say nothing of it"
+
+
+def test_what_may_be_zero_is_a_number_up_to_its_size() -> None:
+    assert _entry(0.0, 9900.0, 1e4)["value"] == 0.0
+    vague = _entry(-3000.0, 10100.0, 1e4)
+    assert isnan(vague["value"])
+    assert vague["reason"] == "not determined: its standard deviation is above 10000 N/m"
+
+
+def test_no_number_is_null_in_json_and_words_elsewhere() -> None:
+    made = replace(_made(), parameters={"t_f": Estimate(1e-5, 12.7, -24.8, 24.8, "m")})
+    document = made.document()
+    written = json.loads(json.dumps(strict(document), allow_nan=False))
+    assert written["parameters"]["t_f"]["value"] is None
+    assert "not determined" in written["parameters"]["t_f"]["reason"]
+    page = document_html(document)
+    assert "not determined" in page
+    assert "nan" not in page
+    assert "24.8" not in page
+
+
+def test_a_mode_without_damping_has_no_number_for_it() -> None:
+    hz, ratio = Estimate(1.0, 0.1, 0.8, 1.2, "Hz"), Estimate(0.25, 0.1, 0.05, 0.45, "1")
+    document = replace(_made(), modes={"baseline": (ModeEstimate(hz, ratio),)}).document()
+    (mode,) = document["modes"]["baseline"]
+    assert mode["frequency_hz"] == 1.0
+    assert isnan(mode["damping_ratio"])
+    assert "above 25 %" in mode["reason"]

@@ -53,6 +53,8 @@ def print_comparison(comparison: Comparison) -> None:
     if len(comparison.labels) > 2:
         _print_trends(comparison)
         print_line()
+    if comparison.open:
+        print_line(f"not compared, not determined in a session: {', '.join(comparison.open)}")
     for label, verdict in zip(comparison.labels, comparison.verdicts, strict=True):
         print_line(f"{label}: {verdict}")
     print_line(

@@ -25,6 +25,8 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
         yield f"{title:<24}{'1':>12}{'2':>12}{'2 less 1':>11}{'z':>8}"
         yield from (_row(row) for row in rows)
     yield ""
+    if comparison.open:
+        yield f"Not compared, not determined in one of them: {', '.join(comparison.open)}."
     common = f"; in common are {', '.join(comparison.common)}" if comparison.common else ""
     yield f"Errors of the sessions are taken as independent{common}."
 

@@ -25,7 +25,7 @@ class Estimated:
     value: float
     low: float
     high: float
-    """In `unit`; the ends equal the value where it was given."""
+    """In `unit`; the ends equal the value where it was given; NaN where it is not determined."""
     unit: str
     rests_on: str = ""
     """Which runs or facts most of its precision comes from."""
@@ -52,7 +52,10 @@ class ModeRow:
 
 @dataclass(frozen=True, slots=True)
 class StateOutcome:
-    """One mass state: modes, and M, C, K in the order of `daq.vehicle.DOF`."""
+    """One mass state: modes, and M, C, K in the order of `daq.vehicle.DOF`.
+
+    The matrices are empty where a parameter is not determined.
+    """
 
     name: str
     modes: tuple[ModeRow, ...]

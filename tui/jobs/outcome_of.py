@@ -80,6 +80,8 @@ def _estimated(name: str, words: str, e: EstimateEntry, rests_on: str) -> Estima
 
 
 def _states(document: Document, result: Identification) -> tuple[StateOutcome, ...]:
+    """Return modes and matrices; no matrix where a parameter in it is not determined."""
+    known = not any(e["reason"] for e in document["parameters"].values())
     return tuple(
         StateOutcome(
             state,
@@ -93,9 +95,9 @@ def _states(document: Document, result: Identification) -> tuple[StateOutcome, .
                 )
                 for mode in modes
             ),
-            _rows(result.physical[state].M),
-            _rows(result.physical[state].C),
-            _rows(result.physical[state].K),
+            _rows(result.physical[state].M) if known else (),
+            _rows(result.physical[state].C) if known else (),
+            _rows(result.physical[state].K) if known else (),
         )
         for state, modes in document["modes"].items()
     )

@@ -17,6 +17,7 @@ _BAR = 11
 _NARROW = 100
 _DOF = ("heave", "pitch", "roll", "FL", "FR", "RL", "RR")
 """As `daq.vehicle.DOF`."""
+_OPEN = "not determined"
 _SEVERITY = {"refused": "REFUSED", "doubtful": "DOUBT", "ok": "note"}
 
 
@@ -73,7 +74,9 @@ def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
 
 
 def number(value: float) -> str:
-    """Write a number as the report does: five significant digits."""
+    """Write a number as the report does: five significant digits; nothing for no number."""
+    if not isfinite(value):
+        return ""
     return f"{value:#,.5g}".rstrip(".") if abs(value) < 1e5 else f"{value:,.0f}"
 
 
@@ -109,7 +112,7 @@ def parameter_lines(
         symbol = "" if row.words == row.name.replace("_", " ") else f"{row.name:<5}"
         interval = f"{number(row.low)} .. {number(row.high)}" if half is not None else ""
         if half is not None and not isfinite(half):
-            interval = "not determined"
+            interval = _OPEN
         words = (symbol + row.words)[:29]
         text = f"{words:<30}{number(row.value):>10} {row.unit:<6}{interval:>19} "
         drawn = bar(half, widest, glyphs)
@@ -131,16 +134,26 @@ def mode_lines(states: tuple[StateOutcome, ...], width: int) -> list[str]:
             lines.append("")
         lines.append(f"{title:<30}{'Hz':>9}{'± 95 %':>10}{'damping ratio':>16}{'± 95 %':>10}")
         for i, mode in enumerate(state.modes, start=1):
-            lines.append(
-                f"  {i} {mode.name:<26}{mode.frequency_hz:>9.4f}{mode.frequency_half_hz:>10.4f}"
-                f"{mode.damping_ratio:>16.4f}{mode.damping_ratio_half:>10.4f}"
+            pairs = (
+                (mode.frequency_hz, mode.frequency_half_hz),
+                (mode.damping_ratio, mode.damping_ratio_half),
             )
+            lines.append(f"  {i} {mode.name:<26}" + "".join(map(_mode_cells, pairs, (9, 16))))
     return [line[:width] for line in lines]
+
+
+def _mode_cells(pair: tuple[float, float], width: int) -> str:
+    value, half = pair
+    if not isfinite(value):
+        return f"{_OPEN:>{width + 10}}"
+    return f"{value:>{width}.4f}{half:>10.4f}"
 
 
 def matrix_lines(states: tuple[StateOutcome, ...], width: int) -> list[str]:
     """Return M, C and K of every mass state, SI."""
     lines: list[str] = []
+    if not all(state.mass for state in states):
+        return ["No matrices: a parameter in them is not determined (see Findings)."[:width]]
     for state in states:
         for letter, unit, matrix in (
             ("M", "kg, kg m²", state.mass),
