@@ -23,6 +23,12 @@ class Excitation(StrEnum):
     PITCH = "pitch"
     ROLL = "roll"
     WARP = "warp"
+    REAR_PITCH = "rear_pitch"
+
+    @property
+    def words(self) -> str:
+        """The kind as it stands in a sentence: `rear pitch`."""
+        return self.replace("_", " ")
 
 
 class RunStatus(StrEnum):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from types import MappingProxyType
 
+from ..bumps import BUMPS
 from ..runs import Excitation
 
 
@@ -39,65 +40,18 @@ class Procedure:
     """The operator's instructions, for the bumps whose usual ones do not fit."""
 
 
-def _usual_instructions() -> Mapping[tuple[Method, Excitation], str]:
-    roll, drop, push = Method.ROLL_OVER, Method.DROP, Method.PUSH
-    return {
-        (roll, Excitation.BOUNCE): (
-            "Boards of {mm} mm before all four wheels: roll over them at walking pace and stop."
-        ),
-        (roll, Excitation.PITCH): (
-            "Boards of {mm} mm before both front wheels: roll over them at walking pace and stop "
-            "before the rear wheels meet them."
-        ),
-        (roll, Excitation.ROLL): (
-            "Boards of {mm} mm before both left wheels: roll over them at walking pace and stop."
-        ),
-        (roll, Excitation.WARP): (
-            "Boards of {mm} mm before the front left and the rear right wheel: roll over them at "
-            "walking pace and stop."
-        ),
-        (drop, Excitation.BOUNCE): (
-            "All four wheels on blocks of {mm} mm: pull all blocks away at once."
-        ),
-        (drop, Excitation.PITCH): (
-            "Both front wheels on blocks of {mm} mm: pull both blocks away at once."
-        ),
-        (drop, Excitation.ROLL): (
-            "Both left wheels on blocks of {mm} mm: pull both blocks away at once."
-        ),
-        (drop, Excitation.WARP): (
-            "Front left and rear right wheel on blocks of {mm} mm: pull both blocks away at once."
-        ),
-        (push, Excitation.BOUNCE): (
-            "Push the body {mm} mm down in its middle, from both sides, and let go at once."
-        ),
-        (push, Excitation.PITCH): (
-            "Push the nose {mm} mm down in the middle of the bonnet and let go at once."
-        ),
-        (push, Excitation.ROLL): (
-            "Push the left sill {mm} mm down in its middle and let go at once."
-        ),
-        (push, Excitation.WARP): (
-            "A push cannot warp the wheels: put front left and rear right on blocks and drop them."
-        ),
-    }
-
-
-_USUAL_INSTRUCTIONS = _usual_instructions()
-_FRONT, _REAR, _LEFT = (0, 1), (2, 3), (0, 2)
-_STRUCK: Mapping[Excitation, tuple[int, ...]] = {
-    Excitation.BOUNCE: (*_FRONT, *_REAR),
-    Excitation.PITCH: _FRONT,
-    Excitation.ROLL: _LEFT,
-    Excitation.WARP: (0, 3),
-}
-"""Wheels that the bump is under, by their position in `daq.vehicle.Corner`."""
+_FRONT, _REAR = (0, 1), (2, 3)
 
 
 def instruction(procedure: Procedure, excitation: Excitation) -> str:
     """Return the operator's instruction for a bump."""
     own = procedure.instructions.get(excitation, "")
-    usual = _USUAL_INSTRUCTIONS[procedure.method, excitation]
+    bump = BUMPS[excitation]
+    usual = {
+        Method.ROLL_OVER: bump.roll_over,
+        Method.DROP: bump.drop,
+        Method.PUSH: bump.push,
+    }[procedure.method]
     return own or usual.format(mm=f"{procedure.bump_height_m * 1e3:g}")
 
 
@@ -110,13 +64,10 @@ def sketch(procedure: Procedure, excitation: Excitation) -> tuple[str, ...]:
         At most 8 lines of at most 30 plain ASCII characters.
     """
     height = f"{procedure.bump_height_m * 1e3:g} mm"
-    struck = _STRUCK[excitation]
-    if procedure.method is Method.PUSH and excitation is not Excitation.WARP:
-        row, column = {
-            Excitation.BOUNCE: (3, 13),
-            Excitation.PITCH: (1, 13),
-            Excitation.ROLL: (3, 7),
-        }[excitation]
+    bump = BUMPS[excitation]
+    if procedure.method is Method.PUSH and bump.hand is not None:
+        forward, left = bump.hand
+        row, column = 3 - 2 * forward, 13 - 6 * left
         lines = [
             "            front",
             "      +-------------+",
@@ -128,11 +79,11 @@ def sketch(procedure: Procedure, excitation: Excitation) -> tuple[str, ...]:
         lines[row] = lines[row][: column - 1] + "(V)" + lines[row][column + 2 :]
         return (*lines, f"  (V) push {height} down here")
     if procedure.method is Method.ROLL_OVER:
-        boards = [" === " if corner in struck else "     " for corner in range(4)]
+        boards = [" === " if bump.shares[corner] else "     " for corner in range(4)]
         wheels, legend = ["[ ]"] * 4, f"  === board, {height}"
     else:
         boards = ["     "] * 4
-        wheels = ["[#]" if corner in struck else "[ ]" for corner in range(4)]
+        wheels = ["[#]" if bump.shares[corner] else "[ ]" for corner in range(4)]
         legend = f"  [#] wheel on a block, {height}"
     lines = ["            front"]
     for left, right in (_FRONT, _REAR):

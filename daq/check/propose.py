@@ -32,7 +32,7 @@ _REST = """
 name = "vehicle"  # FILL IN
 
 [campaign]
-excitations = ["bounce", "pitch", "roll"]  # "warp" adds more information than any of these
+excitations = ["bounce", "pitch", "roll"]  # also "rear_pitch", "warp"
 repeats = 2
 method = "roll_over"  # or "drop", "push"
 bump_height_mm = 40.0

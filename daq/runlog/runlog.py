@@ -170,7 +170,7 @@ def next_step(campaign: Campaign, log: RunLog) -> Step | None:
 def parse_label(label: str) -> Step | None:
     """Return the step of a label like `baseline_bounce_1`; None if it is not a label."""
     state, _, rest = label.partition("_")
-    kind, _, number = rest.partition("_")
+    kind, _, number = rest.rpartition("_")
     if kind not in set(Excitation) or not number.isdecimal():
         return None
     return Step(state, Excitation(kind), int(number))

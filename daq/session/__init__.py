@@ -33,9 +33,9 @@ channel, weight, frame, event), and every table of samples has `time`.  Units ar
                     (a corner: the weight is on that hub; empty: on the body);
                     delta_mass f8 (7, 7) by row and column: a mass matrix given directly, for
                     heave, pitch and roll of the body, heave of the wheels FL FR RL RR
-/runs/r001_LABEL    NX_class; mass_state, excitation (bounce pitch roll warp), repeat: LABEL is the
-                    three with _; t0_ns: ns since 1970 UTC; bump_s: duration of the bump, s, or
-                    NaN; status (accepted rejected); reasons: one a line
+/runs/r001_LABEL    NX_class; mass_state, excitation (bounce pitch roll warp rear_pitch),
+                    repeat: LABEL is the three with _; t0_ns: ns since 1970 UTC; bump_s: duration
+                    of the bump, s, or NaN; status (accepted rejected); reasons: one a line
                     sample_groups: names of the groups of samples, one a line
                     lost_bus_dropped lost_bus_garbled lost_queue_dropped lost_counter_gaps
                     lost_crc_bad lost_wrong_length lost_unknown_id lost_error_frames

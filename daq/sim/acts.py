@@ -23,7 +23,7 @@ from .motion import Motion, Moving, TwoBumps, drive
 from .plant import Array
 from .push import Push, pushed
 from .sensors import true_reading
-from .spoils import MIXED_UP, SECOND_BUMP_S, WEAK_LEVELS, Fault
+from .spoils import SECOND_BUMP_S, WEAK_LEVELS, Fault, mixed_up
 
 LEAD_S = 0.1
 """Rest at the beginning of an act, longer than any sensor is late."""
@@ -90,7 +90,7 @@ class Acts:
 
     def _made(self, mass_state: str, excitation: Excitation, fault: Fault | None) -> Act:
         if fault is Fault.WRONG_MODE:
-            excitation = MIXED_UP[excitation]
+            excitation = mixed_up(excitation)
         if fault is Fault.DOUBLE_BUMP:
             return self._twice(mass_state, excitation)
         act = self._bump(mass_state, excitation, 1.0)

@@ -7,19 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bumps import BUMPS
 from ..runs import Excitation
-from ..vehicle import Corner
 
-_LIFTED = {
-    Excitation.BOUNCE: frozenset(Corner),
-    Excitation.PITCH: frozenset({Corner.FRONT_LEFT, Corner.FRONT_RIGHT}),
-    Excitation.ROLL: frozenset({Corner.FRONT_LEFT, Corner.REAR_LEFT}),
-    Excitation.WARP: frozenset({Corner.FRONT_LEFT, Corner.REAR_RIGHT}),
-}
-_SHARE = {
-    excitation: np.array([[float(corner in lifted)] for corner in Corner])
-    for excitation, lifted in _LIFTED.items()
-}
+_SHARE = {excitation: np.array(bump.shares)[:, None] for excitation, bump in BUMPS.items()}
 """1 for each wheel that is lifted, else 0, (4, 1); the integration asks thousands of times."""
 
 
@@ -28,7 +19,7 @@ class Bump:
     """A half-sine bump that the chosen wheels pass at the same time."""
 
     excitation: Excitation
-    """Which wheels: all, front, left, or front left and rear right."""
+    """Which wheels (`daq.bumps.BUMPS`)."""
     height_m: float
     """Height of the bump."""
     start_s: float

@@ -29,6 +29,7 @@ from .masses import GRAVITY_M_S2
 _SCALE_KG, _WHEELBASE_M, _TRACK_M = 0.5, 0.002, 0.004
 """Sigma of a corner's scales, and of the tape measure along the car and across it."""
 _THREE = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL)
+_FURTHER = (*_THREE, Excitation.WARP)
 _CORNER_FACTS = (
     FactQuantity.CORNER_FL,
     FactQuantity.CORNER_FR,
@@ -83,7 +84,7 @@ def fitted_plan(
     states = [BASELINE, ADDED] if weights else [BASELINE, BASELINE]
     kinds = [(state, excitation) for state in states for excitation in _THREE]
     for _ in range(int(rng.integers(0, 3))):
-        kinds.append((states[int(rng.integers(2))], list(Excitation)[int(rng.integers(4))]))
+        kinds.append((states[int(rng.integers(2))], _FURTHER[int(rng.integers(4))]))
     heights = rng.uniform(0.03, 0.05, len(kinds))
     bumps = [
         PlannedBump(state, excitation, float(height))

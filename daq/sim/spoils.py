@@ -35,9 +35,10 @@ UNPLUGGED_S = 3.0
 """Time without the adapter, s of the host's time."""
 UNPLUG_AFTER_S = 0.5
 """Time from the bump to the unplugging, s."""
-MIXED_UP = {
-    Excitation.BOUNCE: Excitation.PITCH,
-    Excitation.PITCH: Excitation.ROLL,
-    Excitation.ROLL: Excitation.BOUNCE,
-    Excitation.WARP: Excitation.ROLL,
-}
+
+
+def mixed_up(due: Excitation) -> Excitation:
+    """Return another kind of bump than the one that is due."""
+    return {Excitation.BOUNCE: Excitation.PITCH, Excitation.ROLL: Excitation.BOUNCE}.get(
+        due, Excitation.ROLL
+    )

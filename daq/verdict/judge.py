@@ -11,8 +11,9 @@ from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..channels import TIME_DERIVATIVE, Quantity
 from . import motion, traffic
-from .pattern import Pattern, patterns, wrong_mode
+from .pattern import patterns, wrong_mode
 from .repeats import not_repeatable, waves
+from .strikes import Pattern
 from .wave import body_wave
 from .window import ANGULAR, RunMeasure, RunWindow, Trace, traces
 from .words import finding

@@ -12,19 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from daq.bumps import BUMPS
 from daq.runs import Excitation
 from dbc.errors import InputError
 from dbc.frames import read_only
 
 from .matrices import N_DOF, PhysicalModel
-
-WHEELS = {
-    Excitation.BOUNCE: (1.0, 1.0, 1.0, 1.0),
-    Excitation.PITCH: (1.0, 1.0, 0.0, 0.0),
-    Excitation.ROLL: (1.0, 0.0, 1.0, 0.0),
-    Excitation.WARP: (1.0, 0.0, 0.0, 1.0),
-}
-"""Share of the bump under the wheels A, B, C, D: all, the front, the left, one diagonal."""
 
 WILSON_THETA = 1.4
 """Unconditionally stable above 1.37; the usual choice."""
@@ -75,7 +68,7 @@ def exact_response(
     model : PhysicalModel
         The vehicle (Eq. 1), at rest before the bump.
     excitation : Excitation
-        Which wheels meet the bump (`WHEELS`).
+        Which wheels meet the bump (`daq.bumps.BUMPS`).
     bump : Bump
         The road.
     rate_hz : float
@@ -170,7 +163,7 @@ def _road_force(model: PhysicalModel, excitation: Excitation) -> NDArray[np.floa
     """
     heave = np.array([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     tyres = model.K @ heave
-    return np.concatenate([np.zeros(3), tyres[3:] * WHEELS[excitation]])
+    return np.concatenate([np.zeros(3), tyres[3:] * np.array(BUMPS[excitation].shares)])
 
 
 def _march(

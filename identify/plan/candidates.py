@@ -56,7 +56,7 @@ def _runs(plan: Plan) -> Iterator[Candidate]:
     for state in plan.mass_states:
         for excitation in Excitation:
             done = any((r.mass_state, r.excitation) == (state.name, excitation) for r in plan.runs)
-            action = f"one {'more ' * done}{excitation} run in mass state {state.name}"
+            action = f"one {'more ' * done}{excitation.words} run in mass state {state.name}"
             yield Candidate(action, replace(plan, runs=(*plan.runs, Runs(state.name, excitation))))
 
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.bumps import BUMPS
 from daq.runs import Excitation
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.finding import Finding, Severity
@@ -20,7 +21,6 @@ from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
 from ..fit.varpro import Evaluated, evaluate, linear_part, pseudo_inverse
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
-from ..model.response import WHEELS
 from ..modes.modal_model import modes_of
 from ..modes.mode_names import mode_names
 
@@ -102,8 +102,8 @@ def _unexcited(
             "excitation",
             Severity.WARNING,
             f"hardly excited in state {state.name}: {', '.join(texts)} in all its runs together "
-            f"(limit {SNR_LIMIT_DB:.0f} dB); what depends on them is not known: record a {run} run "
-            f"in state {state.name}, or one with a higher bump",
+            f"(limit {SNR_LIMIT_DB:.0f} dB); what depends on them is not known: record a "
+            f"{run.words} run in state {state.name}, or one with a higher bump",
         )
 
 
@@ -112,8 +112,8 @@ def best_run(model: PhysicalModel, pole: complex, tyre_n_m: NDArray[np.float64])
     poles, right = np.linalg.eig(model.A)
     left = np.linalg.inv(right)[int(np.argmin(np.abs(poles - pole)))]
     gain = {}
-    for run, wheels in WHEELS.items():
-        force = np.concatenate([np.zeros(3), tyre_n_m * wheels])
+    for run, bump in BUMPS.items():
+        force = np.concatenate([np.zeros(3), tyre_n_m * np.array(bump.shares)])
         gain[run] = abs(left[N_DOF:] @ np.linalg.solve(model.M, force))
     strongest = max(gain.values())
     return next(run for run in Excitation if gain[run] >= _AS_GOOD * strongest)

@@ -138,7 +138,7 @@ def _print(planned: Plan, advice: Advice, whose: str) -> None:
     from ..output import print_line, print_table
 
     now = advice.outlook
-    runs = ", ".join(f"{r.repeats} x {r.mass_state} {r.excitation}" for r in planned.runs)
+    runs = ", ".join(f"{r.repeats} x {r.mass_state} {r.excitation.words}" for r in planned.runs)
     rates = sorted({s.rate_hz for s in planned.sensors})
     spread = " .. ".join(f"{rate:g}" for rate in dict.fromkeys((rates[0], rates[-1])))
     print_line(f"Runs: {runs}; bump of {planned.bump.height_m * 1e3:g} mm")

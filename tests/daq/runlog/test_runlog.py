@@ -170,6 +170,7 @@ def test_a_choice_is_over_with_the_bump_that_was_chosen() -> None:
     [
         ("baseline_bounce_1", ("baseline", "bounce", 1)),
         ("added_warp_12", ("added", "warp", 12)),
+        ("added_rear_pitch_3", ("added", "rear_pitch", 3)),
         ("baseline_bounce_", None),
         ("baseline_bounce_x", None),
         ("baseline_hop_1", None),

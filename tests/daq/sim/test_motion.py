@@ -133,6 +133,7 @@ def test_a_90_mm_bump_lifts_the_rear_wheels_and_a_50_mm_bump_does_not() -> None:
         (Excitation.PITCH, [1, 1, 0, 0]),
         (Excitation.ROLL, [1, 0, 1, 0]),
         (Excitation.WARP, [1, 0, 0, 1]),
+        (Excitation.REAR_PITCH, [0, 0, 1, 1]),
     ],
 )
 def test_the_road_is_equation_34_under_the_chosen_wheels(

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from daq.bench.campaign import Campaign
 from daq.bench.config import Bench, load_bench
 from daq.channels import Channel, Quantity
 from daq.runs import Excitation, Losses
 from daq.vehicle import Corner
 from daq.verdict import RunMeasure, RunWindow
+from daq.verdict.body_motion import Body, of_body
 from daq.verdict.motion import double_bump, not_at_rest, not_decayed, rest_changed, too_weak
 from daq.verdict.pattern import patterns, wrong_mode
 from daq.verdict.repeats import not_repeatable
@@ -214,6 +216,58 @@ def test_a_bump_is_eighty_percent_pure(rear: float, passed: bool) -> None:
     (finding,) = wrong_mode(Excitation.BOUNCE, pattern)
     assert finding.passed is passed
     assert finding.value == pytest.approx((1 + rear) ** 2 / 2 / (1 + rear**2), rel=1e-3)
+
+
+FOUR = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.REAR_PITCH)
+
+
+@pytest.mark.parametrize(("front", "passed"), [(0.49, True), (0.51, False)])
+def test_a_rear_pitch_is_eighty_percent_pure(front: float, passed: bool) -> None:
+    """Front wheels at a share r of the rear ones leave a rear pitch 1 / (1 + r^2) = 0.8."""
+    size = dict(zip(Corner, (front, front, 1.0, 1.0), strict=True))
+    hop = np.where((T_S > 0.0) & (T_S < 1.0), np.sin(2 * np.pi * 10.0 * T_S), 0.0)
+    hubs = {
+        replace(HUB, name=corner.value, corner=corner): 20.0 * share * hop
+        for corner, share in size.items()
+    }
+    bench, run = window(hubs)
+    bench = replace(bench, campaign=Campaign(FOUR, 2))
+    (pattern,) = patterns(bench, traces(bench.channels, run))
+    (rear,) = wrong_mode(Excitation.REAR_PITCH, pattern)
+    (other,) = wrong_mode(Excitation.PITCH, pattern)
+    assert (rear.passed, other.passed) == (passed, False)
+    assert rear.value == pytest.approx(1 / (1 + front**2), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("front", "rear", "kinds"),
+    [
+        (1.0, 0.64, {Excitation.PITCH}),
+        (1.0, 0.66, {Excitation.PITCH, Excitation.REAR_PITCH}),
+        (0.66, 1.0, {Excitation.PITCH, Excitation.REAR_PITCH}),
+        (0.64, 1.0, {Excitation.REAR_PITCH}),
+    ],
+)
+def test_the_body_moves_more_at_the_axle_of_a_pitch(
+    front: float, rear: float, kinds: set[Excitation]
+) -> None:
+    """A body that pitches as much as it heaves is told by its ends, from 0.65 of the other on."""
+    pattern = of_body(FOUR, Body(1.0, 1.0, 0.0, front, rear), {}, "body's motion")
+    passed = {kind for kind in FOUR if next(wrong_mode(kind, pattern)).passed}
+    assert passed == kinds
+    assert ("nose more" in pattern.words) is (front > rear)
+
+
+@pytest.mark.parametrize(("hub", "passed"), [(False, False), (True, None)])
+def test_travels_of_one_axle_do_not_judge_what_hubs_show(hub: bool, passed: bool | None) -> None:
+    """A travel peak of 9 times its noise is too weak, unless it only misses the other axle."""
+    noise = np.sqrt(0.5)
+    turn = np.resize([0.0, 1.0, 0.0, -1.0], len(T_S))
+    records = {TRAVEL: np.where(T_S < -0.0301, turn, 0.0) + pulse(9.0 * noise)}
+    if hub:
+        records[HUB] = pulse(100.0)
+    subjects = {f.subject: f.passed for f in found(too_weak, records)}
+    assert subjects.get("travel") is passed
 
 
 def measure(peak: float, like: float = 1.0, small: float = 0.0) -> RunMeasure:

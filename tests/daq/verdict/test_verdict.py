@@ -9,7 +9,7 @@ import pytest
 
 from daq.bench.campaign import Step
 from daq.runs import BASELINE, Excitation, Losses
-from daq.verdict import WORDS, RunMeasure, RunWindow, peak_left
+from daq.verdict import WORDS, RunMeasure, RunWindow, judge, peak_left
 
 from ..verdict_runs import Setting, benches, first_failed, good, judged, motion, windowed
 from ..verdicts import confusion, rejected
@@ -98,6 +98,7 @@ def test_a_rear_axle_that_follows_the_front_one_is_no_second_bump() -> None:
         (Excitation.PITCH, "pitch: front wheels only"),
         (Excitation.ROLL, "roll: left wheels only"),
         (Excitation.WARP, "warp: front left and rear right"),
+        (Excitation.REAR_PITCH, "pitch: rear wheels only"),
     ],
 )
 def test_the_wrong_wheels_are_named(bumped: Excitation, words: str) -> None:
@@ -107,6 +108,27 @@ def test_the_wrong_wheels_are_named(bumped: Excitation, words: str) -> None:
     found = next(finding for finding in findings if finding.code == "wrong_mode")
     assert f"looks like {words}, not bounce" in found.text
     assert sum(measure.shares.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", list(benches()))
+@pytest.mark.parametrize("car", ["linear", "anti-roll bars"])
+def test_a_pitch_at_the_wrong_axle_is_found_where_the_campaign_has_both(
+    car: str, name: str
+) -> None:
+    four = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.REAR_PITCH)
+    usual = benches()[name]
+    both = replace(usual, campaign=replace(usual.campaign, excitations=four))
+    for bumped in (Excitation.PITCH, Excitation.REAR_PITCH):
+        window = good(Setting(car, name, Step(BASELINE, bumped, 1)), 7)
+        for due in (Excitation.PITCH, Excitation.REAR_PITCH):
+            found = {
+                bench is both: first_failed(judge(bench, Step(BASELINE, due, 1), window, ())[0])
+                for bench in (usual, both)
+            }
+            wrong = "" if due is bumped else "wrong_mode"
+            assert found[True] == wrong
+            # The usual campaign takes a pitch at either axle for one.
+            assert found[False] == (wrong if due is Excitation.REAR_PITCH else "")
 
 
 def test_frequency_and_damping_are_those_of_the_pitch_mode() -> None:

@@ -42,6 +42,7 @@ def integrated(wheels: list[int], until_s: float) -> NDArray[np.float64]:
         (Excitation.PITCH, [3, 4]),
         (Excitation.ROLL, [3, 5]),
         (Excitation.WARP, [3, 6]),
+        (Excitation.REAR_PITCH, [5, 6]),
     ],
 )
 def test_exact_response_is_that_of_an_integrator(excitation: Excitation, wheels: list[int]) -> None:

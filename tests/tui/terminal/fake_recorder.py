@@ -70,6 +70,7 @@ INSTRUCTIONS = {
     "pitch": "Roll the front wheels over the board.",
     "roll": "Roll the left wheels over the board.",
     "warp": "Roll front left and rear right over the boards.",
+    "rear_pitch": "Roll the rear wheels over the board.",
 }
 
 

@@ -101,6 +101,7 @@ def test_what_was_typed_is_what_the_bench_says() -> None:
         "name": 'T5 "x"',
         "flag.anti_roll_bars": "yes",
         "bump.warp": "yes",
+        "bump.rear_pitch": "yes",
         "repeats": "5",
         "method": "drop",
         "bump_height_mm": "47.5",

@@ -9,8 +9,10 @@ import pytest
 from textual.app import App
 from textual.pilot import Pilot
 
+from daq.bench.config import default_bench_text
 from daq.control.messages import Alarm, BusState, BusStatus, Phase
-from daq.control.orders import Mark, Note, OverrideWarning
+from daq.control.orders import Choose, Mark, Note, OverrideWarning
+from daq.runs import Excitation
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.home import HomeScreen
 from tui.terminal.state.feed import Lost
@@ -206,3 +208,30 @@ async def test_a_bad_bus_and_alarms_are_said_with_advice(make_app: MakeApp) -> N
         assert "BUS-OFF" in text.splitlines()[0]
         assert "2/4 alive" in text.splitlines()[0]
         assert "BUS OFF can0: off after 256 errors: check termination" in text
+
+
+@pytest.mark.parametrize("size", ["80x24", "140x40"])
+async def test_five_kinds_of_bump_find_room(
+    make_app: MakeApp, snapshot: Snapshot, size: str
+) -> None:
+    usual = default_bench_text()
+    text = usual.replace('["bounce", "pitch", "roll"]', str([kind.value for kind in Excitation]))
+    assert text != usual
+    recorder = FakeRecorder(text)
+    _before(recorder)
+    await recorder.ask(Choose("baseline", Excitation.REAR_PITCH))
+    recorder.turn(Phase.ARMED)
+    app = make_app(recorder)
+    async with app.run_test(size=SIZES[size]) as pilot:
+        await pilot.pause()
+        await app.open("run")
+        await pilot.pause()
+        await pilot.pause()
+        snapshot(app, f"run_rear_pitch_{size}")
+        assert "rear pitch 1 of 2" in screen_text(app)
+        recorder.turn(Phase.IDLE)
+        await app.open("home")
+        await pilot.pause()
+        await pilot.pause()
+        snapshot(app, f"home_rear_pitch_{size}")
+        assert "REAR PITCH" in screen_text(app)

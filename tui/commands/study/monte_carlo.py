@@ -62,7 +62,10 @@ def noise(
     rate_hz: Rate = 200.0,
     noise_db: Noise = 30.0,
     cases: Annotated[
-        str, typer.Option(help="Bumps of each mass state: bounce,pitch,roll,warp or some of them.")
+        str,
+        typer.Option(
+            help="Bumps of each mass state: bounce,pitch,roll,warp,rear_pitch or some of them."
+        ),
     ] = "bounce,pitch,roll",
     sensors: Annotated[
         Sensors, typer.Option(help="The paper's seven accelerations, or a bench's sensors.")

@@ -55,8 +55,8 @@ VEHICLE_FIELDS: tuple[Field, ...] = (
     *(field for fact in FACTS for field in _fact(*fact)),
     *(Field(f"flag.{n}", label, choices=(YES, NO), help=text) for n, label, text in _FLAGS),
     *(
-        Field(f"bump.{e}", e.capitalize(), choices=(YES, NO), help=f"whether {e} is bumped")
-        for e in Excitation
+        Field(f"bump.{e}", words.capitalize(), choices=(YES, NO), help=f"whether {words} is bumped")
+        for e, words in ((e, e.words) for e in Excitation)
     ),
     _number("repeats", "Repeats", "runs", _TIMES, _TIMES, whole=True),
     Field("method", "Method", needed=True, choices=tuple(Method),

@@ -120,7 +120,7 @@ class BumpingScreen(BenchScreen):
             tally = status.tallies[min(self.query_one(TallyList).chosen, len(status.tallies) - 1)]
             order = Choose(tally.mass_state, tally.excitation)
             if await self.bench_app.ask(order) is not None:
-                self.bench_app.inform(f"next: {tally.mass_state} {tally.excitation.value}")
+                self.bench_app.inform(f"next: {tally.mass_state} {tally.excitation.words}")
 
     def action_choose(self, by: int) -> None:
         """Mark another kind of bump."""

@@ -145,7 +145,7 @@ class IdentifyScreen(WorkScreen):
         glyphs = self.bench_app.glyphs
         for t in status.tallies:
             mark = glyphs.good if t.accepted >= t.planned else glyphs.warn
-            kind = f"{t.mass_state} {t.excitation}"
+            kind = f"{t.mass_state} {t.excitation.words}"
             lines.append(f"  {mark} {kind:<20} {t.accepted} of {t.planned} accepted")
         if status.own_session:
             lines.append(f"  session file: {printable(status.own_session)}")

@@ -151,7 +151,8 @@ class ReportScreen(WorkScreen):
         if status is not None and status.own_session == self._session:
             lines += ["", f"Recorded   {printable(status.vehicle, 60)}"]
             lines += [
-                f"  {t.mass_state} {t.excitation}: {t.accepted} accepted, {t.rejected} rejected"
+                f"  {t.mass_state} {t.excitation.words}: {t.accepted} accepted, "
+                f"{t.rejected} rejected"
                 for t in status.tallies
             ]
             frames, journal = status.disk.recorded_frames, printable(status.folder)

@@ -13,7 +13,7 @@ from textual.events import DescendantFocus
 from textual.timer import Timer
 from textual.widgets import Static
 
-from daq import InputError, Status
+from daq import Excitation, InputError, Status
 from daq.control import Configure, Hello, Mark, Note
 
 from ..forms.fields import Field, FieldError
@@ -26,6 +26,7 @@ from .base import BenchScreen
 DRAFT = "draft_vehicle.json"
 _DRAFT_S = 0.5
 _NEXT = "SPACE = this is the car: go on to step 2 Check"
+_KINDS = tuple(f"bump.{kind}" for kind in Excitation)
 _ROWS = (
     ("name",),
     ("operator",),
@@ -37,7 +38,7 @@ _ROWS = (
     ("rear_track_m", "rear_track_m.sigma"),
     ("flag.symmetric", "flag.anti_roll_bars"),
     ("flag.tyre_damping", "flag.cg_offset"),
-    ("bump.bounce", "bump.pitch", "bump.roll", "bump.warp"),
+    *(_KINDS[first : first + 4] for first in range(0, len(_KINDS), 4)),
     ("repeats", "method"),
     ("bump_height_mm", "accept_after_s"),
     ("notes",),

@@ -92,7 +92,7 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
 
 def run_words(run: LoggedRun) -> str:
     """Return `bounce 3` and the like; the added state says so."""
-    return f"{run.excitation.value} {run.repeat}"
+    return f"{run.excitation.words} {run.repeat}"
 
 
 def _reason(code: str) -> str:
@@ -104,7 +104,7 @@ def _title(status: Status) -> str:
     if due is None:
         return ""
     number = due.accepted + 1
-    kind = due.step.excitation.value
+    kind = due.step.excitation.words
     if number > due.planned:
         return f"{kind} {number}, {due.planned} planned"
     return f"{kind} {number} of {due.planned}"

@@ -47,6 +47,7 @@ class TallyList(Words):
         wide = self.size.width > _WITH_REASONS
         reasons = _reasons(status)
         due = status.due.step if status.due else None
+        name = max((len(tally.excitation.words) for tally in status.tallies), default=0) + 1
         for i, tally in enumerate(status.tallies):
             here = due is not None and (tally.mass_state, tally.excitation) == (
                 due.mass_state,
@@ -56,7 +57,7 @@ class TallyList(Words):
             more = f" +{tally.accepted - tally.planned}" if tally.accepted > tally.planned else ""
             pointer = ">" if i == self.chosen else " "
             sign = self._glyphs.now if here else " "
-            words = f"{pointer}{sign} {tally.mass_state:<9}{tally.excitation.value:<7} {bar}  "
+            words = f"{pointer}{sign} {tally.mass_state:<9}{tally.excitation.words:<{name}} {bar}  "
             count = f"{min(tally.accepted, tally.planned)}/{tally.planned}{more}"
             why = reasons.get((tally.mass_state, tally.excitation.value), "") if wide else ""
             measured = _frequency(status, tally, wide)
@@ -84,7 +85,7 @@ class RunList(Words):
         """Show the runs."""
         lines = []
         for run in reversed(status.runs[-_KEPT:]):
-            name = f"{run.mass_state} {run.excitation.value} {run.repeat}"
+            name = f"{run.mass_state} {run.excitation.words} {run.repeat}"
             if run.status is LoggedStatus.OPEN:
                 lines.append(Content.assemble((f"{self._glyphs.now} running   {name}", "bold")))
             elif run.status is LoggedStatus.ACCEPTED:
@@ -111,7 +112,7 @@ class Journal(Words):
             (o.t_ns, f"WARN {o.subject} overridden by {o.by}: {o.reason}") for o in status.overrides
         ]
         entries += [
-            (run.t_ns, f"{run.excitation.value} {run.repeat} {_state(run)}") for run in status.runs
+            (run.t_ns, f"{run.excitation.words} {run.repeat} {_state(run)}") for run in status.runs
         ]
         entries.sort(key=lambda entry: entry[0], reverse=True)
         lines = [f"{clock_time(t_ns)}  {printable(text, 120)}" for t_ns, text in entries[:_KEPT]]

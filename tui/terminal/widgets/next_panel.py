@@ -38,7 +38,7 @@ class NextPanel(Words):
             lines = [Content.assemble((f"{self._glyphs.now} Step {action.step.title}", "bold"))]
         elif status.due is not None:
             due = status.due
-            title = f"{due.step.mass_state.capitalize()} · {due.step.excitation.upper()}"
+            title = f"{due.step.mass_state.capitalize()} · {due.step.excitation.words.upper()}"
             count = f"run {min(due.accepted + 1, due.planned)} of {due.planned}"
             if due.accepted >= due.planned:
                 count = f"run {due.accepted + 1}, {due.planned} were planned"

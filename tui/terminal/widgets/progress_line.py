@@ -32,8 +32,11 @@ class ProgressLine(Words):
             rejected += tally.rejected
             here = due is not None and due.excitation is tally.excitation
             bar = glyphs.bar(tally.accepted, tally.planned, glyphs.now if here else "")
-            parts.append(f"{tally.excitation.value} {bar}")
+            parts.append(f"{tally.excitation.words} {bar}")
         lamps = printable(", ".join(status.overloaded), 30)
         lamp = f"{glyphs.overload} OVERLOAD {lamps}" if lamps else "no overload"
-        words = f" {state}: {'  '.join(parts)}   {rejected} rejected {glyphs.axis} {lamp}"
+        bars, end = "  ".join(parts), f"{glyphs.axis} {lamp}"
+        words = f" {state}: {bars}   {rejected} rejected {end}"
+        if len(words) > self.size.width > 0:
+            words = f" {bars}  {rejected} rej. {end}"
         self.say(Content(words))

@@ -28,5 +28,5 @@ class SketchBox(Words):
             self.say(Content(""))
             return
         lines = sketch(bench.procedure, status.due.step.excitation)
-        self.border_title = f"How to bump: {status.due.step.excitation.value}"
+        self.border_title = f"How to bump: {status.due.step.excitation.words}"
         self.say(Content("\n".join(lines)))

@@ -1,0 +1,169 @@
+"""The kind of a bump by the motion of the body, where no sensor shows the wheels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bench.config import Bench
+from ..channels import Quantity
+from ..runs import Excitation
+from .strikes import TOGETHER, Corners, Pattern, likeness_of, shares_of
+from .window import Trace
+
+BODY_PURITY = 0.65
+"""Likeness that is due by the body alone, whose motions mix: its pitch goes with heave, its roll
+too.  Simulated cars show 0.86 and more if bumped right, 0.53 and less if not."""
+STRIKE_S = 0.1
+"""Time after the bump that belongs to the strike, s: the wheels' first swing."""
+_GRID_S = 0.002
+"""Spacing of the body's speeds, s."""
+_HALF_WHEELBASE_M, _HALF_TRACK_M = 1.35, 0.75
+"""Half lengths of a usual car, m, where bench.toml states none: only their ratios count."""
+_TURN = 0.9
+"""Turning over heave from which on the body does not bounce."""
+
+
+class Body(NamedTuple):
+    """Largest motion of the body in the strike, as what it is at the corners; one unit for all."""
+
+    heave: float
+    pitch: float
+    roll: float
+    front: float
+    """At the front axle."""
+    rear: float
+    """At the rear axle."""
+
+
+def body_pattern(bench: Bench, seen: tuple[Trace, ...]) -> Pattern | None:
+    """Return how the car was bumped by accelerometers and gyros; None without enough of them."""
+    body = _moved_body(bench, seen)
+    if body is None:
+        return None
+    power = np.square(body[:3]) / max(float(np.sum(np.square(body[:3]))), 1e-24)
+    shares = dict(zip(("bounce", "pitch", "roll"), power.tolist(), strict=True))
+    return of_body(bench.campaign.excitations, body, MappingProxyType(shares), "body's motion")
+
+
+def pushed_pattern(bench: Bench, four: tuple[Trace, ...]) -> Pattern:
+    """Return how the body was pushed, by the four travels, all of which it moves."""
+    motion = _moved_corners(four)
+    shares = shares_of(motion)
+    heave, pitch, roll = (float(np.sqrt(shares[name])) for name in ("bounce", "pitch", "roll"))
+    front, rear = abs(float(motion[0] + motion[1])), abs(float(motion[2] + motion[3]))
+    body = Body(heave, pitch, roll, front, rear)
+    return of_body(bench.campaign.excitations, body, shares, "travels")
+
+
+def of_body(
+    planned: tuple[Excitation, ...], body: Body, shares: Mapping[str, float], by: str
+) -> Pattern:
+    """Judge by heave, pitch and roll alone; warp moves the body but little more than bounce does.
+
+    A pitch bump heaves the body as much as it turns it: the likeness counts each turning against
+    heave alone, and only what clearly belongs to another kind is refused.  Of the two axles the
+    one that is struck moves more.
+
+    Parameters
+    ----------
+    planned : tuple of Excitation
+        The kinds of the campaign.
+    body : Body
+        The motion.
+    shares : mapping of str to float
+        Shares of the motion, for the text.
+    by : str
+        The sensors, in words.
+    """
+    turn = max(body.pitch, body.roll)
+    still = 1.0 - min(turn / max(body.heave, 1e-12) / _TURN, 1.0) / 2
+    like = {}
+    for wheels in TOGETHER:
+        at_front, to_left = sum(2 * c.front - 1 for c in wheels), sum(c.side for c in wheels)
+        if at_front:
+            own, other = body.front, body.rear
+            if at_front < 0:
+                own, other = other, own
+            axle = min(own / max(other, 1e-12), 1.0)
+            like[wheels] = axle * _turned(body.pitch, body.heave, body.roll)
+        elif to_left:
+            like[wheels] = _turned(body.roll, body.heave, body.pitch)
+        else:
+            like[wheels] = still
+    likeness = likeness_of(like, planned)
+    best = max(likeness, key=lambda kind: likeness[kind])
+    words = "the body stays level"
+    if likeness[best] > still and body.roll > body.pitch:
+        words = "left and right against each other"
+    elif likeness[best] > still:
+        words = "nose and tail against each other, the "
+        words += "nose more" if body.front >= body.rear else "tail more"
+    return Pattern(shares, likeness, f"{best.words}: {words}", by, BODY_PURITY)
+
+
+def _turned(own: float, heave: float, other: float) -> float:
+    """Return how much of a turn it is: by its share of both turns, if it turns at all."""
+    turning = min(own / max(heave, 1e-12) / 0.4, 1.0)
+    return turning * own**2 / max(own**2 + other**2, 1e-24)
+
+
+def _moved_corners(four: tuple[Trace, ...]) -> Corners:
+    """Return how the corners move together: the strongest pattern of the four records, (4,)."""
+    grid = np.arange(0.0, min(trace.time_s[-1] for trace in four), 0.01)
+    rows = np.array([np.interp(grid, trace.time_s, trace.value) for trace in four])
+    u, s, _ = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(u[:, 0] * s[0])
+
+
+def _moved_body(bench: Bench, seen: tuple[Trace, ...]) -> Body | None:
+    """Return the largest speeds of the body, m/s."""
+    geometry = bench.vehicle.geometry
+    length_m = (geometry.a + geometry.b) / 2 if geometry else _HALF_WHEELBASE_M
+    width_m = (geometry.t_f + geometry.t_r) / 2 if geometry else _HALF_TRACK_M
+    grid = np.arange(-STRIKE_S / 2, bench.bump_s + STRIKE_S, _GRID_S)
+    points = [t for t in seen if t.channel.quantity is Quantity.BODY_ACCELERATION]
+    if not points:
+        return None
+    values = np.array([_speed(trace, grid) for trace in points])
+    ahead_m = np.array([-length_m if t.channel.at_cg else t.channel.x_m for t in points])
+    middle_m = float(np.mean(ahead_m))  # from the front axle; the CG is not known
+    pitch = _turning(seen, (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION), grid)
+    roll = _turning(seen, (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION), grid)
+    if pitch is not None and roll is not None:
+        heave = np.mean(values, axis=0)
+    else:
+        left_m = [t.channel.y_m for t in points]
+        rows = np.stack([np.ones(len(points)), middle_m - ahead_m, left_m], axis=1)
+        if len(points) < 3 or np.linalg.matrix_rank(rows, tol=0.1) < 3:
+            return None
+        heave, pitch, roll = np.linalg.lstsq(rows, values, rcond=None)[0]
+    speeds = (
+        heave,
+        length_m * pitch,
+        width_m * roll,
+        heave + middle_m * pitch,
+        heave + (middle_m + 2.0 * length_m) * pitch,
+    )
+    return Body(*(float(np.max(np.abs(speed))) for speed in speeds))
+
+
+def _turning(
+    seen: Iterable[Trace], quantities: tuple[Quantity, ...], grid: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Return how fast the body turns, rad/s, by the first sensor of these quantities."""
+    found = (t for quantity in quantities for t in seen if t.channel.quantity is quantity)
+    first = next(found, None)
+    return None if first is None else _speed(first, grid)
+
+
+def _speed(trace: Trace, grid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the speed since rest; of a rate the rate itself."""
+    value = np.interp(grid, trace.time_s, trace.value, left=0.0, right=0.0)
+    if trace.channel.quantity in (Quantity.PITCH_RATE, Quantity.ROLL_RATE):
+        return np.asarray(value)
+    return np.asarray(np.cumsum(value) * _GRID_S)
