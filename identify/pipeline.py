@@ -109,25 +109,28 @@ def identify(
         mine = [(record, decay) for record, decay in pairs if record.mass_state == name]
         work = partial(_sensed, *zip(*mine, strict=True))
         finding[name] = executor.submit(work).result if executor else work
+    parameters, derived = estimates(box, fit), derived_estimates(box, fit)
+    related, precision = correlation(box, fit), drivers(box, fit)
+    modes = {name: mode_estimates(box, fit, name) for name in modal}
     fitted(estimation)
     progress(0.7, "judging")
     quality = judge(session, estimation)
     progress(0.8, "modes")
-    found = {name: modes() for name, modes in finding.items()}
-    sensed = {name: modes for name, modes in found.items() if modes is not None}
+    results = {name: result() for name, result in finding.items()}
+    sensed = {name: result for name, result in results.items() if result is not None}
     by_chain, damping = _closed_form(sensed, states, geometry, session.vehicle.geometry)
     return Identification(
         quality=quality,
         provenance=session.provenance,
-        parameters=estimates(box, fit),
-        derived=derived_estimates(box, fit),
-        correlation=correlation(box, fit),
-        drivers=drivers(box, fit),
+        parameters=parameters,
+        derived=derived,
+        correlation=related,
+        drivers=precision,
         modal=modal,
-        modes={name: mode_estimates(box, fit, name) for name in modal},
+        modes=modes,
         mode_names={name: mode_names(model, geometry) for name, model in modal.items()},
         pairings={name: pair_modes(modal[first], modal[name]) for name in others},
-        sensed={name: modes.model for name, modes in sensed.items()},
+        sensed={name: found.model for name, found in sensed.items()},
         closed_form=by_chain,
         closed_form_damping=damping,
         physical=physical,

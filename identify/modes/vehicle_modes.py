@@ -23,6 +23,7 @@ from .modal_likelihood import LikelyModes, most_likely_modes
 from .modal_model import ModalModel
 from .mode_selection import regression_modes, vibrates
 from .order_selection import likely_modes
+from .stabilisation import StabilisationDiagram, stabilisation_diagram
 from .symmetry import Mirror, mirror_of
 from .waves import Block
 
@@ -61,15 +62,11 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     InputError
         If the decays are too short or have no channel in common.
     """
-    common = {c.name for r in decays[0].recordings for c in r.group.channels}
-    for decay in decays:
-        common &= {c.name for r in decay.recordings for c in r.group.channels}
-    if not common:
+    channels, slowest_hz = _common(decays)
+    if not channels:
         raise InputError("free decays", "no channel is in every run", "record the same sensors")
-    channels = tuple(c for r in decays[0].recordings for c in r.group.channels if c.name in common)
-    slowest = min(_rate_hz(r.time_s) for d in decays for r in d.recordings if len(r.time_s) > 1)
-    rate_hz = slowest / max(1, round(slowest / _RATE_HZ))
-    grids = [on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
+    rate_hz = slowest_hz / max(1, round(slowest_hz / _RATE_HZ))
+    grids = [_on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
     alive = np.any([np.ptp(grid, axis=0) > 0.0 for grid in grids], axis=0)
     live = tuple(channel for channel, lives in zip(channels, alive, strict=True) if lives)
     grids = [grid[:, alive] for grid in grids]
@@ -82,6 +79,32 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
         if len(start):
             likely = likely_modes(blocks, start.poles, start.shapes)
     return SensedModes(channels, _model(likely, alive), mirrored)
+
+
+def vehicle_diagram(
+    records: Sequence[Record], decays: Sequence[FreeDecay]
+) -> StabilisationDiagram | None:
+    """Return the stabilisation diagram of one mass state's decays, all runs in one.
+
+    None if they are too short or have no channel in common.
+    """
+    channels, slowest_hz = _common(decays)
+    if not channels:
+        return None
+    rate_hz = min(_RATE_HZ, slowest_hz)
+    grids = [_on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
+    if min(len(grid) for grid in grids) < 2 * len(channels):
+        return None
+    return stabilisation_diagram(grids, rate_hz)
+
+
+def _common(decays: Sequence[FreeDecay]) -> tuple[tuple[Channel, ...], float]:
+    """Return the channels that all decays have, and the rate of the slowest group, Hz."""
+    sets = [{c.name for r in decay.recordings for c in r.group.channels} for decay in decays]
+    common = set.intersection(*sets)
+    channels = tuple(c for r in decays[0].recordings for c in r.group.channels if c.name in common)
+    rates = (_rate_hz(r.time_s) for d in decays for r in d.recordings if len(r.time_s) > 1)
+    return channels, min(rates)
 
 
 def _mirrored_modes(
@@ -155,7 +178,7 @@ def _rate_hz(time_s: NDArray[np.float64]) -> float:
     return (len(time_s) - 1) / float(time_s[-1] - time_s[0])
 
 
-def on_grid(
+def _on_grid(
     record: Record, decay: FreeDecay, channels: Sequence[Channel], rate_hz: float
 ) -> NDArray[np.float64]:
     """Bring a decay, less the level of rest, on a common grid, (n, n_channels).

@@ -8,8 +8,9 @@ from math import isfinite
 from daq.runs import RunStatus
 from daq.sessions import Session
 
+from ..cross_checks import CrossChecks
 from ..document import NOT_DETERMINED, Document, unit_text
-from ..fit.cross_validation import Prediction, leave_one_out
+from ..fit.cross_validation import Prediction
 from ..identification import Identification
 from .blocks import Cell, Report, Section, Source, cited
 from .dampers import damper_section
@@ -22,7 +23,9 @@ from .provenance import provenance_section, run_section
 from .vehicle import vehicle_section
 
 
-def report_of(session: Session, result: Identification, source: Source) -> Report:
+def report_of(
+    session: Session, result: Identification, checks: CrossChecks, source: Source
+) -> Report:
     """Gather what there is to say of a session.
 
     Parameters
@@ -31,11 +34,12 @@ def report_of(session: Session, result: Identification, source: Source) -> Repor
         The runs.
     result : Identification
         What `identify.identify` made of them.
+    checks : CrossChecks
+        Of its estimation; empty if there is none.
     source : Source
         Where they come from.
     """
     document = result.document()
-    predictions = leave_one_out(result.estimation) if result.estimation else ()
     sections: list[Section] = []
     if result.estimation is not None:
         dampers = damper_section(document)
@@ -43,9 +47,9 @@ def report_of(session: Session, result: Identification, source: Source) -> Repor
             parameter_section(document),
             *([dampers] if dampers else []),
             vehicle_section(session, result.estimation),
-            modes_section(result, document),
+            modes_section(result, document, checks.diagrams),
             decay_section(result.estimation),
-            prediction_section(predictions),
+            prediction_section(checks.predictions),
             information_section(result, document),
             correlation_section(document),
             closed_form_section(document),
@@ -57,10 +61,10 @@ def report_of(session: Session, result: Identification, source: Source) -> Repor
         source=source,
         verdict=result.quality.verdict,
         findings=result.quality.findings,
-        highlights=_highlights(session, document, predictions),
+        highlights=_highlights(session, document, checks.predictions),
         sections=tuple(sections),
         document=document,
-        data=prediction_data(predictions),
+        data=prediction_data(checks.predictions),
     )
 
 

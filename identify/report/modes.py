@@ -2,50 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from daq.vehicle import VehicleGeometry
 
 from ..document import NOT_DETERMINED, Document
-from ..fit.estimation import Estimation
 from ..fit.uncertainty import ModeEstimate
 from ..identification import Identification
-from ..modes.stabilisation import stabilisation_diagram
-from ..modes.vehicle_modes import on_grid
+from ..modes.stabilisation import StabilisationDiagram
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table, cited
 from .panels import StabilisationPanel
 from .shapes import shape_of
 
-_RATE_HZ = 125.0
-_THIN_HZ = 250.0
 _WITH_ENDS = ("frequency_hz", "frequency_low_hz", "frequency_high_hz", "damping_ratio",
               "damping_ratio_low", "damping_ratio_high")  # fmt: skip
 _WITH_STD = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_ratio_std")
 
 
-def modes_section(result: Identification, document: Document) -> Section:
+def modes_section(
+    result: Identification, document: Document, diagrams: Mapping[str, StabilisationDiagram]
+) -> Section:
     """Return the modes of every mass state."""
     blocks: list[Block] = []
     for state in result.modal:
         blocks.append(_table(result, document, state))
     for state in result.modal:
         blocks.append(_cars(result, state))
-    if result.estimation is not None:
-        pictures = tuple(
-            picture
-            for state in result.modal
-            if (picture := _diagram(result, result.estimation, state)) is not None
-        )
-        if pictures:
-            blocks.append(
-                Gallery(
-                    "Stabilisation: which poles come again when the rank is raised",
-                    "The State Variable Method alone, without a model of the car. Lines are the "
-                    "modes of the identified vehicle; poles of the structure stand above them in "
-                    "columns, poles of the noise wander.",
-                    pictures,
-                )
+    if diagrams:
+        blocks.append(
+            Gallery(
+                "Stabilisation: which poles come again when the rank is raised",
+                "The State Variable Method alone, without a model of the car. Lines are the "
+                "modes of the identified vehicle; poles of the structure stand above them in "
+                "columns, poles of the noise wander.",
+                tuple(_picture(diagrams[s], result, s) for s in result.modal if s in diagrams),
             )
+        )
     for state in result.sensed:
         blocks.append(_sensed(document, state))
     return Section(
@@ -152,29 +146,7 @@ def _cars(result: Identification, state: str) -> MovingCars:
     )
 
 
-def _diagram(result: Identification, estimation: Estimation, state: str) -> Picture | None:
-    mine = [i for i, record in enumerate(estimation.records) if record.mass_state == state]
-    decays = [estimation.decays[i].thinned(_THIN_HZ) for i in mine]
-    common = [{c.name for r in decay.recordings for c in r.group.channels} for decay in decays]
-    channels = [
-        c
-        for r in decays[0].recordings
-        for c in r.group.channels
-        if all(c.name in names for names in common)
-    ]
-    slowest = min(
-        (len(r.time_s) - 1) / float(r.time_s[-1] - r.time_s[0])
-        for decay in decays
-        for r in decay.recordings
-    )
-    rate_hz = min(_RATE_HZ, slowest)
-    grids = [
-        on_grid(estimation.records[i], decay, channels, rate_hz)
-        for i, decay in zip(mine, decays, strict=True)
-    ]
-    if not channels or min(len(grid) for grid in grids) < 2 * len(channels):
-        return None
-    diagram = stabilisation_diagram(grids, rate_hz)
+def _picture(diagram: StabilisationDiagram, result: Identification, state: str) -> Picture:
     return Picture(
         f"stabilisation_{state}",
         f"Mass state {state}",

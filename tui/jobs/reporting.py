@@ -68,6 +68,7 @@ def write_report(
 
         reading = reader.submit(daq.read_foreign_session, session)  # while the libraries load
         import identify as method
+        from identify.cross_checks import CrossChecks, cross_checks
         from identify.fit import Estimation
         from identify.report import decay_section, drawings, html_of, report_of
 
@@ -77,13 +78,16 @@ def write_report(
     gc.freeze()  # what is loaded stays, and is searched for garbage no more
     with helpers(_HEAVY) as pool:
         begun = {}
+        checks = CrossChecks()
 
         def fitted(estimation: Estimation) -> None:
+            nonlocal checks
             begun.update(drawings(decay_section(estimation).pictures, pool))
+            checks = cross_checks(estimation)
 
         result = method.identify(recorded, lambda done, text: stage(0.6 * done, text), pool, fitted)
         stage(0.6, "gathering")
-        page = report_of(recorded, result, source_of(session))
+        page = report_of(recorded, result, checks, source_of(session))
         stage(0.7, "drawing")
         # The PDF takes longest: it is begun first.
         sheets = None if pdf is None else pool.submit(_pdf_of, page)

@@ -6,6 +6,7 @@ from functools import cache
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA
 from identify import Document, Identification, identify
+from identify.cross_checks import CrossChecks, cross_checks
 from identify.document import FindingEntry
 from identify.fit.estimation import Estimation, estimate
 from identify.pipeline import grey_box, usable_records
@@ -27,7 +28,9 @@ def made(name: str) -> tuple[Session, Identification]:
 
 @cache
 def reported(name: str) -> Report:
-    return report_of(*made(name), SOURCE)
+    session, result = made(name)
+    assert result.estimation is not None
+    return report_of(session, result, cross_checks(result.estimation), SOURCE)
 
 
 @cache
@@ -49,7 +52,7 @@ def hostile() -> Report:
         runs=(run, *session.runs[1:]),
         provenance={**session.provenance, "bench_toml": HOSTILE},
     )
-    report = report_of(session, result, replace(SOURCE, name=HOSTILE))
+    report = report_of(session, result, CrossChecks(), replace(SOURCE, name=HOSTILE))
     kept = [s for s in report.sections if s.key in {"parameters", "runs", "provenance"}]
     finding: FindingEntry = {"gate": "chi2", "severity": "ok", "text": HOSTILE}
     document: Document = {**report.document, "findings": [finding]}

@@ -11,6 +11,7 @@ import pytest
 
 from dbc.finding import Finding, Severity
 from identify import Identification, Quality, Verdict
+from identify.cross_checks import CrossChecks
 from identify.report.blocks import Gallery, MovingCars, Picture, Table
 from identify.report.content import report_of
 from identify.report.html import html_of
@@ -115,7 +116,7 @@ def test_a_refused_session_has_a_page_with_its_reason_first() -> None:
     session, _ = made("linear")
     finding = Finding("mass_states", Severity.ERROR, "record a run with the added mass")
     refused = Identification(Quality((finding,), float("nan")), session.provenance)
-    text = html_of(report_of(session, refused, SOURCE))
+    text = html_of(report_of(session, refused, CrossChecks(), SOURCE))
     assert text.index("verdict: refused") < text.index("record a run with the added mass")
     assert "must not be used" in text
     assert _Page(text).documents["identification"]["chi2_per_n"] is None
