@@ -14,10 +14,7 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
     The data are on the disk before the name changes, and the name is when this returns.  A part
     that a killed process has left is overwritten by the next write.
 
-    Raises
-    ------
-    OSError
-        If that failed; the file is as it was then.
+    Raises OSError if that failed; the file is as it was then.
     """
     part = path.with_name(f".{path.name}.tmp")
     with _moved([part], [path]):
@@ -33,15 +30,8 @@ def write_text(path: Path, text: str) -> None:
 def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     """Move new files to their targets when the body of the `with` has written all of them.
 
-    Yields
-    ------
-    list of Path
-        Where to write: in the folder of each target, with the ending that its writer goes by.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be synced or moved.
+    Yields the paths to write to: in the folder of each target, with the ending that its writer goes
+    by.  Raises OSError if a file cannot be synced or moved.
     """
     parts = [path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}") for path in targets]
     with _moved(parts, targets):

@@ -10,17 +10,7 @@ _RIGHT = "text-align:right"
 
 
 def html_table(caption: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table as HTML: the first column to the left, the others to the right.
-
-    Parameters
-    ----------
-    caption : str
-        Stands above it.
-    columns : sequence of str
-        Headings.
-    rows : iterable of sequence of str
-        Cells, as plain text.
-    """
+    """Return a table as HTML: the first column to the left, the others to the right."""
     head = "".join(_cell("th", place, text) for place, text in enumerate(columns))
     body = "".join(
         f"<tr>{''.join(_cell('td', place, text) for place, text in enumerate(row))}</tr>"

@@ -79,19 +79,9 @@ def sag_stiffness(
 
     Weights on hubs do not load the springs of the suspension.
 
-    Parameters
-    ----------
-    weights : sequence of BodyWeight or HubWeight
-        What was put on.
-    wheelbase_m : float
-        Wheelbase.
-    before_m, after_m : mapping of Corner to float
-        Suspension travel at rest, positive in compression, without and with the weights.
-
-    Returns
-    -------
-    front, rear : float or None
-        None where a corner has no travel, or did not sink under a load.
+    `weights`: what was put on.  `before_m` and `after_m`: suspension travel at rest, positive in
+    compression, without and with the weights.  None where a corner has no travel, or did not sink
+    under a load.
     """
     body = [w for w in weights if isinstance(w, BodyWeight)]
     found: list[float | None] = []

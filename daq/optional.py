@@ -11,17 +11,8 @@ from .errors import InputError
 def optional(module: str, extra: str) -> ModuleType:
     """Import a library of one of the extras of pyproject.toml.
 
-    Parameters
-    ----------
-    module : str
-        What to import.
-    extra : str
-        The extra that brings it.
-
-    Raises
-    ------
-    InputError
-        If it is not installed.
+    `module`: what to import.  `extra`: the extra that brings it.  Raises InputError if it is not
+    installed.
     """
     try:
         return import_module(module)

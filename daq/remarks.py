@@ -10,10 +10,8 @@ from typing import Any
 def notes_of(provenance: Mapping[str, str]) -> tuple[str, ...]:
     """Return the notes that persons wrote, each with its run and its writer.
 
-    Parameters
-    ----------
-    provenance : mapping of str to str
-        Provenance of a session from any source; text that is not our JSON is returned unchanged.
+    `provenance`: provenance of a session from any source; text that is not our JSON is returned
+    unchanged.
     """
     return _parsed(provenance.get("notes", ""), _note)
 

@@ -9,10 +9,7 @@ from math import isfinite
 def strict(value: object) -> object:
     """Return a document in which every number that is not finite is None.
 
-    Parameters
-    ----------
-    value : object
-        A document of mappings, lists, tuples, texts and numbers.
+    `value`: a document of mappings, lists, tuples, texts and numbers.
     """
     match value:
         case Mapping():

@@ -54,19 +54,8 @@ def compile_message(layout: MessageLayout) -> MessageReader:
 def decode_message(reader: MessageReader, frames: MessageFrames) -> tuple[dict[str, Samples], int]:
     """Decode all signals of frames that carry the same message.
 
-    Parameters
-    ----------
-    reader : MessageReader
-        The message.
-    frames : MessageFrames
-        Its frames.
-
-    Returns
-    -------
-    samples : dict of `Message.signal` to Samples
-        A multiplexed signal has samples only where its selector names it.
-    crc_bad : int
-        Frames whose checksum does not fit.
+    Returns samples by `Message.signal`, a multiplexed signal only where its selector names it; and
+    the number of frames whose checksum does not fit.
     """
     layout = reader.layout
     bad = _crc_misfit(layout, frames)

@@ -38,15 +38,8 @@ class FieldReader:
     def raw(self, payload: NDArray[np.uint8]) -> NDArray[Any]:
         """Return the raw numbers of the signal.
 
-        Parameters
-        ----------
-        payload : (n, 8) or (n, 64) uint8, contiguous
-            The width for which the reader was compiled.
-
-        Returns
-        -------
-        (n,) array
-            Signed or unsigned integers, or floats, of any width and byte order.
+        `payload`, (n, 8) or (n, 64) uint8, contiguous: the width for which the reader was compiled.
+        Returns (n,) array: signed or unsigned integers, or floats, of any width and byte order.
         """
         n, width = payload.shape
         if n == 0:
@@ -71,15 +64,7 @@ class FieldReader:
     def scale(self, raw: NDArray[Any]) -> NDArray[np.float64]:
         """Return raw * factor + offset, rounded as exact arithmetic of Python's numbers is.
 
-        Parameters
-        ----------
-        raw : (n,) array
-            From `raw`.
-
-        Returns
-        -------
-        (n,) float64
-            A new array, in the unit of the DBC.
+        `raw`, (n,) array: from `raw`.  Returns (n,) float64: a new array, in the unit of the DBC.
         """
         layout = self.layout
         factor, offset = layout.factor, layout.offset

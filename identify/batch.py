@@ -26,12 +26,9 @@ def session_row(session: Session) -> dict[str, Cell]:
 def document_row(session: Session, document: Document) -> dict[str, Cell]:
     """Flatten the document of an identification of a session.
 
-    Returns
-    -------
-    dict of str to str, float or None
-        `session` (its uuid), `vehicle`, `runs_accepted`, `verdict`, `reasons` (the three worst),
-        `chi2_per_n`; each parameter `NAME` and `NAME_std`, SI; each mode `STATE_N_name`,
-        `STATE_N_hz`, `STATE_N_hz_std`, `STATE_N_damping` and `STATE_N_damping_std`.
+    The columns: `session` (its uuid), `vehicle`, `runs_accepted`, `verdict`, `reasons` (the three
+    worst), `chi2_per_n`; each parameter `NAME` and `NAME_std`, SI; each mode `STATE_N_name`,
+    `STATE_N_hz`, `STATE_N_hz_std`, `STATE_N_damping` and `STATE_N_damping_std`.
     """
     row: dict[str, Cell] = {
         "session": session.provenance.get("uuid", ""),

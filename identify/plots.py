@@ -29,15 +29,7 @@ _TITLE_IN = 0.22
 def decays(result: Identification) -> Figure:
     """Draw every run: measured against fitted, and what is left in units of the noise.
 
-    Parameters
-    ----------
-    result : Identification
-        With a fit.
-
-    Raises
-    ------
-    InputError
-        If the session was refused before a fit.
+    Raises InputError if the session was refused before a fit.
     """
     estimation = _fitted(result).estimation
     assert estimation is not None  # there is a fit
@@ -60,10 +52,7 @@ def decays(result: Identification) -> Figure:
 def parameters(result: Identification) -> Figure:
     """Draw the relative interval of each parameter, and what it rests on.
 
-    Raises
-    ------
-    InputError
-        If the session was refused before a fit.
+    Raises InputError if the session was refused before a fit.
     """
     blocks = parameter_section(_fitted(result).document()).blocks
     return figure_of(next(block.panel for block in blocks if isinstance(block, Picture)))
@@ -72,10 +61,7 @@ def parameters(result: Identification) -> Figure:
 def correlation(result: Identification) -> Figure:
     """Draw how the errors of the parameters hang together.
 
-    Raises
-    ------
-    InputError
-        If the session was refused before a fit.
+    Raises InputError if the session was refused before a fit.
     """
     known = _fitted(result).correlation
     return figure_of(CorrelationPanel(known.names, known.matrix))
@@ -84,17 +70,8 @@ def correlation(result: Identification) -> Figure:
 def modes(result: Identification, mass_state: str = "baseline") -> Figure:
     """Draw the mode shapes of the identified vehicle.
 
-    Parameters
-    ----------
-    result : Identification
-        With a fit.
-    mass_state : str
-        Whose.
-
-    Raises
-    ------
-    InputError
-        If the session was refused before a fit, or has no such mass state.
+    `result`: with a fit.  `mass_state`: whose.  Raises InputError if the session was refused before
+    a fit, or has no such mass state.
     """
     if mass_state not in _fitted(result).modal:
         raise InputError("plot", f"no mass state {mass_state}", f"choose {', '.join(result.modal)}")
@@ -119,10 +96,7 @@ def modes(result: Identification, mass_state: str = "baseline") -> Figure:
 def stabilisation(diagram: StabilisationDiagram) -> Figure:
     """Draw the poles of the State Variable Method over its rank.
 
-    Parameters
-    ----------
-    diagram : StabilisationDiagram
-        Of `identify.stabilisation_diagram`.
+    `diagram`: of `identify.stabilisation_diagram`.
     """
     frequency_hz = np.abs(diagram.poles) / (2.0 * np.pi)
     vibrating = diagram.poles.imag > 0.0

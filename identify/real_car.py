@@ -23,14 +23,8 @@ def explained_by_elements(
     A fault of the bench (a late or wrongly scaled sensor) that explains the misfit with one number
     goes before a dozen elements that explain it as well.
 
-    Parameters
-    ----------
-    session : Session
-        With what `[vehicle.structure]` decides.
-    linear : Estimation
-        A linear fit that does not hold.
-    log : callable
-        Receives a line for each stage of the fit.
+    `session`: with what `[vehicle.structure]` decides.  `linear`: a linear fit that does not hold.
+    `log`: receives a line for each stage of the fit.
     """
     if later_may_hold(linear, generic_vehicles()):
         return None

@@ -12,17 +12,9 @@ if TYPE_CHECKING:
 def shared_bench(path: Path | None, interface: str | None, channel: str | None) -> Bench:
     """Return the bench, on a bus that other processes can reach.
 
-    Parameters
-    ----------
-    path : Path or None
-        bench.toml; the shipped one if None.
-    interface, channel : str or None
-        In place of those of the file.
-
-    Raises
-    ------
-    InputError
-        If the file is bad, or the bus is python-can's `virtual`, which ends at this process.
+    `path`: bench.toml; the shipped one if None.  `interface` and `channel`: in place of those of
+    the file.  Raises InputError if the file is bad, or the bus is python-can's `virtual`, which
+    ends at this process.
     """
     from daq import load_bench
     from daq.bench import on_bus
@@ -34,10 +26,7 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
 def reachable(bench: Bench, where: str) -> Bench:
     """Return the bench if its bus reaches other processes.
 
-    Raises
-    ------
-    InputError
-        If it is python-can's `virtual`; `where` is named.
+    Raises InputError if it is python-can's `virtual`; `where` is named.
     """
     from daq import InputError
 
@@ -54,17 +43,8 @@ def reachable(bench: Bench, where: str) -> Bench:
 def bench_with_dbc(path: Path | None, dbc: Path | None) -> Bench:
     """Return the bench with another DBC in place of its own.
 
-    Parameters
-    ----------
-    path : Path or None
-        bench.toml; the shipped one if None.
-    dbc : Path or None
-        The other DBC; the bench's own if None.
-
-    Raises
-    ------
-    InputError
-        If a file is bad.
+    `path`: bench.toml; the shipped one if None.  `dbc`: the other DBC; the bench's own if None.
+    Raises InputError if a file is bad.
     """
     from dataclasses import replace
 

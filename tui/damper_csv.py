@@ -15,10 +15,7 @@ if TYPE_CHECKING:
 def write_damper_csv(document: Document, path: Path) -> None:
     """Write a row for each axle and speed, compression positive, SI.
 
-    Raises
-    ------
-    InputError
-        If the identification has no damper curves, or the file cannot be written.
+    Raises InputError if the identification has no damper curves, or the file cannot be written.
     """
     forces = document["forces"]
     if forces is None:

@@ -62,21 +62,9 @@ def advance_buses(
 ) -> tuple[tuple[BusWatch, ...], dict[Key, Count]]:
     """Take in a block.
 
-    Parameters
-    ----------
-    watches : sequence of BusWatch
-        As returned before; empty at first.
-    links : sequence of LinkFacts
-        The buses, in the order of their numbers.
-    batch : FrameBatch
-        The block.
-    now_s : float
-        Monotonic time, s.
-
-    Returns
-    -------
-    watches, counts
-        Of each bus; what happened in this turn.
+    `watches`: as returned before; empty at first.  `links`: the buses, in the order of their
+    numbers. `now_s`: monotonic time, s.  Returns the watch of each bus, and what happened in this
+    turn.
     """
     counts: dict[Key, Count] = {}
     bits = wire_bits(batch)

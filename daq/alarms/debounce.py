@@ -60,14 +60,8 @@ class Ledger:
     ) -> tuple[Ledger, tuple[Event, ...]]:
         """Take in the symptoms of a turn.
 
-        Parameters
-        ----------
-        symptoms : sequence of Symptom
-            Of one code and subject the first counts.
-        now : Now
-            The host's clocks.
-        t_ns : int
-            Time stamp for the events.
+        `symptoms`: of one code and subject the first counts.  `now`: the host's clocks.  `t_ns`:
+        time stamp for the events.
         """
         entries, events = dict(self.entries), []
         present: dict[Key, Symptom] = {}

@@ -17,17 +17,7 @@ _QUEUE_HIGH = 0.5
 def host_symptoms(
     config: RecorderConfig, disk: DiskStatus, queue: QueueStatus, failed: Mapping[str, str]
 ) -> list[Symptom]:
-    """Return the faults of the recorder itself.
-
-    Parameters
-    ----------
-    config : RecorderConfig
-        Its limits.
-    disk, queue : DiskStatus, QueueStatus
-        As published.
-    failed : mapping of str to str
-        Parts that were switched off, and why.
-    """
+    """Return the faults of the recorder itself."""
     found = []
     if disk.failed:
         held = f"; {disk.held_frames} frames are held in memory" if disk.held_frames else ""

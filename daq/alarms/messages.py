@@ -200,20 +200,9 @@ def message_symptoms(
 ) -> list[Symptom]:
     """Return the faulty states of the traffic.
 
-    Parameters
-    ----------
-    watch : MessagesWatch
-        So far.
-    codec : Codec
-        The DBC.
-    expected : sequence of str
-        Messages that carry channels of the bench.
-    names : sequence of str
-        Of the buses.
-    well : sequence of bool
-        Whether each bus is connected and speaks: on others every message is silent.
-    now_s : float
-        Monotonic time, s.
+    `expected`: messages that carry channels of the bench.  `names`: of the buses.  `well`: whether
+    each bus is connected and speaks: on others every message is silent.  `now_s`: monotonic time,
+    s.
     """
     recent = {
         key: each for key, each in watch.strangers.items() if now_s - each.seen_s <= _RECENT_S

@@ -104,25 +104,9 @@ def watch(
 ) -> tuple[AlarmState, tuple[Event, ...]]:
     """Take in one turn.
 
-    Parameters
-    ----------
-    config : RecorderConfig
-        Limits.
-    codec : Codec
-        The bench's DBC.
-    mapped : sequence of MappedChannel
-        The bench's channels; the same object each turn, as long as they are the same.
-    state : AlarmState
-        As returned before; `AlarmState()` at first.
-    turn : Turn
-        What happened.
-
-    Returns
-    -------
-    state : AlarmState
-        After it.
-    events : tuple of Event
-        `alarm` and `alarm_end` with the text "CODE SUBJECT: TEXT", and `clock_step`.
+    `mapped` is the same object each turn, as long as the bench's channels are the same; `state` is
+    as returned before, `AlarmState()` at first.  Returns the state after the turn, and events:
+    `alarm` and `alarm_end` with the text "CODE SUBJECT: TEXT", and `clock_step`.
     """
     now_s = turn.now.monotonic_s
     t_ns = int(turn.batch.t_ns[-1]) if len(turn.batch) else state.t_ns or turn.now.wall_ns

@@ -145,21 +145,9 @@ def load_bench(path: Path | None) -> Bench:
 def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None) -> Bench:
     """Check the text of a bench.toml and resolve what it names.
 
-    Parameters
-    ----------
-    text : str
-        TOML.
-    where : str
-        Its name, for error messages.
-    folder : Path
-        Where a relative DBC path starts.
-    dbc_text : str, optional
-        The DBC, if it is at hand (in a journal); else it is read from the path in the file.
-
-    Raises
-    ------
-    InputError
-        As `load_bench`.
+    `text`: TOML.  `where`: its name, for error messages.  `folder`: where a relative DBC path
+    starts.  `dbc_text`: the DBC, if it is at hand (in a journal); else it is read from the path in
+    the file.  Raises InputError as `load_bench`.
     """
     table = _validated(text, where)
     table = _completed(table)

@@ -79,10 +79,7 @@ def with_channel(text: str, name: str, sign: float | None = None, tare: float | 
 
     Where the text has no channels of its own, those that are in force are written out in full.
 
-    Raises
-    ------
-    InputError
-        If there is no such channel, or the sign is neither 1 nor -1.
+    Raises InputError if there is no such channel, or the sign is neither 1 nor -1.
     """
     before = _parsed(text)
     if name not in [channel.name for channel in before.channels]:

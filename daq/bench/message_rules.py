@@ -81,10 +81,8 @@ class SensorClock:
 def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Codec:
     """Return the codec with the rules of bench.toml; applying them twice changes nothing.
 
-    Raises
-    ------
-    InputError
-        If a rule names a message or signal that the DBC lacks, or one that cannot have that role.
+    Raises InputError if a rule names a message or signal that the DBC lacks, or one that cannot
+    have that role.
     """
     if not rules:
         return codec
@@ -139,10 +137,7 @@ def _signal(message: MessageLayout, name: str, advice: str) -> SignalLayout:
 def sensor_clocks(codec: Codec, rules: Sequence[MessageRule]) -> Mapping[str, SensorClock]:
     """Return the time stamps of the messages that have one, by message name.
 
-    Raises
-    ------
-    InputError
-        If a time signal is not there, is no time, or has no wrap.
+    Raises InputError if a time signal is not there, is no time, or has no wrap.
     """
     messages = {message.name: message for message in codec.messages}
     return {
@@ -180,11 +175,8 @@ def _clock(message: MessageLayout, time: TimeRule) -> SensorClock:
 def check_sets(codec: Codec, rules: Sequence[MessageRule], sets: Sequence[SampleSet]) -> None:
     """Check that every set can be bound.
 
-    Raises
-    ------
-    InputError
-        If a message or the binding signal is not there, a message is in two sets, or the signal
-        is neither a counter nor a time stamp.
+    Raises InputError if a message or the binding signal is not there, a message is in two sets, or
+    the signal is neither a counter nor a time stamp.
     """
     messages = {message.name: message for message in codec.messages}
     clocks = sensor_clocks(codec, rules)

@@ -58,10 +58,7 @@ def instruction(procedure: Procedure, excitation: Excitation) -> str:
 def sketch(procedure: Procedure, excitation: Excitation) -> tuple[str, ...]:
     """Return a top view of the car, front on top, with what the operator has to place or push.
 
-    Returns
-    -------
-    tuple of str
-        At most 8 lines of at most 30 plain ASCII characters.
+    At most 8 lines of at most 30 plain ASCII characters.
     """
     height = f"{procedure.bump_height_m * 1e3:g} mm"
     bump = BUMPS[excitation]

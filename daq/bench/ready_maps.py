@@ -41,10 +41,7 @@ def ready_map_names() -> tuple[str, ...]:
 def ready_map(name: str) -> ReadyMap:
     """Return one ready map.
 
-    Raises
-    ------
-    InputError
-        If there is none of this name.
+    Raises InputError if there is none of this name.
     """
     if name not in ready_map_names():
         names = ", ".join(ready_map_names())

@@ -47,26 +47,12 @@ def frame_columns(
 ) -> tuple[FrameBatch, int, int]:
     """Convert messages to a batch.
 
-    Parameters
-    ----------
-    messages : sequence of can.Message, not empty
-        As received; a backend need not have checked them.
-    arrived_ns : sequence of int
-        The host's time at which each was received.
-    bus : int
-        Number that the frames get.
-
-    Returns
-    -------
-    batch : FrameBatch
-        The messages that can be frames: identifier within range, length as stated and allowed.
-    garbled, restamped : int
-        Number of the other messages; number of frames in `batch` stamped on arrival.
-
-    Raises
-    ------
-    TypeError, ValueError, OverflowError
-        If a field has the wrong type or size (a text as identifier, more than 64 bytes).
+    `messages`, sequence of can.Message, not empty: as received; a backend need not have checked
+    them.  `arrived_ns`: the host's time at which each was received.  `bus`: number that the frames
+    get.  Returns the messages that can be frames (identifier within range, length as stated and
+    allowed), the number of the other messages, and the number of frames stamped on arrival.  Raises
+    TypeError or ValueError or OverflowError if a field has the wrong type or size (a text as
+    identifier, more than 64 bytes).
     """
     n = len(messages)
     stamps, ids, dlcs, payloads, *marks, received = zip(*map(_FIELDS, messages), strict=True)

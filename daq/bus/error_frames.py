@@ -132,12 +132,8 @@ def describe_error_frame(can_id: int, data: bytes) -> ErrorFrame:
     It has counters if the frame says so (Linux 6.0), or if they are not zero and the frame reports
     a change of state, where older drivers have always put them.
 
-    Parameters
-    ----------
-    can_id : int
-        Identifier, with or without its flag bits.
-    data : bytes
-        Payload; bytes missing of 8 count as zero, which means "not specified".
+    `can_id`: identifier, with or without its flag bits.  `data`: payload; bytes missing of 8 count
+    as zero, which means "not specified".
     """
     classes = ErrorClass(can_id & 0x1FFFFFFF & sum(ErrorClass))
     arbitration, controller, violation, location, wires, _, tx, rx = data[:8].ljust(8, b"\0")

@@ -95,10 +95,7 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
 def open_bus(config: BusConfig) -> can.BusABC:
     """Open a bus for sending.
 
-    Raises
-    ------
-    BusError
-        As `open_source`.
+    Raises BusError as `open_source`.
     """
     channel = int(config.channel) if config.channel.isdecimal() else config.channel
     with _one_line(config):
@@ -190,21 +187,10 @@ class PythonCanSource:
     `BusABC.recv` measures its timeout by the wall clock: if that is set back an hour while it
     waits, it waits for another hour.  So this class calls the backend's `_recv_internal`.
 
-    Parameters
-    ----------
-    bus : can.BusABC
-        Open; closed by `close`.
-    name : str
-        Name of the bus in messages.
-    index : int
-        Number of the bus in its frames.
-    now_ns : callable
-        The host's clock, ns since 1970.
-    doze : callable or None
-        Waits instead of the backend, which is then only asked for frames that have arrived; None
-        lets the backend wait.
-    on_axis : callable or None
-        Converts stamps of the wall clock, (n,) int64 (`SteadyClock.from_wall`).
+    `bus`: open; closed by `close`.  `name`: name of the bus in messages.  `index`: number of the
+    bus in its frames.  `now_ns`: the host's clock, ns since 1970.  `doze`: waits instead of the
+    backend, which is then only asked for frames that have arrived; None lets the backend wait.
+    `on_axis`: converts stamps of the wall clock, (n,) int64 (`SteadyClock.from_wall`).
     """
 
     def __init__(

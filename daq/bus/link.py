@@ -35,15 +35,8 @@ class Link:
 
     `read` and `close` belong to one thread; `facts` and `halt` may be called from any.
 
-    Parameters
-    ----------
-    config : BusConfig
-    index : int
-        Number of the bus in its frames.
-    open_source : callable
-        Opens the bus, or raises any exception (`daq.bus.interfaces.open_source`).
-    clock : callable
-        Monotonic time, s.
+    `index`: number of the bus in its frames.  `open_source`: opens the bus, or raises any exception
+    (`daq.bus.interfaces.open_source`).  `clock`: monotonic time, s.
     """
 
     def __init__(

@@ -86,10 +86,7 @@ class FrameSource(Protocol):
     def read(self, timeout_s: float) -> FrameBatch:
         """Return the frames received; wait up to `timeout_s` for the first.
 
-        Raises
-        ------
-        BusError
-            If the bus is lost.  Frames read before that have been returned.
+        Raises BusError if the bus is lost.  Frames read before that have been returned.
         """
 
     def losses(self) -> SourceLosses:

@@ -24,13 +24,7 @@ QUEUED_NS = 10_000_000_000
 
 
 class SteadyClock:
-    """A clock that starts when it is made; one serves the whole process.
-
-    Parameters
-    ----------
-    wall_ns, monotonic_ns : callable
-        The host's clocks.
-    """
+    """A clock that starts when it is made; one serves the whole process."""
 
     def __init__(
         self,
@@ -44,11 +38,8 @@ class SteadyClock:
     def begin(self, not_before_ns: int = 0) -> None:
         """Start again from the wall clock as it is set now.
 
-        Parameters
-        ----------
-        not_before_ns : int
-            Earliest start: without a battery the wall clock falls back at each boot, and time must
-            not run twice within a recording.
+        `not_before_ns`: earliest start: without a battery the wall clock falls back at each boot,
+        and time must not run twice within a recording.
         """
         with self._lock:
             monotonic_ns = self._monotonic_ns()

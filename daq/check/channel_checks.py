@@ -92,23 +92,10 @@ def check_channel(
 ) -> list[CheckLine]:
     """Check one channel.
 
-    Parameters
-    ----------
-    mapped : MappedChannel
-        The channel.
-    others : sequence of MappedChannel
-        All channels of the bench.
-    keeping : Timekeeping
-        Which messages belong together.
-    decoded : Decoded
-        Traffic at rest.
-    calibration_days, today : int, date
-        A calibration older than so many days is worth a note.
-
-    Returns
-    -------
-    list of CheckLine
-        What it reads, unless something fails; and a line for each thing that is not right.
+    `others`: all channels of the bench.  `keeping`: which messages belong together.  `decoded`:
+    traffic at rest.  `calibration_days` and `today`: a calibration older than so many days is worth
+    a note.  Returns what it reads, unless something fails; and a line for each thing that is not
+    right.
     """
     channel = mapped.channel
     found = _calibration_lines(channel, calibration_days, today)

@@ -13,15 +13,7 @@ _ADVICE = "one of the two is wrong: compare with the sensor's data sheet, and re
 
 
 def bench_witness(bench: Bench, codec: Codec) -> Witness:
-    """Start cantools on the DBC of a bench.
-
-    Parameters
-    ----------
-    bench : Bench
-        Its channels name the messages in use.
-    codec : Codec
-        Its DBC, as our reader has it.
-    """
+    """Start cantools on the DBC of a bench."""
     used = {channel.signal.partition(".")[0] for channel in bench.channels if channel.signal}
     known = [message.name for message in codec.messages if message.name in used]
     return Witness(bench.dbc_text, bench.dbc_name, codec, known)
@@ -30,10 +22,7 @@ def bench_witness(bench: Bench, codec: Codec) -> Witness:
 def reader_lines(reading: WitnessReport) -> list[CheckLine]:
     """Return a FAIL for each difference; one WARN if cantools cannot read the DBC.
 
-    Parameters
-    ----------
-    reading : WitnessReport
-        What cantools says; nothing gives no line.
+    `reading`: what cantools says; nothing gives no line.
     """
     if reading.refusal:
         reason = f"values are not compared, because cantools does not read it: {reading.refusal}"

@@ -69,16 +69,8 @@ def guess_quantity(
 ) -> Guess | None:
     """Return what a signal may be, or None if it measures nothing that the method knows.
 
-    Parameters
-    ----------
-    message : str
-        Name of its message.
-    signal : SignalLayout
-        The signal.
-    comment : str
-        What the DBC says of it.
-    level : float or None
-        Its value at rest in its own unit, if that was seen.
+    `message`: name of its message.  `comment`: what the DBC says of it.  `level`: its value at rest
+    in its own unit, if that was seen.
     """
     try:
         si = to_si(signal.unit)

@@ -77,21 +77,9 @@ class _Seen:
 def propose_bench(dbc: str, dbc_text: str, codec: Codec, frames: FrameBatch | None) -> str:
     """Return the text of a bench.toml that fits a DBC.
 
-    Parameters
-    ----------
-    dbc : str
-        What to write as the DBC's place.
-    dbc_text : str
-        Its text, for the comments.
-    codec : Codec
-        The same, compiled.
-    frames : FrameBatch or None
-        Traffic of the car at rest, in order of arrival; None or empty: the names alone must do.
-
-    Returns
-    -------
-    str
-        TOML with comments.
+    `dbc`: what to write as the DBC's place.  `dbc_text`: its text, for the comments.  `codec`: the
+    same, compiled.  `frames`: traffic of the car at rest, in order of arrival; None or empty: the
+    names alone must do.  Returns TOML with comments.
     """
     seen = None
     if frames is not None and len(frames):

@@ -36,11 +36,8 @@ def control_address(folder: Path) -> Address:
     The directory is systemd's `RUNTIME_DIRECTORY` if that is set, else one in /tmp, and not the
     user's run-time directory, which is deleted when the last login ends: a recorder outlives it.
 
-    Raises
-    ------
-    InputError
-        If the directory cannot be made, belongs to another user, or its path is too long; or if
-        the name of the folder is not UTF-8.
+    Raises InputError if the directory cannot be made, belongs to another user, or its path is too
+    long; or if the name of the folder is not UTF-8.
     """
     if not hasattr(os, "getuid"):
         what = "has no sockets that only one user can reach"

@@ -60,23 +60,10 @@ def is_running(address: Address) -> bool:
 class Client:
     """A connection to one recorder; it survives a restart of the recorder.
 
-    Parameters
-    ----------
-    address : Address
-        `daq.control.address.control_address` of the recorder's folder.
-    name : str
-        The person, for the journal and for others who want control.
-    control : bool
-        True to take control; without it, only questions are answered.
-    take_over : bool
-        Take control from the client that has it.
-
-    Raises
-    ------
-    RecorderGone
-        If no recorder answers.
-    OrderRefused
-        If another client is in control.
+    `address`: `daq.control.address.control_address` of the recorder's folder.  `name`: the person,
+    for the journal and for others who want control.  `control`: True to take control; without it,
+    only questions are answered.  `take_over`: take control from the client that has it.  Raises
+    RecorderGone if no recorder answers.  Raises OrderRefused if another client is in control.
     """
 
     def __init__(self, address: Address, name: str, control: bool, take_over: bool = False) -> None:
@@ -115,12 +102,8 @@ class Client:
 
         A `Hello` changes name and wish for control of this client.
 
-        Raises
-        ------
-        RecorderGone
-            If no answer comes in time.  The order may have been carried out nevertheless.
-        OrderRefused
-            With the recorder's reason.
+        Raises RecorderGone if no answer comes in time.  The order may have been carried out
+        nevertheless.  Raises OrderRefused with the recorder's reason.
         """
         reply = self._answer(order, timeout_s)
         if isinstance(order, Hello):

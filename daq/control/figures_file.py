@@ -13,10 +13,7 @@ from .messages import BusState, Status
 def write_figures(path: Path, status: Status) -> None:
     """Write the figures of a status; the file is replaced as a whole.
 
-    Raises
-    ------
-    OSError
-        If it cannot be written.
+    Raises OSError if it cannot be written.
     """
     registry = CollectorRegistry()
 

@@ -18,12 +18,8 @@ _LOCK, _HOLDER = "recorder.lock", "recorder.pid"
 def lone_recorder(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, which is made if it is not there.
 
-    Raises
-    ------
-    FolderLockedError
-        If another process holds it; with its number.
-    InputError
-        If the folder cannot be written to.
+    Raises FolderLockedError if another process holds it; with its number.  Raises InputError if the
+    folder cannot be written to.
     """
     # The number is not in the lock file itself: some versions of filelock empty it in passing.
     holder = folder / _HOLDER

@@ -70,18 +70,9 @@ class _Pending:
 class Server:
     """Answers requests and publishes, until it is closed.
 
-    Parameters
-    ----------
-    submit : callable
-        Of the recorder: takes an order and the name of its sender, returns a future without
-        blocking.
-    address : Address
-        A stale socket there is replaced.
-
-    Raises
-    ------
-    InputError
-        If the server cannot listen there.
+    `submit`: of the recorder: takes an order and the name of its sender, returns a future without
+    blocking.  `address`: a stale socket there is replaced.  Raises InputError if the server cannot
+    listen there.
     """
 
     def __init__(self, submit: Callable[[Order, str], Future[Reply]], address: Address) -> None:

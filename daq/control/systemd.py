@@ -29,10 +29,7 @@ class Systemd:
     def notify(self, heartbeats: Heartbeats, status: Status, now_s: float) -> str:
         """Send the state; to be called about once a second.
 
-        Returns
-        -------
-        str
-            The thread that hangs, for which the watchdog was not fed; empty if none does.
+        Returns the thread that hangs, for which the watchdog was not fed; empty if none does.
         """
         hanging = standstill(heartbeats, now_s)
         lines = [] if hanging else ["WATCHDOG=1"]

@@ -41,10 +41,7 @@ _EDGE_S = 0.05
 def session_from_journal(contents: JournalContents) -> Session:
     """Build the session that a journal holds.
 
-    Raises
-    ------
-    InputError
-        If the bench.toml or DBC in the journal cannot be used any more.
+    Raises InputError if the bench.toml or DBC in the journal cannot be used any more.
     """
     run_log = fold(contents.events)
     text = run_log.bench_text or contents.bench_text
@@ -90,31 +87,12 @@ def build_session(
     channels are not taken off the times: that is the identification's business, which also knows
     how uncertain they are.
 
-    Parameters
-    ----------
-    bench : Bench
-        Channels, campaign and trigger times.
-    codec : Codec
-        The bench's DBC (`config.bench_codec`).
-    frames : FrameBatch
-        All frames in order of arrival.
-    events : sequence of Event
-        As the recorder stored them.
-    hops : HopCounts
-        Losses between wire and journal.
-    provenance : mapping of str to str
-        Taken over.
-
-    Returns
-    -------
-    Session
-        One run for each bump, with what was decided on it.  It is rejected in any case if the
-        recording, or a message that the identification needs, does not cover it.
-
-    Raises
-    ------
-    InputError
-        If a channel does not fit the DBC, or a bump is of no mass state of the bench.
+    `bench`: channels, campaign and trigger times.  `codec`: the bench's DBC (`config.bench_codec`).
+    `frames`: all frames in order of arrival.  `events`: as the recorder stored them.  `hops`:
+    losses between wire and journal.  `provenance`: taken over.  Returns one run for each bump, with
+    what was decided on it.  It is rejected in any case if the recording, or a message that the
+    identification needs, does not cover it.  Raises InputError if a channel does not fit the DBC,
+    or a bump is of no mass state of the bench.
     """
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     run_log = fold(events)

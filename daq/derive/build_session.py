@@ -51,17 +51,9 @@ def derive(segments: Sequence[Path], target: Path) -> Derived:
 
     Memory grows with the number of runs, not with the length of the recording.
 
-    Parameters
-    ----------
-    segments : sequence of Path
-        Of one recording, in any order.
-    target : Path
-        The session file; replaced if it is there.
-
-    Raises
-    ------
-    InputError
-        If the segments cannot be read or do not belong together, or the file cannot be written.
+    `segments`: of one recording, in any order.  `target`: the session file; replaced if it is
+    there.  Raises InputError if the segments cannot be read or do not belong together, or the file
+    cannot be written.
     """
     recording = recording_of(segments)
     head, events = recording.head, recording.events

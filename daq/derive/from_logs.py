@@ -60,17 +60,8 @@ class LogPart:
 class Intake:
     """Takes in one stretch of log block by block, then returns what was in it.
 
-    Parameters
-    ----------
-    bench : Bench
-        Channels and trigger.
-    codec : Codec
-        The bench's DBC.
-
-    Raises
-    ------
-    InputError
-        As `daq.samples.bench_mapping`.
+    `bench`: channels and trigger.  `codec`: the bench's DBC.  Raises InputError as
+    `daq.samples.bench_mapping`.
     """
 
     def __init__(self, bench: Bench, codec: Codec) -> None:
@@ -161,10 +152,7 @@ def parse_runs(text: str) -> tuple[Step, ...]:
 
     Repeats are counted in the order of the list.
 
-    Raises
-    ------
-    InputError
-        If one is no mass state and excitation.
+    Raises InputError if one is no mass state and excitation.
     """
     labels = [tuple(item.strip().split(":")) for item in text.split(",")]
     return numbered(labels)
@@ -173,10 +161,7 @@ def parse_runs(text: str) -> tuple[Step, ...]:
 def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
     """Return (mass state, excitation) as steps, repeats counted in their order.
 
-    Raises
-    ------
-    InputError
-        As `parse_runs`.
+    Raises InputError as `parse_runs`.
     """
     steps: list[Step] = []
     done: Counter[tuple[str, str]] = Counter()
@@ -194,10 +179,7 @@ def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
 def with_steps(bench: Bench, steps: Sequence[Step]) -> Bench:
     """Return the bench with a campaign that has all these steps.
 
-    Raises
-    ------
-    InputError
-        If the bench has no such mass state.
+    Raises InputError if the bench has no such mass state.
     """
     states = [state.name for state in bench.mass_states]
     for step in steps:
@@ -275,21 +257,9 @@ def session_from_parts(
 ) -> Session:
     """Build the session of labelled parts; each has its own time.
 
-    Parameters
-    ----------
-    bench : Bench
-        With all steps that occur (`with_steps`).
-    codec : Codec
-        The bench's DBC.
-    parts : sequence of LogPart, not empty
-        From `labelled`.
-    provenance : mapping of str to str
-        Software and sources; uuid, date, DBC and bench.toml are added.
-
-    Raises
-    ------
-    InputError
-        As `build_session`.
+    `bench`: with all steps that occur (`with_steps`).  `codec`: the bench's DBC.  `parts`, sequence
+    of LogPart, not empty: from `labelled`.  `provenance`: software and sources; uuid, date, DBC and
+    bench.toml are added.  Raises InputError as `build_session`.
     """
     digest = hashlib.sha256()
     for part in parts:

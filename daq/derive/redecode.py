@@ -29,21 +29,10 @@ def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[st
     A reason for which a run was rejected falls if the new decoding does not bear it out; one that
     the old decoding did not give either is the operator's, and stays.
 
-    Parameters
-    ----------
-    session : Session
-        With the raw frames of its runs.
-    bench : Bench
-        With the new DBC; its vehicle, weights and channels replace those of the session.
-    where : str
-        Name of the session, for messages.
-    provenance : mapping of str to str
-        Entries to store in addition to the DBC and bench.toml.
-
-    Raises
-    ------
-    InputError
-        If a run has no raw frames, or channels and DBC do not fit.
+    `session`: with the raw frames of its runs.  `bench`: with the new DBC; its vehicle, weights and
+    channels replace those of the session.  `where`: name of the session, for messages.
+    `provenance`: entries to store in addition to the DBC and bench.toml.  Raises InputError if a
+    run has no raw frames, or channels and DBC do not fit.
     """
     for run in session.runs:
         if not len(run.frames):

@@ -21,12 +21,8 @@ def good_frames(
 ) -> FrameBatch:
     """Return the frames that are `good`; the columns of the others may hold anything.
 
-    Parameters
-    ----------
-    good : (n,) bool
-        Which rows to take.
-    t_ns, can_id, flags, bus, length, data
-        As in `FrameBatch`, in integers of any width.
+    `good`, (n,) bool: which rows to take.  `t_ns`, `can_id`, `flags`, `bus`, `length`, `data`: as
+    in `FrameBatch`, in integers of any width.
     """
     if not good.all():
         t_ns, can_id, flags = t_ns[good], can_id[good], flags[good]

@@ -27,21 +27,8 @@ _ADVICE = "check what it is; its suffix may be wrong"
 def read_blf(file: BinaryIO, where: str, size: int, ledger: Ledger) -> Iterator[FrameBatch]:
     """Read a BLF block by block.
 
-    Parameters
-    ----------
-    file : binary file
-        At its beginning.
-    where : str
-        Its name, for messages.
-    size : int
-        Its length in bytes.
-    ledger : Ledger
-        Takes the losses.
-
-    Raises
-    ------
-    InputError
-        If it is no BLF.
+    `file`: at its beginning.  `where`: its name, for messages.  `size`: its length in bytes.
+    `ledger`: takes the losses.  Raises InputError if it is no BLF.
     """
     start = file.read(_FILE.size)
     if start[:4] != b"LOGG":

@@ -46,15 +46,8 @@ class Log:
     Iterating raises InputError where the file turns out to be no log of its format; what is
     damaged or cut off within one is passed over and counted.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        One file; of a journal, all its segments.
-
-    Raises
-    ------
-    InputError
-        If a file is missing or empty, or its suffix is that of no format.
+    `paths`: one file; of a journal, all its segments.  Raises InputError if a file is missing or
+    empty, or its suffix is that of no format.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -150,10 +143,7 @@ def read_log(path: Path) -> Log:
 def read_logs(paths: Sequence[Path]) -> list[Log]:
     """Return the logs in files; neighbouring segments of a journal are one log.
 
-    Raises
-    ------
-    InputError
-        As `Log`.
+    Raises InputError as `Log`.
     """
     rows: list[list[Path]] = []
     for path in paths:

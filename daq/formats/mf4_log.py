@@ -41,17 +41,8 @@ BLOCK_FRAMES = 65_536
 def read_mf4(path: Path, ledger: Ledger) -> Iterator[FrameBatch]:
     """Read the CAN frames of an MF4 file block by block.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    ledger : Ledger
-        Takes the losses.
-
-    Raises
-    ------
-    InputError
-        If it is no MF4, cannot be read, or holds no CAN bus logging; or asammdf is missing.
+    `ledger` takes the losses.  Raises InputError if it is no MF4, cannot be read, or holds no CAN
+    bus logging; or asammdf is missing.
     """
     where = str(path)
     with path.open("rb") as file:

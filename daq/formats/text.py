@@ -174,21 +174,9 @@ def read_lines(
 ) -> Iterator[FrameBatch]:
     """Read a text log block by block.
 
-    Parameters
-    ----------
-    file : binary file
-        At its beginning.
-    where : str
-        Its name, for messages.
-    parse : callable
-        Takes whole lines, block by block.
-    ledger : Ledger
-        Takes the losses.
-
-    Raises
-    ------
-    InputError
-        If it is no text, or nothing in its first block is of that format.
+    `file`: at its beginning.  `where`: its name, for messages.  `parse`: takes whole lines, block
+    by block.  `ledger`: takes the losses.  Raises InputError if it is no text, or nothing in its
+    first block is of that format.
     """
     tail, before, known, more = b"", 0, False, True
     while more:

@@ -26,10 +26,7 @@ class _Held:
 class Backlog:
     """A queue of blocks; the frames that do not fit are counted.
 
-    Attributes
-    ----------
-    frames, dropped : int
-        Number of frames that wait, and of frames that found no room.
+    `frames` and `dropped`: number of frames that wait, and of frames that found no room.
     """
 
     def __init__(self, recording: str) -> None:

@@ -31,10 +31,7 @@ class Room:
 def room_on(folder: Path) -> Room:
     """Return the room on the disk of a folder.
 
-    Raises
-    ------
-    OSError
-        If the folder is not there.
+    Raises OSError if the folder is not there.
     """
     usage = shutil.disk_usage(folder)
     return Room(usage.free, usage.total)
@@ -68,14 +65,7 @@ def place_of(folder: Path) -> tuple[int, int] | None:
 def taken_away(path: Path, opened: os.stat_result, size: int) -> str:
     """Return what another process did to the open file; empty if nothing.
 
-    Parameters
-    ----------
-    path : Path
-        Name of the file.
-    opened : os.stat_result
-        State of the open file.
-    size : int
-        Bytes written to it.
+    `path`: name of the file.  `opened`: state of the open file.  `size`: bytes written to it.
     """
     try:
         named = path.stat()
@@ -89,18 +79,8 @@ def taken_away(path: Path, opened: os.stat_result, size: int) -> str:
 class DiskWatch:
     """The disk of a journal: its room, and whether folder and open file are still there.
 
-    Parameters
-    ----------
-    folder : Path
-    room_on : callable
-        Returns the room on the disk of a folder.
-
-    Attributes
-    ----------
-    room : Room
-        As measured last.
-    stopped : bool
-        True while there is too little room to record.
+    `room_on`: returns the room on the disk of a folder.  `room`: as measured last.  `stopped`: True
+    while there is too little room to record.
     """
 
     def __init__(self, folder: Path, room_on: Callable[[Path], Room]) -> None:
@@ -117,10 +97,7 @@ class DiskWatch:
     def measure(self, limits: RecorderConfig) -> None:
         """Measure the room, and decide whether recording must stop.
 
-        Raises
-        ------
-        OSError
-            If the folder is not there.
+        Raises OSError if the folder is not there.
         """
         self.room = self._room_on(self._folder)
         self.stopped = too_little(self.room, limits, self.stopped)

@@ -43,10 +43,7 @@ def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
 def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     """Return the recordings of these segments, the oldest first.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be read or is not a journal, or none has a complete head.
+    Raises InputError if a file cannot be read or is not a journal, or none has a complete head.
     """
     return _grouped(_all_scanned(segments))
 
@@ -67,10 +64,7 @@ def last_recording(folder: Path) -> JournalTail | None:
 def recording_of(segments: Sequence[Path]) -> JournalTail:
     """Return the state of the recording of these segments.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be read or is not a journal, or none has a complete head.
+    Raises InputError if a file cannot be read or is not a journal, or none has a complete head.
     """
     return _tail(sorted(_all_scanned(segments), key=lambda info: info.number))
 

@@ -79,10 +79,7 @@ def parse_head(
 ) -> tuple[JournalHead, int]:
     """Return the head and the segment number of a record of `head_record`.
 
-    Raises
-    ------
-    ValueError, KeyError
-        If a text was changed, or the record is of another program.
+    Raises ValueError or KeyError if a text was changed, or the record is of another program.
     """
     for name, text in (("bench_crc32", bench_text), ("dbc_crc32", dbc_text)):
         if zlib.crc32(text) != int(record[name]):
@@ -115,10 +112,7 @@ def pack_frames(number: int, frames: FrameBatch, losses: HopLosses) -> bytes:
 def unpack_frames(message: bytes) -> tuple[int, FrameBatch, HopLosses]:
     """Return number, frames and losses of a message of `pack_frames`.
 
-    Raises
-    ------
-    ValueError
-        If a single bit was changed.
+    Raises ValueError if a single bit was changed.
     """
     if len(message) < BLOCK_HEAD:
         raise ValueError("too short for a block")
@@ -156,10 +150,7 @@ def pack_events(number: int, events: Sequence[Event]) -> bytes:
 def unpack_events(message: bytes) -> tuple[int, tuple[Event, ...]]:
     """Return number and events of a message of `pack_events`.
 
-    Raises
-    ------
-    ValueError
-        If it was changed.
+    Raises ValueError if it was changed.
     """
     try:
         body = json.loads(message)

@@ -34,18 +34,9 @@ def read_journal(
 ) -> JournalContents:
     """Read all segments of a recording.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        As for `JournalReader`.
-    spans : sequence of (int, int), optional
-        Keep only frames with time stamps in these spans, start <= t < stop, ns, so that memory
-        grows with the spans, not with the recording.  Without it all frames are kept.
-
-    Raises
-    ------
-    InputError
-        As `JournalReader`.
+    `paths`: as for `JournalReader`.  `spans`, sequence of (int, int): keep only frames with time
+    stamps in these spans, start <= t < stop, ns, so that memory grows with the spans, not with the
+    recording.  Without it all frames are kept.  Raises InputError as `JournalReader`.
     """
     reader = JournalReader(paths)
     frames: list[FrameBatch] = []
@@ -98,16 +89,9 @@ class _HopTable:
 class JournalReader:
     """Iterates once over the blocks of a recording; `lost` is exact after that.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        The segments of one recording, in any order, also of several processes.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or is not a journal, if files belong to different recordings, or
-        if none has a complete head.
+    `paths`: the segments of one recording, in any order, also of several processes.  Raises
+    InputError if a file cannot be read or is not a journal, if files belong to different
+    recordings, or if none has a complete head.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:

@@ -33,16 +33,9 @@ def expendable(
 ) -> tuple[SegmentInfo, ...]:
     """Return the segments that may be deleted, the oldest first.
 
-    Parameters
-    ----------
-    segments : sequence of SegmentInfo
-        All segments of the folder but the one being written.
-    open_recording : str
-        Identity of the open recording.
-    built : collection of str
-        Recordings whose session file is complete.
-    now_ns : int
-        Latest time stamp of the open recording.
+    `segments`: all segments of the folder but the one being written.  `open_recording`: identity of
+    the open recording.  `built`: recordings whose session file is complete.  `now_ns`: latest time
+    stamp of the open recording.
     """
     bumps: dict[str, list[int]] = {}
     for info in segments:
@@ -110,16 +103,7 @@ def _near(info: SegmentInfo, times_ns: Sequence[int]) -> bool:
 class Retention:
     """The segments in a folder except the one being written: their sizes, and which may go.
 
-    Parameters
-    ----------
-    folder : Path
-    recording : str
-        Identity of the open recording.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be read.
+    `recording`: identity of the open recording.  Raises OSError if the folder cannot be read.
     """
 
     def __init__(self, folder: Path, recording: str) -> None:

@@ -77,10 +77,7 @@ def read_head(path: Path) -> tuple[JournalHead, int] | None:
 
     A crash may leave a new file with zeros in place of its head.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read or is not a journal.
+    Raises InputError if the file cannot be read or is not a journal.
     """
     metadata: dict[str, str] | None = None
     texts: dict[str, bytes] = {}
@@ -125,10 +122,7 @@ def scan(path: Path) -> SegmentInfo | None:
 
     A segment with its proper end has a summary, which makes this fast at any size.
 
-    Raises
-    ------
-    InputError
-        As `read_head`.
+    Raises InputError as `read_head`.
     """
     found = read_head(path)
     if found is None:

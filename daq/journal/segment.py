@@ -83,21 +83,9 @@ class Block:
 class Segment:
     """A file of the journal.
 
-    Parameters
-    ----------
-    file : JournalFile
-        New and empty; closed here.
-    path : Path
-        Its name; deleted again if the head cannot be written.
-    record : dict of str to str
-        From `head_record`.
-    head : JournalHead
-        Texts for the attachments.
-
-    Raises
-    ------
-    OSError
-        If the head cannot be written.
+    `file`: new and empty; closed here.  `path`: its name; deleted again if the head cannot be
+    written.  `record`: from `head_record`.  `head`: texts for the attachments.  Raises OSError if
+    the head cannot be written.
     """
 
     def __init__(
@@ -135,10 +123,7 @@ class Segment:
     def write(self, blocks: Sequence[Block]) -> None:
         """Write blocks through to the disk.
 
-        Raises
-        ------
-        OSError
-            If that failed; nothing else may be written to this file then.
+        Raises OSError if that failed; nothing else may be written to this file then.
         """
         for block in blocks:
             self._writer.add_message(
@@ -155,10 +140,7 @@ class Segment:
     def finish(self) -> None:
         """Write the end that MCAP tools expect, and close.
 
-        Raises
-        ------
-        OSError
-            If the end is not on the disk; the file is closed, and all blocks are in it.
+        Raises OSError if the end is not on the disk; the file is closed, and all blocks are in it.
         """
         try:
             self._writer.add_metadata(SUMMARY_RECORD, pack_summary(self._summary()))

@@ -47,10 +47,7 @@ class WriteLedger:
     def take_gone(self, also: Path | None) -> dict[Path, Gap]:
         """Remove the segments that are not there any more; return their gaps by path.
 
-        Parameters
-        ----------
-        also : Path, optional
-            A segment that another file has replaced.
+        `also`: a segment that another file has replaced.
         """
         gone = {p: s for p, s in self._spans.items() if p == also or not p.is_file()}
         for path in gone:

@@ -48,26 +48,13 @@ class JournalError(BumpbenchError, OSError):
 class JournalWriter:
     """Writes one recording; a context manager that closes it.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if it is not there.  Segment numbers go on from those in it: a wrong clock must not
-        decide on names.
-    head : JournalHead
-        Written into every segment.  With `resume`, its `recording` is that of the tail.
-    limits : RecorderConfig
-        When segments end, when old ones are deleted, room left free; may be changed at any time.
-    create : callable
-        Creates a file for writing.
-    resume : JournalTail, optional
-        State of the recording that is resumed.
-    room : callable
-        Returns the room on the disk of a folder.
-
-    Raises
-    ------
-    JournalError
-        If the folder cannot be written at all.  For a disk that is full or fails, blocks wait.
+    `folder`: created if it is not there.  Segment numbers go on from those in it: a wrong clock
+    must not decide on names.  `head`: written into every segment.  With `resume`, its `recording`
+    is that of the tail.  `limits`: when segments end, when old ones are deleted, room left free;
+    may be changed at any time.  `create`: creates a file for writing.  `resume`: state of the
+    recording that is resumed.  `room`: returns the room on the disk of a folder.  Raises
+    JournalError if the folder cannot be written at all.  For a disk that is full or fails, blocks
+    wait.
     """
 
     def __init__(
@@ -111,13 +98,9 @@ class JournalWriter:
     def append(self, frames: FrameBatch, losses: HopLosses) -> None:
         """Store a block of frames; `status.recorded_frames` counts those on the disk.
 
-        Parameters
-        ----------
-        frames : FrameBatch
-            Empty if there are only losses to report.
-        losses : HopLosses
-            Cumulative counts of this process up to this block.  Frames that the writer itself has
-            dropped are added to `queue_dropped` in the journal.
+        `frames`: empty if there are only losses to report.  `losses`: cumulative counts of this
+        process up to this block.  Frames that the writer itself has dropped are added to
+        `queue_dropped` in the journal.
         """
         if len(frames):
             self._t_ns = max(self._t_ns, int(frames.t_ns.max()))
@@ -183,10 +166,7 @@ class JournalWriter:
     def close(self, ended: bool = False) -> None:
         """Finish the file; what was recorded is safe without this, too.
 
-        Parameters
-        ----------
-        ended : bool
-            True if the recording is over; else it may be resumed.
+        `ended`: True if the recording is over; else it may be resumed.
         """
         if len(self._backlog):
             self.flush()

@@ -14,10 +14,7 @@ from .orders import OrderError
 def configured(old: Bench, text: str) -> Bench:
     """Return the bench of a new bench.toml, with the buses and the DBC in force.
 
-    Raises
-    ------
-    OrderError
-        If it cannot be used, or needs another bus or DBC.
+    Raises OrderError if it cannot be used, or needs another bus or DBC.
     """
     try:
         bench = parse_bench(text, "bench.toml", Path(), old.dbc_text)

@@ -26,10 +26,7 @@ class Checks:
     def begin(self, bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
         """Start a check; its end sets the answer.
 
-        Raises
-        ------
-        OrderError
-            If too many wait already.
+        Raises OrderError if too many wait already.
         """
         self._waiting = [waiting for waiting in self._waiting if not waiting.done()]
         if len(self._waiting) >= MOST:

@@ -48,16 +48,8 @@ class Derivation:
     def begin(self, target: Path, segments: Sequence[Path], recording: str, revision: int) -> None:
         """Start building the session file of a recording; never raises.
 
-        Parameters
-        ----------
-        target : Path
-            The session file.
-        segments : sequence of Path
-            Segments of the recording.
-        recording : str
-            Its identity.
-        revision : int
-            Present revision of its run log.
+        `target`: the session file.  `segments`: segments of the recording.  `recording`: its
+        identity.  `revision`: present revision of its run log.
         """
         waiting = [job for job in self._jobs if job.target != target]  # the new one has all
         job = _Job(target, tuple(segments), recording, revision)

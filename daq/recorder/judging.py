@@ -27,14 +27,8 @@ LOOK_NS = 300_000_000
 class Judge:
     """Keeps the data for a verdict, and judges a run that has ended.
 
-    Parameters
-    ----------
-    bench : Bench
-        Channels, trigger and procedure.
-    codec : Codec
-        The bench's DBC.
-    measures : dict of label to RunMeasure
-        Measures of the earlier runs; later ones are added.
+    `bench`: channels, trigger and procedure.  `codec`: the bench's DBC.  `measures`: measures of
+    the earlier runs; later ones are added.
     """
 
     def __init__(self, bench: Bench, codec: Codec, measures: dict[str, RunMeasure]) -> None:

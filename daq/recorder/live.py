@@ -28,13 +28,7 @@ _BINS = round(KEPT_S / BIN_S)
 
 
 class LiveRing:
-    """The last minute of some channels.
-
-    Parameters
-    ----------
-    channels : sequence of str
-        Their names, in the order of the lanes.
-    """
+    """The last minute of some channels."""
 
     def __init__(self, channels: Sequence[str]) -> None:
         self._row = {name: row for row, name in enumerate(channels)}

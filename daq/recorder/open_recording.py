@@ -54,10 +54,7 @@ class OpenRecording:
     def end(self, why: str) -> None:
         """End the recording, and the run that is being recorded.
 
-        Raises
-        ------
-        OrderError
-            If the disk refuses the frames that wait in memory: they would be lost.
+        Raises OrderError if the disk refuses the frames that wait in memory: they would be lost.
         """
         if not self.writer.flush():
             disk = self.writer.status
@@ -78,12 +75,8 @@ def begin(
 ) -> OpenRecording:
     """Begin a recording, or resume the one whose state is `tail`.
 
-    Raises
-    ------
-    InputError
-        If bench.toml and DBC do not fit together.
-    JournalError
-        If the journal cannot be written at all.
+    Raises InputError if bench.toml and DBC do not fit together.  Raises JournalError if the journal
+    cannot be written at all.
     """
     codec = bench_codec(bench)
     identity = tail.head.recording if tail else uuid.uuid4().hex

@@ -26,10 +26,7 @@ class PendingOrder:
 class OrderQueue:
     """A queue of orders; `put` may be called from any thread and never blocks.
 
-    Attributes
-    ----------
-    arrived : threading.Event
-        Set when an order was put in, to wake the thread that takes them.
+    `arrived`: set when an order was put in, to wake the thread that takes them.
     """
 
     def __init__(self) -> None:

@@ -46,22 +46,9 @@ RESTAMPED = "restamped"
 class Recording:
     """One recording of a campaign.
 
-    Parameters
-    ----------
-    bench : Bench
-    codec : Codec
-        The bench's DBC.
-    store : FrameStore
-        For frames and events; the caller closes it.
-    run_log : RunLog, optional
-        Of a recording that is resumed.
-    barrier : FaultBarrier, optional
-        Runs the consumers.
-
-    Raises
-    ------
-    InputError
-        If a channel and the DBC do not fit, or no channel can trigger.
+    `codec`: the bench's DBC.  `store`: for frames and events; the caller closes it.  `run_log`: of
+    a recording that is resumed.  `barrier`: runs the consumers.  Raises InputError if a channel and
+    the DBC do not fit, or no channel can trigger.
     """
 
     def __init__(
@@ -89,10 +76,7 @@ class Recording:
     def adopt(self, bench: Bench, codec: Codec) -> None:
         """Go on with another bench.toml.
 
-        Raises
-        ------
-        InputError
-            As the constructor; nothing has changed then.
+        Raises InputError as the constructor; nothing has changed then.
         """
         mapped, triggers = bench_mapping(bench, codec)
         self._bench, self._codec, self._mapped, self._triggers = bench, codec, mapped, triggers
@@ -149,26 +133,10 @@ class Recording:
     ) -> tuple[Event, ...]:
         """Process one block of frames; called without frames, too, for the alarms.
 
-        Parameters
-        ----------
-        batch : FrameBatch
-            In order of arrival; may be empty.
-        hops : HopLosses
-            Cumulative counts up to this block, since this recorder was started.
-        now : Now
-            The host's clocks.
-        links, disk, queue : sequence of LinkFacts, DiskStatus, QueueStatus
-            Their present state.
-
-        Returns
-        -------
-        tuple of Event
-            The events stored: `bump` and `run_end` have the label of their run.
-
-        Raises
-        ------
-        JournalError
-            If the store raises it; nothing else is done with the block then.
+        `batch`: in order of arrival; may be empty.  `hops`: cumulative counts up to this block,
+        since this recorder was started.  `now`: the host's clocks.  `links`, `disk`, `queue`: their
+        present state.  Returns the events stored: `bump` and `run_end` have the label of their run.
+        Raises JournalError if the store raises it; nothing else is done with the block then.
         """
         if len(batch) or hops != self._hops:
             self._store.append(batch, hops)
@@ -196,19 +164,8 @@ class Recording:
     def carry_out(self, order: Order, by: str, now: Now) -> None:
         """Carry out an order of the run loop or of the run log; its event is stored first.
 
-        Parameters
-        ----------
-        order : Order
-            Not one that begins or ends a recording.
-        by : str
-            Name of its sender.
-        now : Now
-            The host's clocks.
-
-        Raises
-        ------
-        OrderError
-            If it makes no sense now; nothing has changed then.
+        `order`: not one that begins or ends a recording.  `by`: name of its sender.  `now`: the
+        host's clocks.  Raises OrderError if it makes no sense now; nothing has changed then.
         """
         t_ns = self._t_ns or now.wall_ns
         event = order_event(order, by, t_ns, self._run_log, self._bench)

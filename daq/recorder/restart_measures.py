@@ -50,10 +50,7 @@ def _recall(tail: JournalTail, bench: Bench, pass_on: PassOn) -> None:
 def remeasured(tail: JournalTail, bench: Bench, codec: Codec) -> Mapping[str, RunMeasure]:
     """Return the measures of the accepted runs, by label.
 
-    Raises
-    ------
-    OSError, InputError
-        If the journal cannot be read, or does not fit the bench.
+    Raises OSError or InputError if the journal cannot be read, or does not fit the bench.
     """
     runs = [run for run in fold(tail.events).runs if run.status is LoggedStatus.ACCEPTED]
     spans = [_span(bench, run) for run in runs]

@@ -32,16 +32,8 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
     A session file has the runs only.  Without the frames between them the counters of the sensors
     would report losses, which would count against the run before each gap.
 
-    Parameters
-    ----------
-    session : Session
-    path : Path
-        Its file; the journal that it was built from is in the folder `journal` in its folder.
-
-    Raises
-    ------
-    InputError
-        If the journal is not there, or incomplete.
+    `path`: its file; the journal that it was built from is in the folder `journal` in its folder.
+    Raises InputError if the journal is not there, or incomplete.
     """
     runs = FrameBatch.concatenate(list(recorded_frames(session)))
     if len(runs):
@@ -60,15 +52,8 @@ class RecordedSource:
 
     Time stamps keep their distances; gaps longer than `LONGEST_GAP_S` are shortened to it.
 
-    Parameters
-    ----------
-    frames : FrameBatch
-    bus : int
-        The bus to play.
-    speed : float
-        Seconds of the recording that pass in one second.
-    start_ns : int
-        Time stamp of the first frame, ns since 1970 UTC.
+    `bus`: the bus to play.  `speed`: seconds of the recording that pass in one second.  `start_ns`:
+    time stamp of the first frame, ns since 1970 UTC.
     """
 
     def __init__(self, frames: FrameBatch, bus: int, speed: float, start_ns: int) -> None:

@@ -29,26 +29,11 @@ def play(batches: Iterable[FrameBatch], bus: can.BusABC, speed: float | None) ->
     Frames are sent while the result is iterated; a caller stops by ending the iteration.  Error
     frames are left out: no controller can be made to send one.
 
-    Parameters
-    ----------
-    batches : iterable of FrameBatch
-        Blocks that are made quickly: no frame is sent while the next one is made.
-    bus : can.BusABC
-        Any bus of python-can.  Each message has its own time stamp, which a virtual bus opened
-        with ``preserve_timestamps=True`` passes on.
-    speed : float or None
-        1 sends each frame at its own time after the first one, 2 in half that time; None as fast
-        as the bus takes them.
-
-    Yields
-    ------
-    int
-        Number of frames sent.
-
-    Raises
-    ------
-    BusError
-        If the bus refuses a frame for `PATIENCE_S`.
+    `batches`: blocks that are made quickly: no frame is sent while the next one is made.  `bus`:
+    any bus of python-can.  Each message has its own time stamp, which a virtual bus opened with
+    ``preserve_timestamps=True`` passes on.  `speed`: 1 sends each frame at its own time after the
+    first one, 2 in half that time; None as fast as the bus takes them.  Yields the number of frames
+    sent.  Raises BusError if the bus refuses a frame for `PATIENCE_S`.
     """
     pace = _Pace(speed) if speed else None
     sent = 0

@@ -28,10 +28,7 @@ def finding_record(finding: Finding) -> dict[str, Any]:
 def read_finding(record: Mapping[str, Any]) -> Finding:
     """Return the finding of a JSON object.
 
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        If it is no such object.
+    Raises KeyError or TypeError or ValueError if it is no such object.
     """
     return Finding(
         code=str(record["code"]),

@@ -13,10 +13,7 @@ from .trigger import trigger_channels
 def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...], frozenset[str]]:
     """Return the bench's channels, and the names of those that trigger.
 
-    Raises
-    ------
-    InputError
-        If a channel and the DBC do not fit, or no channel can trigger.
+    Raises InputError if a channel and the DBC do not fit, or no channel can trigger.
     """
     # All channels are mapped although only some trigger: what does not fit together is to be
     # known before the first bump, not after the last.

@@ -203,19 +203,9 @@ def lower_line(
     hull above the mean of k.  It is found by cutting planes: a chord between a point left and a
     point right of the mean, replaced by the point furthest below it until there is none.
 
-    Parameters
-    ----------
-    k : (n,) float64
-        Abscissae with mean 0.
-    y : (n,) float64
-        Ordinates.
-    cycle_s, tolerance : float
-        The slope is kept within ``cycle_s (1 +- tolerance)``.
-
-    Returns
-    -------
-    start, slope : float
-        Of the line ``start + slope k``.
+    `k`, (n,) float64: abscissae with mean 0.  `y`, (n,) float64: ordinates.  `cycle_s` and
+    `tolerance`: the slope is kept within ``cycle_s (1 +- tolerance)``.  Returns start and slope of
+    the line ``start + slope k``.
     """
     slowest, fastest = cycle_s * (1 + tolerance), cycle_s * (1 - tolerance)
     left, right = int(np.argmin(y - fastest * k)), int(np.argmin(y - slowest * k))

@@ -31,10 +31,7 @@ def flat_tops(value: NDArray[np.float64]) -> tuple[tuple[int, int], ...]:
     A flat top stands at an extreme of the record, has a steep side on either end, and is longer
     than noise makes it by chance.
 
-    Parameters
-    ----------
-    value : (n,) float64
-        One channel of one run, evenly sampled, in any unit; finite.
+    `value`, (n,) float64: one channel of one run, evenly sampled, in any unit; finite.
     """
     levels = np.diff(np.unique(value))
     if not len(levels):
@@ -62,13 +59,8 @@ def share_changed(value: NDArray[np.float64]) -> float:
 def is_stuck(held: int, changes: float = 1.0) -> bool:
     """Return whether a value was held for too many samples.
 
-    Parameters
-    ----------
-    held : int
-        Equal samples in a row.
-    changes : float
-        Share of the samples at which this channel changes when it is sound, 0..1 (NaN: unknown);
-        1 for a sensor whose noise is above its steps.
+    `held`: equal samples in a row.  `changes`: share of the samples at which this channel changes
+    when it is sound, 0..1 (NaN: unknown); 1 for a sensor whose noise is above its steps.
     """
     return bool(held * changes >= EXPECTED_CHANGES)
 
@@ -76,11 +68,7 @@ def is_stuck(held: int, changes: float = 1.0) -> bool:
 def is_fine(quantity: Quantity, unit: str, step: float) -> bool:
     """Return whether a sensor's noise is above its steps, so that it never holds a value.
 
-    Parameters
-    ----------
-    quantity, unit : Quantity, str
-        Of the channel, SI.  Displacements have no such noise: a potentiometer rests on one value.
-    step : float
-        Of the converter, in `unit`; 0 for a signal of floating point.
+    `quantity` and `unit`: of the channel, SI.  Displacements have no such noise: a potentiometer
+    rests on one value.  `step`: of the converter, in `unit`; 0 for a signal of floating point.
     """
     return TIME_DERIVATIVE.get(quantity, 0) > 0 and step < FINE_STEP.get(unit, 0.0)

@@ -46,18 +46,10 @@ def counter_steps(
 ) -> CounterSteps:
     """Return how many frames were sent between neighbours.
 
-    Parameters
-    ----------
-    counter : (n,) int64, n > 0
-        Values of the rolling counter, 0..modulus - 1.
-    modulus : int
-        Its range.
-    t_ns : (n,) int64
-        Arrival of the frames.
-    cycle_s : float or None
-        Nominal time between two frames.  Without it no whole turns and no restarts are seen.
-    late_s : float
-        `CounterSteps.late_s` of the block that ended with the first frame of this one.
+    `counter`, (n,) int64, n > 0: values of the rolling counter, 0..modulus - 1.  `modulus`: its
+    range.  `t_ns`, (n,) int64: arrival of the frames.  `cycle_s`: nominal time between two frames.
+    Without it no whole turns and no restarts are seen.  `late_s`: `CounterSteps.late_s` of the
+    block that ended with the first frame of this one.
     """
     step = np.diff(counter) % modulus
     if cycle_s is None or not len(step):

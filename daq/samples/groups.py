@@ -39,21 +39,8 @@ def sample_groups(
 
     Multiplexed ones stand alone, for they come less often.
 
-    Parameters
-    ----------
-    mapped : sequence of MappedChannel
-        All channels.
-    decoded : Decoded
-        The frames of a run.
-    keeping : Timekeeping
-        Of the bench.
-    t0_ns : int
-        Origin of the times.
-
-    Returns
-    -------
-    tuple of SampleGroup
-        None of them empty.
+    `decoded`: the frames of a run.  `keeping`: of the bench.  `t0_ns`: origin of the times.  None
+    of them is empty.
     """
     set_of = {message: each for each in keeping.sets for message in each.messages}
     members: dict[str, list[MappedChannel]] = {}

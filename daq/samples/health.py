@@ -64,14 +64,8 @@ class HealthState:
 def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Decoded) -> HealthState:
     """Take in one decoded block.
 
-    Parameters
-    ----------
-    messages : sequence of MessageLayout
-        The codec's messages.
-    state : HealthState
-        What the previous call returned; `HealthState()` at first.
-    decoded : Decoded
-        The block, frames in order of arrival.
+    `messages`: the codec's messages.  `state`: what the previous call returned; `HealthState()` at
+    first.  `decoded`: the block, frames in order of arrival.
     """
     counters = dict(state.counters)
     for message in messages:

@@ -23,23 +23,10 @@ def bind(
     nearer in most cases says so.  Between carriers with lost ones in between, frames are
     assigned by their count or, where some of them are lost too, by their time.
 
-    Parameters
-    ----------
-    number : (n,) int64
-        Sample number of each carrier frame, increasing.
-    carrier_ns : (n,) int64
-        Their arrival, in order.
-    rows : (m,) int
-        Names of the frames, returned with their numbers.
-    t_ns : (m,) int64
-        Arrival of the frames, in order.
-
-    Returns
-    -------
-    rows : (k,) int
-        Frames that belong to a known sample, one each.
-    number : (k,) int64
-        Their sample numbers, increasing.
+    `number`, (n,) int64: sample number of each carrier frame, increasing.  `carrier_ns`, (n,)
+    int64: their arrival, in order.  `rows`, (m,) int: names of the frames, returned with their
+    numbers.  `t_ns`, (m,) int64: arrival of the frames, in order.  Returns the frames that belong
+    to a known sample, one each, (k,), and their sample numbers, increasing, (k,).
     """
     behind = np.searchsorted(carrier_ns, t_ns, "right") - 1
     ahead = np.searchsorted(carrier_ns, t_ns, "left")
@@ -84,20 +71,9 @@ def bind_counted(
 ) -> Bound:
     """Find the sample numbers of a message that has the carrier's counter itself.
 
-    Parameters
-    ----------
-    number, carrier_value, carrier_ns : (n,) array
-        Sample number, counter and arrival of the carrier frames, in order.
-    rows : (m,) int
-        Frames of the message whose counter can be read.
-    own : Samples
-        The counter in them.
-    modulus : int
-        Its range.
-
-    Returns
-    -------
-    As `bind`.
+    `number`, `carrier_value`, `carrier_ns`, (n,) array: sample number, counter and arrival of the
+    carrier frames, in order.  `rows`, (m,) int: frames of the message whose counter can be read.
+    `own`: the counter in them.  `modulus`: its range.
     """
     t_ns = own.t_ns[rows]
     near = np.clip(np.searchsorted(carrier_ns, t_ns), 1, max(len(carrier_ns) - 1, 1))

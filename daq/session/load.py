@@ -40,20 +40,8 @@ _OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABE
 def load_tree(path: Path | str) -> Group:
     """Read a session file whole.
 
-    Parameters
-    ----------
-    path : Path or str
-        HDF5, schema v1.
-
-    Returns
-    -------
-    Group
-        Its root.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, it is no session, of a newer schema, or damaged.
+    `path`: HDF5, schema v1.  Returns its root.  Raises InputError if there is no such file, it is
+    no session, of a newer schema, or damaged.
     """
     path = Path(path)
     where = str(path)
@@ -72,10 +60,7 @@ def load_tree(path: Path | str) -> Group:
 def open_session(path: Path) -> Iterator[h5py.File]:
     """Open a session file; nothing below its root has been looked at yet.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, it is no session, or of a newer schema.
+    Raises InputError if there is no such file, it is no session, or of a newer schema.
     """
     where = str(path)
     if path.is_dir():
@@ -112,10 +97,7 @@ class _Survey:
     def visit(self, group: h5py.Group, depth: int) -> None:
         """Check a group and all below it.
 
-        Raises
-        ------
-        ValueError
-            If anything reaches outside the file, or claims too much.
+        Raises ValueError if anything reaches outside the file, or claims too much.
         """
         if depth > MAX_DEPTH:
             raise ValueError(f"its groups are nested more than {MAX_DEPTH} deep")

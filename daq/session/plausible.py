@@ -36,13 +36,7 @@ _LARGEST = {
 
 
 def check_session(session: Session) -> Iterator[Finding]:
-    """Yield what in a session contradicts itself or is hard to believe.
-
-    Parameters
-    ----------
-    session : Session
-        As read.
-    """
+    """Yield what in a session contradicts itself or is hard to believe."""
     yield from _vehicle(session)
     yield from _channels(session)
     labels: set[str] = set()

@@ -75,10 +75,7 @@ def glances(paths: Sequence[Path]) -> Iterator[Glance | InputError]:
 def glance(path: Path) -> Glance:
     """Read the outline of a session file in this process.
 
-    Raises
-    ------
-    InputError
-        If it is no session.
+    Raises InputError if it is no session.
     """
     with open_session(path) as file:
         about = plain_attributes(_member(file, "session"))

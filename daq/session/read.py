@@ -71,17 +71,8 @@ def read_foreign_session(path: Path | str) -> Session:
 def session_of(tree: Group, where: str) -> Session:
     """Return the session that a tree holds.
 
-    Parameters
-    ----------
-    tree : Group
-        Root of a session file.
-    where : str
-        The file, for the error.
-
-    Raises
-    ------
-    InputError
-        If anything is missing or contradicts itself.
+    `tree`: root of a session file.  `where`: the file, for the error.  Raises InputError if
+    anything is missing or contradicts itself.
     """
     try:
         return _session(tree)

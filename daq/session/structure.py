@@ -31,13 +31,7 @@ _REQUIRED_OF_CHANNEL = {"name", "quantity", "unit"}
 
 
 def check_structure(root: Group) -> Iterator[Finding]:
-    """Yield what in a file breaks schema v1 (see `daq.session`).
-
-    Parameters
-    ----------
-    root : Group
-        The whole file.
-    """
+    """Yield what in a file breaks schema v1 (see `daq.session`)."""
     yield from _members(root, "/", {"session", "config", "channels", "mass_states", "runs"}, set())
     default = str(root.attributes.get("default", ""))
     if default and not _reaches(root, default):

@@ -35,10 +35,7 @@ class Group:
     def group(self, name: str) -> Group:
         """Return a group in this one.
 
-        Raises
-        ------
-        ValueError
-            If it is absent.
+        Raises ValueError if it is absent.
         """
         if name not in self.groups:
             raise ValueError(f"group {name} is absent")
@@ -47,10 +44,7 @@ class Group:
     def values(self, name: str) -> NDArray[Any]:
         """Return the values of a dataset in this group.
 
-        Raises
-        ------
-        ValueError
-            If it is absent.
+        Raises ValueError if it is absent.
         """
         if name not in self.datasets:
             raise ValueError(f"dataset {name} is absent")
@@ -59,10 +53,7 @@ class Group:
     def attribute(self, name: str) -> Attribute:
         """Return an attribute of this group.
 
-        Raises
-        ------
-        ValueError
-            If it is absent.
+        Raises ValueError if it is absent.
         """
         if name not in self.attributes:
             raise ValueError(f"attribute {name} is absent")

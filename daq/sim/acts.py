@@ -53,12 +53,7 @@ class Act:
 class Acts:
     """The acts of one bench; each is computed once, in a thread of its own, before it is due.
 
-    Parameters
-    ----------
-    bench : Bench
-        Channels, bump and trigger.
-    rig : Rig
-        The car on it.
+    `bench`: channels, bump and trigger.  `rig`: the car on it.
     """
 
     def __init__(self, bench: Bench, rig: Rig) -> None:

@@ -38,18 +38,10 @@ def contact(
 ) -> Contact:
     """Return the forces of springs, stops, dampers, bars, friction and tyres.
 
-    Parameters
-    ----------
-    plant : Plant
-        The car.
-    pose, velocity : (7, n) float64
-        State, from the free length of all springs.
-    road : (4, n) float64
-        Height of the road under each wheel, m.
-    road_speed : (4, n) float64 or 0
-        How fast it rises there, m/s; only tyre damping feels it.
-    memory : Memory, optional
-        State of friction and mounts.
+    `plant`: the car.  `pose` and `velocity`, (7, n) float64: state, from the free length of all
+    springs.  `road`, (4, n) float64: height of the road under each wheel, m.  `road_speed`, (4, n)
+    float64 or 0: how fast it rises there, m/s; only tyre damping feels it.  `memory`: state of
+    friction and mounts.
     """
     compression = pose[3:] - corner_motion(plant, pose)
     damper_n = damping(plant, velocity, memory)
@@ -99,17 +91,9 @@ def forces(
 def static_pose(plant: Plant, memory: Memory | None = None) -> Array:
     """Return where a car stands on a flat road, (7, 1), from the free length of all springs.
 
-    Parameters
-    ----------
-    plant : Plant
-        One car.
-    memory : Memory, optional
-        What its friction carries; without it the car has settled free of friction.
-
-    Raises
-    ------
-    ValueError
-        If it does not stand on all four wheels (the weights would tip it over).
+    `plant`: one car.  `memory`: what its friction carries; without it the car has settled free of
+    friction.  Raises ValueError if it does not stand on all four wheels (the weights would tip it
+    over).
     """
     still, flat = np.zeros((7, 1)), np.zeros((4, 1))
     straight = plant.progression is None

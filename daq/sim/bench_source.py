@@ -42,32 +42,13 @@ class SimulatedBench:
     Frames carry the car's own time, which runs `speed` times as fast as the host's.  Counters,
     clocks and noise run on through everything that happens, also between reads.
 
-    Parameters
-    ----------
-    bench : Bench
-        Campaign, weights, channels, trigger and bit rate.
-    codec : Codec
-        The bench's DBC.
-    car : SimulatedCar
-        What is bumped.
-    seed : int
-        Decides every draw and all noise.
-    speed : float
-        Of the car's time; infinite: `read` waits for nothing and returns piece after piece.
-    wish : callable
-        Returns the recorder's status: the car is bumped when it is armed, as the step that is due
-        says.  None leaves the car alone.
-    fault : Fault or None
-        Spoils the second bump, and none after it.
-    start_ns : int
-        Time stamp of the start, ns since 1970 UTC.
-    wiggles : bool
-        Push corner after corner (FL FR RL RR) as long as there is no run and none is armed.
-
-    Raises
-    ------
-    InputError
-        As `daq.sim.ecu.campaign_frames`.
+    `bench`: campaign, weights, channels, trigger and bit rate.  `codec`: the bench's DBC.  `car`:
+    what is bumped.  `seed`: decides every draw and all noise.  `speed`: of the car's time;
+    infinite: `read` waits for nothing and returns piece after piece.  `wish`: returns the
+    recorder's status: the car is bumped when it is armed, as the step that is due says.  None
+    leaves the car alone.  `fault`: spoils the second bump, and none after it.  `start_ns`: time
+    stamp of the start, ns since 1970 UTC.  `wiggles`: push corner after corner (FL FR RL RR) as
+    long as there is no run and none is armed.  Raises InputError as `daq.sim.ecu.campaign_frames`.
     """
 
     def __init__(
@@ -117,10 +98,7 @@ class SimulatedBench:
     def open(self) -> SimulatedBench:
         """Return the bench, its time gone on, as a bus that is opened again.
 
-        Raises
-        ------
-        BusError
-            While the adapter is unplugged.
+        Raises BusError while the adapter is unplugged.
         """
         if np.isfinite(self._speed):
             self._done_s = max(self._done_s, self._now_s())
@@ -130,10 +108,7 @@ class SimulatedBench:
     def read(self, timeout_s: float) -> FrameBatch:
         """Return the frames of the car's time that has passed, at most `PIECE_S` of it.
 
-        Raises
-        ------
-        BusError
-            While the adapter is unplugged.
+        Raises BusError while the adapter is unplugged.
         """
         if np.isfinite(self._speed):
             wait_s = (self._done_s - self._now_s()) / self._speed + BLOCK_S

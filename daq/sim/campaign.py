@@ -89,21 +89,10 @@ class Simulated:
 def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
     """Simulate a campaign.
 
-    Parameters
-    ----------
-    car : SimulatedCar
-        What is driven; its bump height, lead and tail are not used.
-    plan : Plan
-        Runs, sensors and weights.
-    seed : int
-        Decides every draw and all noise.
-
-    Raises
-    ------
-    ValueError
-        If the weights would tip the car over, or a bump names no mass state of the plan.
-    InputError
-        If a fault is declared for no channel of the plan, or two for the same one.
+    `car`: what is driven; its bump height, lead and tail are not used.  `plan`: runs, sensors and
+    weights.  `seed`: decides every draw and all noise.  Raises ValueError if the weights would tip
+    the car over, or a bump names no mass state of the plan.  Raises InputError if a fault is
+    declared for no channel of the plan, or two for the same one.
     """
     drawn = draw(plan.channels, plan.mass_states, car, seed, plan.place_sigma_m)
     plants = {

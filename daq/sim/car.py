@@ -160,21 +160,11 @@ def draw(
 ) -> Truth:
     """Draw what differs between sensors and weights as described and as they are.
 
-    Parameters
-    ----------
-    channels, mass_states : sequence of Channel, of MassState
-        The description; its sigmas are the spreads of the draw.
-    car : SimulatedCar
-        The car and the spreads that the description does not state.
-    seed : int
-        The same seed gives the same campaign.
-    place_sigma_m : float
-        Standard deviation of the place of each weight on the body, forward and to the left, m.
-
-    Raises
-    ------
-    InputError
-        If a fault is declared for no channel, or two for the same one.
+    `channels` and `mass_states`: the description; its sigmas are the spreads of the draw.  `car`:
+    the car and the spreads that the description does not state.  `seed`: the same seed gives the
+    same campaign.  `place_sigma_m`: standard deviation of the place of each weight on the body,
+    forward and to the left, m.  Raises InputError if a fault is declared for no channel, or two for
+    the same one.
     """
     faults = _by_channel(car.faults, [channel.name for channel in channels])
     rng = np.random.default_rng([seed, 0])

@@ -50,10 +50,7 @@ def car_names() -> tuple[str, ...]:
 def named_car(name: str) -> NamedCar:
     """Return a car by its name.
 
-    Raises
-    ------
-    InputError
-        If there is none of that name; it names the nearest ones.
+    Raises InputError if there is none of that name; it names the nearest ones.
     """
     if name == GRANADA:
         return NamedCar(name, "Ford Granada", "the paper's Table 1", FORD_GRANADA, NONE)

@@ -90,32 +90,14 @@ def campaign_frames(
 ) -> Iterator[FrameBatch]:
     """Simulate a campaign, as a recorder would see it on the bus.
 
-    Parameters
-    ----------
-    bench : Bench
-        Campaign, weights, channels and bit rate.
-    codec : Codec
-        The bench's DBC.
-    car : SimulatedCar
-        What is driven over the bumps.
-    seed : int
-        Decides every draw (`car.truth`) and all noise.
-    start_ns : int
-        Time stamp of the start, ns since 1970 UTC.
-
-    Yields
-    ------
-    FrameBatch
-        One a run, in the order of `bench.campaign.steps`: `car.lead_s` of rest, the bump and the
-        free decay.  Time and counters run on from run to run; stamps are taken at the end of each
-        transmission.  Messages that carry no channel are not sent.
-
-    Raises
-    ------
-    InputError
-        If a channel's signal is not in the DBC, its message has no cycle time or is too long for
-        classic CAN, its unit does not fit, a fault has no channel, or the weights would tip the
-        car over.
+    `bench`: campaign, weights, channels and bit rate.  `codec`: the bench's DBC.  `car`: what is
+    driven over the bumps.  `seed`: decides every draw (`car.truth`) and all noise.  `start_ns`:
+    time stamp of the start, ns since 1970 UTC.  Yields one block a run, in the order of
+    `bench.campaign.steps`: `car.lead_s` of rest, the bump and the free decay.  Time and counters
+    run on from run to run; stamps are taken at the end of each transmission.  Messages that carry
+    no channel are not sent.  Raises InputError if a channel's signal is not in the DBC, its message
+    has no cycle time or is too long for classic CAN, its unit does not fit, a fault has no channel,
+    or the weights would tip the car over.
     """
     rig = rig_of(bench, codec, car, seed)
     motions = _motions(bench, rig)
@@ -133,10 +115,7 @@ def campaign_frames(
 def _motions(bench: Bench, rig: Rig) -> dict[tuple[str, Excitation], Motion]:
     """Return the motion of each kind of run; repeats are the same motion with other noise.
 
-    Raises
-    ------
-    InputError
-        If the weights of a mass state would tip the car over.
+    Raises InputError if the weights of a mass state would tip the car over.
     """
     car = rig.car
     kinds = list(dict.fromkeys((s.mass_state, s.excitation) for s in bench.campaign.steps))
@@ -160,10 +139,8 @@ def _motions(bench: Bench, rig: Rig) -> dict[tuple[str, Excitation], Motion]:
 def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...]:
     """Return the messages that carry the bench's channels.
 
-    Raises
-    ------
-    InputError
-        If a channel's signal is not in the DBC, or its message cannot be sent in cycles.
+    Raises InputError if a channel's signal is not in the DBC, or its message cannot be sent in
+    cycles.
     """
     carried: dict[str, list[Channel]] = {}
     for channel in bench.channels:
@@ -228,16 +205,9 @@ def sample(
 ) -> Burst:
     """Sample, encode and release the frames of one message in a span of time.
 
-    Parameters
-    ----------
-    rig, sender, scene
-        Who samples what.
-    span_s : (float, float)
-        Begin and end, s since the start of the campaign; spans that meet lose and repeat nothing.
-    rng : numpy.random.Generator
-        Source of the noise.
-    limits : mapping of channel name to float
-        Where a sensor saturates, if not where its truth says.
+    `rig`, `sender`, `scene`: who samples what.  `span_s`: begin and end, s since the start of the
+    campaign; spans that meet lose and repeat nothing.  `rng`: source of the noise.  `limits`: where
+    a sensor saturates, if not where its truth says.
     """
     counter, tick_s = sender.ticks(*span_s)
     sensors = {

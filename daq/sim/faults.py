@@ -41,14 +41,8 @@ def low_pass(values: Array, step_s: float, cutoff_hz: float, order: int) -> Arra
     Between the samples the signal is taken as straight, and the filter's answer to that is exact
     (first-order hold), so the error falls with the square of the step.
 
-    Parameters
-    ----------
-    values : (n,) float64
-        The signal; constant up to its first sample.
-    step_s : float
-        Time between samples, s.
-    cutoff_hz, order : float, int
-        The filter; its gain at rest is 1.
+    `values`, (n,) float64: the signal; constant up to its first sample.  `step_s`: time between
+    samples, s.  `cutoff_hz` and `order`: the filter; its gain at rest is 1.
     """
     from scipy.signal import butter, cont2discrete, lfilter  # slow to load, seldom needed
 

@@ -60,16 +60,9 @@ def fleet_facts() -> Facts:
 def fleet_car(number: int, seed: int, facts: bool = False, travels: bool = True) -> FleetCar:
     """Draw a car of a fleet.
 
-    Parameters
-    ----------
-    number : int
-        Which car; the classes take turns.
-    seed : int
-        Of the fleet.
-    facts : bool
-        Corner scales and a tape measure take the place of added mass.
-    travels : bool
-        Suspension travels are measured beside the inertial unit and the hubs.
+    `number`: which car; the classes take turns.  `seed`: of the fleet.  `facts`: corner scales and
+    a tape measure take the place of added mass.  `travels`: suspension travels are measured beside
+    the inertial unit and the hubs.
     """
     ranges = fleet_facts()
     kind = ranges["class"][number % len(ranges["class"])]

@@ -51,14 +51,8 @@ class FrictionLaw:
     def slid(self, share: Array, closing: Array, time_s: float) -> Array:
         """Return the shares after a time at constant speeds; the law is solved exactly.
 
-        Parameters
-        ----------
-        share : (4, n) float64
-            Before.
-        closing : (4, n) float64
-            Speed of each corner, m/s.
-        time_s : float
-            How long, s.
+        `share`, (4, n) float64: before.  `closing`, (4, n) float64: speed of each corner, m/s.
+        `time_s`: how long, s.
         """
         limit = self.sliding_share(closing)
         travel = np.abs(closing) * time_s

@@ -20,14 +20,8 @@ def load_car(
 ) -> Plant:
     """Put the added masses on a car.
 
-    Parameters
-    ----------
-    parameters : VehicleParameters
-        The unloaded car.
-    added : AddedMass
-        Weights, which have gravity and inertia; a matrix given directly has inertia only.
-    imperfections : Imperfections
-        What the car has beyond its parameters.
+    `parameters`: the unloaded car.  `added`: weights, which have gravity and inertia; a matrix
+    given directly has inertia only.  `imperfections`: what the car has beyond its parameters.
     """
     p, i = parameters, imperfections
     inertia = -inertia_forces(p, added, i, np.eye(7))

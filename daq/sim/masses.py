@@ -26,21 +26,10 @@ def inertia_forces(
 ) -> Array:
     """Return the forces with which every mass resists an acceleration (d'Alembert).
 
-    Parameters
-    ----------
-    parameters : VehicleParameters
-        Body and wheels.
-    added : AddedMass
-        Each weight on the body is a point that the body carries along.
-    imperfections : Imperfections
-        Unequal wheels; the offset of the CG, about which the body turns.
-    acceleration : (7, n) float64
-        Of the degrees of freedom.
-
-    Returns
-    -------
-    (7, n) float64
-        Forces, N, and moments about the CG of the baseline body, N m.
+    `parameters`: body and wheels.  `added`: each weight on the body is a point that the body
+    carries along.  `imperfections`: unequal wheels; the offset of the CG, about which the body
+    turns.  `acceleration`, (7, n) float64: of the degrees of freedom.  Returns (7, n) float64:
+    forces, N, and moments about the CG of the baseline body, N m.
     """
     p, i = parameters, imperfections
     heave, pitch, roll = acceleration[:3]

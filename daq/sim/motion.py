@@ -184,18 +184,9 @@ class TwoBumps:
 def standing(plant: Plant, stuck: Array | None = None) -> State:
     """Return the state of a car at rest.
 
-    Parameters
-    ----------
-    plant : Plant
-        One car.
-    stuck : (4, 1) float64, optional
-        Share of its friction that each corner carries; without it the car has settled free of
-        friction.
-
-    Raises
-    ------
-    ValueError
-        If the car does not stand on four wheels (`static_pose`).
+    `plant`: one car.  `stuck`, (4, 1) float64: share of its friction that each corner carries;
+    without it the car has settled free of friction.  Raises ValueError if the car does not stand on
+    four wheels (`static_pose`).
     """
     memory = blank_memory(1)
     if stuck is not None:
@@ -206,21 +197,9 @@ def standing(plant: Plant, stuck: Array | None = None) -> State:
 def drive(plant: Plant, bump: Bump, end_s: float, start: State | None = None) -> Motion:
     """Drive a car over a bump.
 
-    Parameters
-    ----------
-    plant : Plant
-        The car.
-    bump : Bump
-        The road; it must begin at or after time 0.
-    end_s : float
-        Until when the free decay is followed, s.
-    start : State, optional
-        At the beginning of the bump; without it the car stands still.
-
-    Raises
-    ------
-    ValueError
-        If the car does not stand on four wheels (`static_pose`).
+    `plant`: the car.  `bump`: the road; it must begin at or after time 0.  `end_s`: until when the
+    free decay is followed, s.  `start`: at the beginning of the bump; without it the car stands
+    still.  Raises ValueError if the car does not stand on four wheels (`static_pose`).
     """
     return drive_all([plant], [bump], end_s, [start])[0]
 
@@ -236,10 +215,8 @@ def drive_all(
     Cars whose forces remember their past move together, which takes hardly longer than one of them
     alone.
 
-    Raises
-    ------
-    ValueError
-        As `drive`; and if cars with a memory are not built alike (`plant.side_by_side`).
+    Raises ValueError as `drive`; and if cars with a memory are not built alike
+    (`plant.side_by_side`).
     """
     given = [None] * len(plants) if starts is None else starts
     if not any(plant.remembers for plant in plants):

@@ -147,10 +147,7 @@ def corner_motion(plant: Plant, body: Array) -> Array:
 def side_by_side(plants: Sequence[Plant]) -> Plant:
     """Return several cars as one plant with a column for each, to be moved at the same time.
 
-    Raises
-    ------
-    ValueError
-        If some have knees or progressive springs and others have not.
+    Raises ValueError if some have knees or progressive springs and others have not.
     """
     joined: dict[str, Any] = {
         f.name: _joined([getattr(plant, f.name) for plant in plants])

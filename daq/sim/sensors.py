@@ -83,21 +83,9 @@ def true_reading(
     Rotations are small, as in the plant: an accelerometer's share of gravity is 1 g on z, and
     the tilt angle times 1 g on x and y.
 
-    Parameters
-    ----------
-    channel : Channel
-        What is measured.
-    sensor : SensorTruth
-        Where the sensor really sits.
-    car : Installation
-        The car it sits on.
-    motion : Kinematics
-        n instants.
-
-    Returns
-    -------
-    (n,) float64
-        In the channel's SI unit.  An unused channel that the simulator does not know reads 0.
+    `channel`: what is measured.  `sensor`: where the sensor really sits.  `car`: the car it sits
+    on.  `motion`: n instants.  Returns (n,) float64: in the channel's SI unit.  An unused channel
+    that the simulator does not know reads 0.
     """
     moved = motion.pose - car.design_pose
     x_m, y_m = sensor.x_m + car.a_m, sensor.y_m - car.cg_y_m
@@ -141,20 +129,10 @@ def low_passed(
 ) -> tuple[Array, Array]:
     """Return what the electronics of a sensor with a low-pass make of a motion.
 
-    Parameters
-    ----------
-    channel, sensor, car
-        As in `true_reading`.
-    motion : Moving
-        What the car does.
-    span_s : (float, float)
-        The part that is asked for; it begins at rest, and so does the filter.
-
-    Returns
-    -------
-    t_s, value : (n,) float64
-        Close enough to be read in between by straight lines; later by the filter but not by the
-        sensor's delay.
+    `channel`, `sensor`, `car`: as in `true_reading`.  `motion`: what the car does.  `span_s`: the
+    part that is asked for; it begins at rest, and so does the filter.  Returns times and values,
+    (n,): close enough to be read in between by straight lines; later by the filter but not by the
+    sensor's delay.
     """
     fine_s = np.arange(span_s[0], span_s[1] + _FINE_S, _FINE_S)
     reading = true_reading(channel, sensor, car, motion.at(fine_s))
@@ -187,30 +165,12 @@ def signal_values(
 ) -> Array:
     """Turn true readings into what the sensor puts into its frames.
 
-    Parameters
-    ----------
-    channel : Channel
-        Sign, gain and tare: the recorder computes ``sign * gain * SI(signal) - tare``.
-    signal : SignalLayout
-        Unit and range of the signal.
-    sensor : SensorTruth
-        Its bias and whatever else is wrong with it.
-    noise : Spread
-        Standard deviation of the white noise.
-    reading : (n,) float64
-        From `true_reading` or `low_passed`.
-    rng : numpy.random.Generator
-        Source of the noise.
-
-    Returns
-    -------
-    (n,) float64
-        In the DBC's unit, limited to what the signal's bits can express, as a sensor saturates.
-
-    Raises
-    ------
-    InputError
-        If the signal's unit does not measure the channel's quantity.
+    `channel`: sign, gain and tare: the recorder computes ``sign * gain * SI(signal) - tare``.
+    `signal`: unit and range of the signal.  `sensor`: its bias and whatever else is wrong with it.
+    `noise`: standard deviation of the white noise.  `reading`, (n,) float64: from `true_reading` or
+    `low_passed`.  `rng`: source of the noise.  Returns (n,) float64: in the DBC's unit, limited to
+    what the signal's bits can express, as a sensor saturates.  Raises InputError if the signal's
+    unit does not measure the channel's quantity.
     """
     value = measured(channel, sensor, noise, reading, rng) + channel.tare
     value = value / (channel.sign * channel.gain)

@@ -71,14 +71,8 @@ class _Yielding:
         The mount yields by what the damper does not follow.  With the damper straight around its
         speed that is an exponential approach, solved exactly.
 
-        Parameters
-        ----------
-        closing : (4, n) float64
-            Speed of the corners halfway through, m/s.
-        change : (4, n) float64
-            By how much it changes on the way, m/s.
-        time_s : float
-            How long, s.
+        `closing`, (4, n) float64: speed of the corners halfway through, m/s.  `change`, (4, n)
+        float64: by how much it changes on the way, m/s.  `time_s`: how long, s.
         """
         held, damper = self.stiffness_n_m * self.deflection_m, self.plant.damper
         for _ in range(2):  # Newton: the speed at which the damper carries what the mount holds
@@ -104,18 +98,9 @@ def step_all(
 ) -> Steps:
     """Drive the cars of a plant over their bumps.
 
-    Parameters
-    ----------
-    plant : Plant
-        One column for each run (`plant.side_by_side`).
-    bumps : sequence of Bump
-        The road of each run.
-    end_s : float
-        Until when the decays are followed, s.
-    start : State
-        Of each run as the first bump begins, with its memory.
-    step_s : float
-        Length of a step, s.
+    `plant`: one column for each run (`plant.side_by_side`).  `bumps`: the road of each run.
+    `end_s`: until when the decays are followed, s.  `start`: of each run as the first bump begins,
+    with its memory.  `step_s`: length of a step, s.
     """
     begin_s = min(bump.start_s for bump in bumps)
     m = int(np.ceil((end_s - begin_s) / step_s)) + 1

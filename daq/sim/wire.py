@@ -36,21 +36,10 @@ def transmit(
 ) -> NDArray[np.int64]:
     """Send frames over a bus that carries one at a time.
 
-    Parameters
-    ----------
-    release_ns : (n,) int64
-        When each frame is ready to be sent.
-    rank : (n,) int64
-        Its rank in arbitration; equal ranks go in order of release.
-    duration_ns : (n,) int64
-        How long it occupies the bus.
-    free_ns : int
-        The bus is busy until then.
-
-    Returns
-    -------
-    (n,) int64
-        When each frame has been received, at the end of its transmission.
+    `release_ns`, (n,) int64: when each frame is ready to be sent.  `rank`, (n,) int64: its rank in
+    arbitration; equal ranks go in order of release.  `duration_ns`, (n,) int64: how long it
+    occupies the bus.  `free_ns`: the bus is busy until then.  Returns (n,) int64: when each frame
+    has been received, at the end of its transmission.
     """
     n = len(release_ns)
     order = np.argsort(release_ns, kind="stable")

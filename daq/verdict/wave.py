@@ -20,17 +20,9 @@ _CLEAR = 5.0
 def body_wave(seen: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
     """Fit a damped wave to the strongest motion of the body after the bump.
 
-    Parameters
-    ----------
-    seen : tuple of Trace
-        Of one run.
-    bump_s : float
-        Duration of the bump; the wave begins when the wheels are at rest again.
-
-    Returns
-    -------
-    frequency_hz, damping : float
-        Undamped natural frequency and damping ratio; None if nothing shows the body.
+    `seen`: of one run.  `bump_s`: duration of the bump; the wave begins when the wheels are at rest
+    again.  Returns the undamped natural frequency, Hz, and the damping ratio; None if nothing shows
+    the body.
     """
     record = _record(seen, bump_s + 0.2)
     if record is None:

@@ -23,22 +23,8 @@ NO_NODE = "Vector__XXX"
 def compose(document: Document, block: Block) -> MessageLayout:
     """Put together all that a DBC says about one message.
 
-    Parameters
-    ----------
-    document : Document
-        The DBC.
-    block : Block
-        The message; its head is understood.
-
-    Returns
-    -------
-    MessageLayout
-        Not checked yet, see `dbc.reader.lint`.
-
-    Raises
-    ------
-    FaultError
-        If its parts contradict each other.
+    `block` is the message; its head is understood.  The layout is not checked yet, see
+    `dbc.reader.lint`.  Raises FaultError if its parts contradict each other.
     """
     head = block.head
     assert head is not None

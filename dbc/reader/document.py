@@ -92,22 +92,8 @@ def number(text: str) -> int | float:
 def read_document(text: str, source: Source) -> Document:
     """Sort the statements of a DBC.
 
-    Parameters
-    ----------
-    text : str
-        The DBC.
-    source : Source
-        The same text, for line numbers.
-
-    Returns
-    -------
-    Document
-        What it says.
-
-    Raises
-    ------
-    InputError
-        If it is cut off within a statement, or is no DBC.
+    `source` is the same text, for line numbers.  Raises InputError if it is cut off within a
+    statement, or is no DBC.
     """
     text = readable(text)
     document = Document()

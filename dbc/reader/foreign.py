@@ -35,22 +35,8 @@ _SYM_RANGE = re.compile(r"\bID\s*=\s*([0-9A-Fa-f]+)h\s*-\s*([0-9A-Fa-f]+)h")
 def parse_foreign(text: str, name: str) -> Codec:
     """Compile the text of a KCD or SYM file.
 
-    Parameters
-    ----------
-    text : str
-        The file.
-    name : str
-        Name of the file; the suffix decides the format.
-
-    Returns
-    -------
-    Codec
-        Its messages, those that cannot be used in `left_out`.
-
-    Raises
-    ------
-    InputError
-        If it is no such file, or none of its messages can be used.
+    The suffix of `name` decides the format.  Messages that cannot be used are in `left_out`.
+    Raises InputError if it is no such file, or none of its messages can be used.
     """
     kind = Path(name).suffix.lower()[1:]
     _check_numbers(text, name, kind)

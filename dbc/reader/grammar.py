@@ -135,16 +135,8 @@ def unquoted(text: str) -> str:
 def statements(text: str) -> Iterator[Statement]:
     """Cut a DBC into statements.
 
-    Parameters
-    ----------
-    text : str
-        From `readable`.
-
-    Yields
-    ------
-    Statement
-        In the order of the text.  A piece that is not understood ends where the next line begins
-        with a keyword.
+    `text` is from `readable`.  A piece that is not understood ends where the next line begins with
+    a keyword.
     """
     position, end = 0, len(text)
     while True:

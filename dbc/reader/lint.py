@@ -20,12 +20,8 @@ STANDARD_BITS, EXTENDED_BITS = 11, 29
 class FaultError(Exception):
     """Why a message cannot be used.
 
-    Parameters
-    ----------
-    signal : str or None
-        The signal at fault; None if it is the message.
-    reason : str
-        A sentence without its subject.
+    `signal`: the signal at fault; None if it is the message.  `reason`: a sentence without its
+    subject.
     """
 
     def __init__(self, signal: str | None, reason: str) -> None:
@@ -37,15 +33,7 @@ class FaultError(Exception):
 def check_message(message: MessageLayout) -> None:
     """Refuse a message that cannot be decoded, or not in one way only.
 
-    Parameters
-    ----------
-    message : MessageLayout
-        The message.
-
-    Raises
-    ------
-    FaultError
-        At the first fault.
+    Raises FaultError at the first fault.
     """
     bits = EXTENDED_BITS if message.is_extended else STANDARD_BITS
     if message.can_id >> bits:
@@ -134,16 +122,8 @@ def _check_roles(message: MessageLayout) -> None:
 def overlaps(message: MessageLayout) -> list[tuple[str, str]]:
     """Find signals that share bits; legal, and now and then a mistake.
 
-    Parameters
-    ----------
-    message : MessageLayout
-        A message without faults.
-
-    Returns
-    -------
-    list of (str, str)
-        Each signal that shares bits with an earlier one, and that one.  Signals of different
-        values of a selector may share theirs.
+    `message`: a message without faults.  Returns each signal that shares bits with an earlier one,
+    and that one.  Signals of different values of a selector may share theirs.
     """
     found = []
     taken: dict[object, dict[int, str]] = defaultdict(dict)
@@ -171,15 +151,8 @@ def _bits(signal: SignalLayout) -> range | list[int]:
 def ambiguous(messages: Sequence[MessageLayout]) -> dict[int, str]:
     """Find messages that share their name or their identifier with another.
 
-    Parameters
-    ----------
-    messages : sequence of MessageLayout
-        All of a DBC.
-
-    Returns
-    -------
-    dict of int to str
-        Reasons by position: none of them is known to be the right one.
+    `messages`: all of a DBC.  Returns reasons by position: none of them is known to be the right
+    one.
     """
     found: dict[int, str] = {}
     names: dict[str, list[int]] = defaultdict(list)

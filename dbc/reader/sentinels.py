@@ -45,18 +45,7 @@ _PRESENT = frozenset(_WORDS["present"].split())
 
 
 def names_no_value(label: str) -> bool:
-    """Return True if a name in a value table says that there is no value.
-
-    Parameters
-    ----------
-    label : str
-        As in the DBC.
-
-    Returns
-    -------
-    bool
-        By the rule of this module.
-    """
+    """Return True if a name in a value table says that there is no value."""
     words = [found.lower() for found in _WORD.findall(label)]
     if words == ["n", "a"]:
         return True
@@ -76,17 +65,8 @@ def names_no_value(label: str) -> bool:
 def sentinels(signal: SignalLayout, table: Mapping[int, str]) -> tuple[int, ...]:
     """Return the raw values of a signal that are no measurements.
 
-    Parameters
-    ----------
-    signal : SignalLayout
-        The signal.
-    table : mapping of int to str
-        Its value table: names by raw value.
-
-    Returns
-    -------
-    tuple of int
-        As the signal's bits are read: signed or not, or the number that a float is.
+    `table` is its value table: names by raw value.  The values are as the signal's bits are read:
+    signed or not, or the number that a float is.
     """
     found = {raw for raw, label in table.items() if names_no_value(label)}
     if signal.is_float:

@@ -17,16 +17,9 @@ ORPHANS = "VECTOR__INDEPENDENT_SIG_MSG"
 def answer(question: dict[str, Any]) -> dict[str, Any]:
     """Return what cantools reads out of a DBC and payloads.
 
-    Parameters
-    ----------
-    question : dict
-        ``text`` of the DBC; ``payloads``, hexadecimal, by identifier (`key`).
-
-    Returns
-    -------
-    dict
-        ``refusal``, the reason why cantools cannot read the DBC; or ``names`` of all messages by
-        identifier and ``messages``, those of the question.
+    `question`: ``text`` of the DBC; ``payloads``, hexadecimal, by identifier (`key`).  Returns
+    ``refusal``, the reason why cantools cannot read the DBC; or ``names`` of all messages by
+    identifier and ``messages``, those of the question.
     """
     from cantools.database import load_string
 

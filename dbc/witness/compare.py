@@ -39,21 +39,10 @@ class Difference:
 def message_differences(
     message: MessageLayout, payloads: Sequence[bytes], theirs: dict[str, Any] | None
 ) -> list[Difference]:
-    """Compare one message.
+    """Compare one message; return at most one difference for each signal.
 
-    Parameters
-    ----------
-    message : MessageLayout
-        As our reader has it.
-    payloads : sequence of bytes
-        Of the length of the message.
-    theirs : dict or None
-        As cantools has it (`child.answer`); None if it has no such message.
-
-    Returns
-    -------
-    list of Difference
-        At most one for each signal.
+    `message`: as our reader has it.  `payloads`: of the length of the message.  `theirs`: as
+    cantools has it (`child.answer`); None if it has no such message.
     """
     if theirs is None:
         return [Difference(message.name, None, f"{message.length} bytes", "no such message")]

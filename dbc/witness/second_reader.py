@@ -48,16 +48,9 @@ class Witness:
     def __init__(self, text: str, name: str, codec: Codec, used: Iterable[str]) -> None:
         """Start.
 
-        Parameters
-        ----------
-        text : str
-            The DBC.
-        name : str
-            Its name.  KCD and SYM are read by cantools alone, so that nothing is compared.
-        codec : Codec
-            The same, as our reader has it.
-        used : iterable of str
-            The messages whose values are compared.
+        `text`: the DBC.  `name`: its name.  KCD and SYM are read by cantools alone, so that nothing
+        is compared.  `codec`: the same, as our reader has it.  `used`: the messages whose values
+        are compared.
         """
         self._codec = codec
         self._sample = {name: payloads(codec.message(name)) for name in dict.fromkeys(used)}

@@ -121,12 +121,8 @@ def record_of(run: Run, channels: tuple[Channel, ...]) -> Record:
 
     Rows with a NaN are left out: a lost sample costs its information and nothing else.
 
-    Parameters
-    ----------
-    run : Run
-        With its sample groups.
-    channels : tuple of Channel
-        The session's channels; those of quantity `unused` are passed over.
+    `run`: with its sample groups.  `channels`: the session's channels; those of quantity `unused`
+    are passed over.
     """
     used = {c.name: c for c in channels if c.quantity is not Quantity.UNUSED}
     recordings = [r for group in run.groups for r in _by_channel_group(group, used)]
@@ -156,13 +152,8 @@ def _alike(channels: tuple[Channel, ...]) -> list[tuple[Channel, ...]]:
 def with_channels(decay: FreeDecay, change: Callable[[Channel], Channel | None]) -> FreeDecay:
     """Return a decay whose channels are described otherwise.
 
-    Parameters
-    ----------
-    decay : FreeDecay
-        The samples, which stay as they are.
-    change : callable
-        From a channel to the channel in its place, or to None to leave it out.  The nominal
-        lateness must stay.
+    `decay`: the samples, which stay as they are.  `change`: from a channel to the channel in its
+    place, or to None to leave it out.  The nominal lateness must stay.
     """
     recordings = []
     for r in decay.recordings:

@@ -31,10 +31,7 @@ _ONSETS: WeakKeyDictionary[Record, float | None] = WeakKeyDictionary()
 def onset_s(record: Record) -> float | None:
     """Return when the motion starts, s; None if the record starts in motion.
 
-    Parameters
-    ----------
-    record : Record
-        A run with its time stamps as measured.
+    `record`: a run with its time stamps as measured.
     """
     if record not in _ONSETS:
         _ONSETS[record] = _seen_onset_s(record)
@@ -74,10 +71,7 @@ def decay_start_s(record: Record) -> float:
 def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
     """Return each channel's standard deviation at rest before the bump, pooled over the records.
 
-    Returns
-    -------
-    mapping of channel name to float
-        SI units.  Empty if a channel has fewer than 100 samples at rest.
+    In SI units.  Empty if a channel has fewer than 100 samples at rest.
     """
     pooled = _quiet(records)
     names = {c.name for r in records for q in r.recordings for c in q.group.channels}

@@ -56,14 +56,9 @@ class System:
 class GreyBox:
     """Structure of the problem: what is unknown, and how it enters.
 
-    Attributes
-    ----------
-    names : tuple of str
-        All parameters of the structure.
-    parameters : tuple of str
-        Those that are unknown; they are the first unknowns, in this order.
-    prior_sigma : (P,) float64
-        Standard uncertainty of each unknown before any run; infinite for the parameters.
+    `names`: all parameters of the structure.  `parameters`: those that are unknown; they are the
+    first unknowns, in this order.  `prior_sigma`, (P,) float64: standard uncertainty of each
+    unknown before any run; infinite for the parameters.
     """
 
     groups: tuple[ChannelGroup, ...]

@@ -72,29 +72,12 @@ def fit(
 ) -> Fit:
     """Find the most likely unknowns.
 
-    Parameters
-    ----------
-    box : GreyBox
-        Structure.
-    decays : tuple of FreeDecay
-        All runs of all mass states.
-    sigma : mapping of channel name to float
-        Standard deviation of the noise, SI.
-    start : (P,) float64
-        Where to begin.
-    tolerance : float
-        Stop when a step changes no unknown by more than this share of its standard deviation
-        (that with all others known, the smallest one there is).
-    max_iterations : int
-        Give up after so many steps.
-    hold : float
-        How strongly the unknowns are held near the start in the first steps, in units of the
-        misfit.  Without it a parameter that is far off may run to zero before the others have
-        come near (`HOLD`).
-
-    Returns
-    -------
-    Fit
+    `box`: structure.  `decays`: all runs of all mass states.  `sigma`: standard deviation of the
+    noise, SI.  `start`, (P,) float64: where to begin.  `tolerance`: stop when a step changes no
+    unknown by more than this share of its standard deviation (that with all others known, the
+    smallest one there is).  `max_iterations`: give up after so many steps.  `hold`: how strongly
+    the unknowns are held near the start in the first steps, in units of the misfit.  Without it a
+    parameter that is far off may run to zero before the others have come near (`HOLD`).
     """
     eta = start.copy()
     parts = normal_blocks(box, decays, sigma, eta)

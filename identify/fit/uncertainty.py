@@ -65,13 +65,6 @@ def estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     """Return every physical parameter with its interval.
 
     Lengths that were given, not identified, have none.
-
-    Parameters
-    ----------
-    box : GreyBox
-        Which parameters were unknown.
-    fit : Fit
-        Their optimum and covariance.
     """
     n = len(box.parameters)
     std = np.sqrt(np.diag(fit.covariance)[:n]) * box.parameter_slopes(fit.eta)
@@ -146,11 +139,8 @@ def drivers(box: GreyBox, fit: Fit) -> dict[str, dict[str, float]]:
     that share: ``(C H_source C)_jj / C_jj`` with the covariance C and the source's information H.
     Over all sources it adds up to one.
 
-    Returns
-    -------
-    dict of parameter to dict of source to float
-        Sources are the labels of the runs, `likelihood.FACTS` and `likelihood.PRIORS`; the
-        largest share first.
+    Sources are the labels of the runs, `likelihood.FACTS` and `likelihood.PRIORS`; the largest
+    share first.
     """
     C = fit.covariance
     result: dict[str, dict[str, float]] = {}

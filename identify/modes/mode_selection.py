@@ -108,10 +108,7 @@ def clean_modes(spaces: Sequence[DelaySpace]) -> ModalModel | None:
 
     They are taken from the layout that shows most, and must come again in another one.
 
-    Parameters
-    ----------
-    spaces : sequence of DelaySpace
-        The records in several layouts, the preferred first.
+    `spaces`: the records in several layouts, the preferred first.
     """
     found = []
     for space in spaces:

@@ -39,15 +39,8 @@ class Pairing:
 def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
     """Pair the modes of two mass states so that the sum of their MAC is largest.
 
-    Parameters
-    ----------
-    baseline, added : ModalModel
-        Modes with shapes in the same channels; if one has more modes, some stay without partner.
-
-    Raises
-    ------
-    InputError
-        If the shapes are of different channels.
+    `baseline` and `added`: modes with shapes in the same channels; if one has more modes, some stay
+    without partner.  Raises InputError if the shapes are of different channels.
     """
     if len(baseline.shapes) != len(added.shapes):
         raise InputError(

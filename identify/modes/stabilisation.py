@@ -89,12 +89,7 @@ def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
     Real poles are kept: they are no modes, but an offset or a filter's transient has one, and left
     out of a fit it would pass for a mode.
 
-    Parameters
-    ----------
-    space : DelaySpace
-        The records.
-    duration_s : float
-        Of the longest, s.
+    `duration_s` is that of the longest record.
     """
     highest = space.directions.shape[1] - space.n_channels - 1
     standing_out = int(np.sum(space.strength > 2.0 * np.median(space.strength)))

@@ -41,15 +41,8 @@ class Mirror:
     def combinations(self, parity: float) -> NDArray[np.float64]:
         """Return the combinations of channels that show modes of one kind only.
 
-        Parameters
-        ----------
-        parity : float
-            1 for symmetric modes, -1 for antisymmetric ones.
-
-        Returns
-        -------
-        (k, n_channels) float64
-            Orthonormal rows; none of a channel without image.
+        `parity`: 1 for symmetric modes, -1 for antisymmetric ones.  Returns (k, n_channels)
+        float64: orthonormal rows; none of a channel without image.
         """
         n = len(self.image)
         rows = []

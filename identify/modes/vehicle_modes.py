@@ -52,15 +52,8 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     antisymmetric ones.  If shapes free of that are more likely than chance allows, the vehicle is
     not symmetric, and they stand.
 
-    Parameters
-    ----------
-    records, decays : sequences of equal length
-        The runs and their free decays; channels that are not in all of them are left out.
-
-    Raises
-    ------
-    InputError
-        If the decays are too short or have no channel in common.
+    `records` and `decays`: the runs and their free decays; channels that are not in all of them are
+    left out.  Raises InputError if the decays are too short or have no channel in common.
     """
     channels, slowest_hz = _common(decays)
     if not channels:

@@ -53,21 +53,9 @@ def real_car(
 ) -> RealCar | None:
     """Fit the rich model to the decays of an estimation that does not hold.
 
-    Parameters
-    ----------
-    linear : Estimation
-        The linear fit.
-    vehicles : sequence of (15,) float64
-        Generic vehicles to start from.
-    decided : mapping of group to bool
-        Elements that `[vehicle.structure]` forces or forbids.
-    log : callable
-        Receives a line for each stage.
-
-    Returns
-    -------
-    RealCar or None
-        None where the search finds no finite path.
+    `linear`: the linear fit.  `vehicles`, sequence of (15,) float64: generic vehicles to start
+    from.  `decided`: elements that `[vehicle.structure]` forces or forbids.  `log`: receives a line
+    for each stage.  Returns None where the search finds no finite path.
     """
     records, rest = linear.records, linear.rest
     start_s = np.array([decay_start_s(record) for record in records])

@@ -20,22 +20,10 @@ def closed_form(
 ) -> ClosedForm:
     """Return the parameters by Eqs. 22-33 from the modes of two mass states.
 
-    Parameters
-    ----------
-    baseline, added : SensedModes
-        Without and with the added mass.
-    mass_states : (MassState, MassState)
-        The same two.
-    geometry : VehicleGeometry
-        Where sensors and weights sit from the CG: the paper's chain needs it.
-    known : VehicleGeometry or None
-        The four lengths if they are measured; the fit then has 11 unknowns.
-
-    Raises
-    ------
-    InputError
-        If one state does not show all seven modes, or the added mass leaves a degree of freedom
-        without.
+    `baseline` and `added`: without and with the added mass.  `mass_states`: the same two.
+    `geometry`: where sensors and weights sit from the CG: the paper's chain needs it.  `known`: the
+    four lengths if they are measured; the fit then has 11 unknowns.  Raises InputError if one state
+    does not show all seven modes, or the added mass leaves a degree of freedom without.
     """
     shapes = []
     for modes, state in zip((baseline, added), mass_states, strict=True):

@@ -55,20 +55,11 @@ def identify_parameters(
 ) -> ClosedForm:
     """Identify a vehicle from its modes without and with added mass.
 
-    Parameters
-    ----------
-    baseline, added : ModalModel
-        Seven modes each, shapes as displacements of `daq.vehicle.DOF`.
-    delta_M : (7, 7) float64
-        Added mass about the CG of the baseline; full matrices are welcome.
-    geometry : VehicleGeometry or None
-        The four lengths if they are measured; None identifies them.
-
-    Raises
-    ------
-    InputError
-        If a state does not have seven modes with independent shapes, or `delta_M` leaves a degree
-        of freedom without mass.
+    `baseline` and `added`: seven modes each, shapes as displacements of `daq.vehicle.DOF`.
+    `delta_M`, (7, 7) float64: added mass about the CG of the baseline; full matrices are welcome.
+    `geometry`: the four lengths if they are measured; None identifies them.  Raises InputError if a
+    state does not have seven modes with independent shapes, or `delta_M` leaves a degree of freedom
+    without mass.
     """
     A, A_added = state_matrix_of(baseline), state_matrix_of(added)
     model = physical_matrices(A, A_added, delta_M)
@@ -169,18 +160,9 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
     that newton metres a radian and newtons a metre weigh alike.  With the geometry given, the
     other 11 are found for it.
 
-    Parameters
-    ----------
-    model : PhysicalModel
-        M, C and K as identified, (7, 7).
-    geometry : VehicleGeometry or None
-        The four lengths if they are measured.
-
-    Raises
-    ------
-    InputError
-        If the matrices are not finite, or so far from a vehicle's that no fit is found or one
-        with a negative mass, spring or damper.
+    `model`: M, C and K as identified, (7, 7).  `geometry`: the four lengths if they are measured.
+    Raises InputError if the matrices are not finite, or so far from a vehicle's that no fit is
+    found or one with a negative mass, spring or damper.
     """
     identified = (model.M, model.C, model.K)
     if not all(np.all(np.isfinite(matrix)) for matrix in identified):

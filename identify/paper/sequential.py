@@ -23,10 +23,7 @@ _GEOMETRY = slice(11, 15)
 def sequential_vehicle(model: PhysicalModel) -> VehicleParameters:
     """Return the 15 parameters in the order of the paper.
 
-    Parameters
-    ----------
-    model : PhysicalModel
-        M, C and K as identified (Eqs. 30-33).
+    `model`: M, C and K as identified (Eqs. 30-33).
     """
     theta = np.ones(15)
     masses = np.diag(model.M)
@@ -61,18 +58,9 @@ def _solved(
 ) -> NDArray[np.float64]:
     """Return the unknown parameters, which enter the masked elements linearly, by least squares.
 
-    Parameters
-    ----------
-    theta : (15,) float64
-        The other parameters.
-    unknown : slice
-        Which parameters are sought.
-    which : int
-        1 for C, 2 for K, as `matrices` returns them.
-    mask : (7, 7) bool
-        The elements used.
-    identified : (7, 7) float64
-        The matrix found.
+    `theta`, (15,) float64: the other parameters.  `unknown`: which parameters are sought.  `which`:
+    1 for C, 2 for K, as `matrices` returns them.  `mask`, (7, 7) bool: the elements used.
+    `identified`, (7, 7) float64: the matrix found.
     """
     n = len(theta[unknown])
     base = theta.copy()

@@ -93,11 +93,8 @@ class Runs:
 class Plan:
     """A bench session before it is held.
 
-    Raises
-    ------
-    InputError
-        If there is no sensor, a channel or a mass state is named twice, a run is in an unknown
-        mass state, or a height or time is not positive.
+    Raises InputError if there is no sensor, a channel or a mass state is named twice, a run is in
+    an unknown mass state, or a height or time is not positive.
     """
 
     vehicle: NDArray[np.float64]

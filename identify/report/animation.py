@@ -18,10 +18,7 @@ _SLOWEST_HZ, _PERIOD_S = 1.0, 2.4
 def moving_car(shape: Shape) -> Markup:
     """Return an SVG of the car that moves for ever, the car at rest behind it.
 
-    Parameters
-    ----------
-    shape : Shape
-        How it moves; faster modes move faster, but far slower than in truth.
+    `shape`: how it moves; faster modes move faster, but far slower than in truth.
     """
     period = _PERIOD_S * (max(shape.frequency_hz, 0.1) / _SLOWEST_HZ) ** -0.3
     frames = [outline(shape, 2.0 * np.pi * k / _FRAMES) for k in range(_FRAMES + 1)]

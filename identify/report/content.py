@@ -28,16 +28,7 @@ def report_of(
 ) -> Report:
     """Gather what there is to say of a session.
 
-    Parameters
-    ----------
-    session : Session
-        The runs.
-    result : Identification
-        What `identify.identify` made of them.
-    checks : CrossChecks
-        Of its estimation; empty if there is none.
-    source : Source
-        Where they come from.
+    `checks` are those of the result's estimation, empty if there is none.
     """
     document = result.document()
     sections: list[Section] = []

@@ -36,13 +36,8 @@ def html_of(
 ) -> str:
     """Set a report as HTML.
 
-    Parameters
-    ----------
-    report : Report
-        What is shown; its document goes into the page as data, and numbers in the tables name
-        their place in it.
-    begun : mapping of key to Future
-        Pictures that others draw (`drawings`).
+    `report`: what is shown; its document goes into the page as data, and numbers in the tables name
+    their place in it.  `begun`: pictures that others draw (`drawings`).
     """
     return _page(
         "report.jinja",

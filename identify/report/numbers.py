@@ -28,10 +28,7 @@ def interval(low: float, high: float) -> str:
 def by_kind(shares: Mapping[str, float]) -> dict[str, float]:
     """Add up the shares of runs that differ only in their repeat, the largest first.
 
-    Parameters
-    ----------
-    shares : mapping of source to float
-        As in `identify.fit.uncertainty.drivers`: run labels, facts, stated uncertainties.
+    `shares`: as in `identify.fit.uncertainty.drivers`: run labels, facts, stated uncertainties.
     """
     kinds: dict[str, float] = {}
     for source, share in shares.items():

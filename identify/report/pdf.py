@@ -31,18 +31,7 @@ _GAP_EM = 1.5
 
 
 def pdf_of(report: Report) -> bytes:
-    """Set a report as PDF.
-
-    Parameters
-    ----------
-    report : Report
-        What is shown.
-
-    Returns
-    -------
-    bytes
-        A PDF file.
-    """
+    """Set a report as PDF."""
     data = BytesIO()
     about = {"Title": f"{report.vehicle}: {report.verdict}", "CreationDate": None}
     with (

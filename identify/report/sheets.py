@@ -41,12 +41,7 @@ def em_in(size: float) -> float:
 class Sheets:
     """A stack of sheets; only the topmost is being filled.
 
-    Parameters
-    ----------
-    file : PdfPages
-        Where full sheets go.
-    footer : str
-        What stands at the bottom of each, beside its number.
+    `file`: where full sheets go.  `footer`: what stands at the bottom of each, beside its number.
     """
 
     def __init__(self, file: PdfPages, footer: str) -> None:

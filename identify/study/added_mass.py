@@ -131,10 +131,7 @@ def mass_error_study(figure: str) -> Study:
     The chain is the paper's (Eqs. 22-33, then its order of estimation) on the exact modes of both
     mass states: without noise that chain is exact, so all error comes from the added mass.
 
-    Parameters
-    ----------
-    figure : str
-        A key of `MASS_ERRORS`.
+    `figure`: a key of `MASS_ERRORS`.
     """
     error = MASS_ERRORS[figure]
     found = np.array([_parameters_given(error, e) for e in ERRORS_PERCENT])

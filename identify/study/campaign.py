@@ -92,10 +92,7 @@ class Campaign:
 def require_noise(campaign: Campaign) -> None:
     """Refuse a campaign whose noise is none, or less than rounding makes.
 
-    Raises
-    ------
-    InputError
-        If it is above 100 dB.
+    Raises InputError if it is above 100 dB.
     """
     if campaign.noise_db > _LEAST_NOISE_DB:
         raise InputError(

@@ -24,19 +24,8 @@ _TAIL_S = (0.5, 0.8)
 def fig9(rate_hz: float, noise_db: float, seed: int) -> Study:
     """Return what the paper's low-pass does to the accelerations of a bounce run (Fig. 9).
 
-    Parameters
-    ----------
-    rate_hz : float
-        Samples a second.
-    noise_db : float
-        Distance from signal to noise.
-    seed : int
-        Draws the noise.
-
-    Raises
-    ------
-    InputError
-        If a rate or noise level cannot be studied.
+    `rate_hz`: samples a second.  `noise_db`: distance from signal to noise.  `seed`: draws the
+    noise.  Raises InputError if a rate or noise level cannot be studied.
     """
     campaign = Campaign(rate_hz=rate_hz, noise_db=noise_db, cases=(Excitation.BOUNCE,))
     require_noise(campaign)

@@ -58,18 +58,8 @@ def fleet_case(
 ) -> FleetCase:
     """Compare an identification with the car that it is of.
 
-    Parameters
-    ----------
-    name : str
-        Of the car.
-    result : Identification
-        What was found.
-    truth : mapping of str to float
-        Its true parameters.
-    there : sequence of str
-        Its force elements.
-    cpu_s : float
-        Processor time that it took, s.
+    `name`: of the car.  `result`: what was found.  `truth`: its true parameters.  `there`: its
+    force elements.  `cpu_s`: processor time that it took, s.
     """
     found = {p: result.parameters[p] for p in JUDGED if p in result.parameters}
     errors = {p: 100.0 * abs(e.value / truth[p] - 1.0) for p, e in found.items()}

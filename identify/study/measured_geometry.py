@@ -19,13 +19,6 @@ def vehicle_of_geometry(model: PhysicalModel, geometry: VehicleGeometry) -> Vehi
     Masses are the diagonal of M, whatever the lengths.  Stiffnesses and damping enter K and C
     linearly and follow from all their elements by least squares, each element with the same
     weight: so weighed, the paper's Fig. 8 comes out; with elements scaled to like size it does not.
-
-    Parameters
-    ----------
-    model : PhysicalModel
-        M, C and K as identified (Eqs. 30-33).
-    geometry : VehicleGeometry
-        As measured.
     """
     theta = np.zeros(15)
     theta[-4:] = (geometry.a, geometry.b, geometry.t_f, geometry.t_r)

@@ -82,10 +82,7 @@ def bound_percent(campaign: Campaign) -> NDArray[np.float64]:
     In per cent; infinite where the campaign does not determine a parameter, zero for a length
     that is given.
 
-    Raises
-    ------
-    InputError
-        If the campaign is without noise worth the name.
+    Raises InputError if the campaign is without noise worth the name.
     """
     require_noise(campaign)
     box = box_of(campaign, None)
@@ -106,14 +103,8 @@ def noise_study(
 ) -> Study:
     """Return the statistics of many campaigns.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was simulated.
-    bound : (15,) float64
-        As `bound_percent` has it.
-    outcomes : sequence of Outcome
-        One for each seed.
+    `campaign`: what was simulated.  `bound`, (15,) float64: as `bound_percent` has it.  `outcomes`:
+    one for each seed.
     """
     names = PARAMETER_NAMES if campaign.geometry is None else PARAMETER_NAMES[:11]
     n = len(names)

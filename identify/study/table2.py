@@ -56,11 +56,8 @@ _NOTES: Mapping[ResponseName, tuple[str, ...]] = MappingProxyType(
 def table2(response: ResponseName) -> Study:
     """Identify the paper's vehicle from its accelerations, in the paper's order of estimation.
 
-    Parameters
-    ----------
-    response : "exact" or "wilson"
-        How the accelerations are simulated.  The Wilson-theta method (theta 1.4, 1 ms) is what the
-        paper used, and its error is the error that the paper's table shows.
+    The Wilson-theta method (theta 1.4, 1 ms) is what the paper used, and its error is the error
+    that the paper's table shows.
     """
     vehicle = physical_model(FORD_GRANADA)
     delta_M = delta_mass(PAPER_ADDED_MASS, FORD_GRANADA.a).real

@@ -41,10 +41,8 @@ _LENGTH_S = 1.5
 def table3_campaign(rate_hz: float, noise_db: float) -> Campaign:
     """Return the paper's campaign with the geometry measured.
 
-    Raises
-    ------
-    InputError
-        If the rate or the noise level cannot be studied, or leaves no room for the low-pass.
+    Raises InputError if the rate or the noise level cannot be studied, or leaves no room for the
+    low-pass.
     """
     taps(rate_hz)
     return Campaign(rate_hz=rate_hz, noise_db=noise_db, geometry=FORD_GRANADA.geometry)
@@ -122,12 +120,7 @@ def _modes(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> ModalModel:
 def table3(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
     """Return the table of many attempts beside the paper's single one.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        As made by `table3_campaign`.
-    attempts : sequence of Attempt
-        One for each seed.
+    `campaign`: as made by `table3_campaign`.  `attempts`: one for each seed.
     """
     names = PARAMETER_NAMES[:_N]
     printed = np.abs([TABLE3_PERCENT[name] for name in names])

@@ -51,13 +51,7 @@ class Suspect:
 
 
 def rank_causes(estimation: Estimation) -> tuple[Suspect, ...]:
-    """Hold every known cause against the residuals; the one that explains most comes first.
-
-    Parameters
-    ----------
-    estimation : Estimation
-        At its optimum.
-    """
+    """Hold every known cause against the residuals; the one that explains most comes first."""
     fitted = fitted_decays(estimation, _RATE_HZ)
     kinds = [kind(estimation) for kind in (structural, lateness, gains, suspension_forces)]
     effects = [effect for kind in kinds for effect in kind.effects]

@@ -42,12 +42,7 @@ _ADVICE = {
 def cause_findings(estimation: Estimation, suspects: Sequence[Suspect]) -> tuple[Finding, ...]:
     """Name the likely cause of a misfit, or an effect that hides below it and matters.
 
-    Parameters
-    ----------
-    estimation : Estimation
-        At its optimum.
-    suspects : sequence of Suspect
-        Its causes as `rank_causes` has them.
+    `estimation`: at its optimum.  `suspects`: its causes as `rank_causes` has them.
     """
     ranked = [suspect for suspect in suspects if suspect.strength > 1.0]
     if ranked or not estimation.holds:

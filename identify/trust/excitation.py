@@ -39,15 +39,8 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
     units of the noise, summed over all channels, as far as no other mode could show the same.  A
     run that does not excite a mode has some 3 dB by the noise alone.
 
-    Parameters
-    ----------
-    estimation : Estimation
-        The fit.
-
-    Returns
-    -------
-    dict of run label to tuple of float
-        dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
+    `estimation`: the fit.  Returns dB, in the order of `identify.modes.modal_model.modes_of` for
+    the run's mass state.
     """
     points = _points(estimation)
     return {
@@ -62,13 +55,6 @@ def excitation_findings(
     """Name the modes that the runs of a mass state do not excite.
 
     The energies of its runs add up, as their information does.
-
-    Parameters
-    ----------
-    estimation : Estimation
-        The fit.
-    snr_db : mapping of run label to tuple of float
-        From `mode_snr_db`.
     """
     present = {decay.mass_state for decay in estimation.decays}
     findings: list[Finding] = []

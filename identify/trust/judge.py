@@ -22,15 +22,7 @@ _NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_i
 
 
 def judge(session: Session, estimation: Estimation) -> Quality:
-    """Judge an estimation by everything that is known of it.
-
-    Parameters
-    ----------
-    session : Session
-        The runs.
-    estimation : Estimation
-        What was made of them.
-    """
+    """Judge an estimation by everything that is known of it."""
     if estimation.nonlinear is not None:
         return _judge_real_car(session, estimation)
     snr_db = mode_snr_db(estimation)

@@ -57,10 +57,8 @@ class _Light:
 def lift_off_findings(estimation: Estimation) -> tuple[Finding, ...]:
     """Find the wheels that leave the road by the bump and come down during the decay.
 
-    Parameters
-    ----------
-    estimation : Estimation
-        The fit; tyre loads follow from its parameters and the fitted initial state of each run.
+    `estimation`: the fit; tyre loads follow from its parameters and the fitted initial state of
+    each run.
     """
     light = sorted(_light(estimation), key=lambda wheel: wheel.load_n)
     flying = [wheel for wheel in light if wheel.in_the_air]

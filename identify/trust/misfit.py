@@ -39,13 +39,7 @@ def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
 
 
 def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
-    """Judge convergence and chi2/n.
-
-    Parameters
-    ----------
-    estimation : Estimation
-        The fit and its residuals.
-    """
+    """Judge convergence and chi2/n."""
     findings = []
     if not estimation.fit.converged:
         text = (

@@ -45,13 +45,7 @@ def undetermined(estimation: Estimation) -> tuple[str, ...]:
 
 
 def parameter_findings(estimation: Estimation) -> tuple[Finding, ...]:
-    """Judge what the fit says of the parameters.
-
-    Parameters
-    ----------
-    estimation : Estimation
-        At its optimum.
-    """
+    """Judge what the fit says of the parameters."""
     vague = undetermined(estimation)
     if vague:
         text = (

@@ -39,10 +39,7 @@ _EVEN = 0.12  # of the period; times that know of no clock scatter by 0.2 or mor
 def sampling_findings(session: Session) -> tuple[Finding, ...]:
     """Judge the time stamps of the accepted runs.
 
-    Parameters
-    ----------
-    session : Session
-        As recorded; rejected runs do not count.
+    `session`: as recorded; rejected runs do not count.
     """
     runs = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
     stretches = _stretches(runs, session)

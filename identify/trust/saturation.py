@@ -34,10 +34,7 @@ def saturation_findings(session: Session) -> tuple[Finding, ...]:
 
     On the bump they are harmless, for only the free decay is fitted.
 
-    Parameters
-    ----------
-    session : Session
-        As recorded; rejected runs do not count.
+    `session`: as recorded; rejected runs do not count.
     """
     runs = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
     records = [record_of(run, session.channels) for run in runs]

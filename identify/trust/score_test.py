@@ -102,16 +102,8 @@ def scores(
 ) -> Scores:
     """Hold effects against the residuals of a fit.
 
-    Parameters
-    ----------
-    estimation : Estimation
-        At its optimum.
-    fitted : sequence of FittedDecay
-        Its decays.
-    trace_of : callable
-        What each of the effects, one unit of it, does to a decay.
-    q : int
-        Number of effects.
+    `estimation`: at its optimum.  `trace_of`: what each of the effects, one unit of it, does to a
+    decay.  `q`: number of effects.
     """
     eta, prior = estimation.fit.eta, estimation.box.prior_sigma**-2
     misfits, by_fact = estimation.box.fact_misfits(eta)

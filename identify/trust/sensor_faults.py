@@ -33,12 +33,8 @@ _FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
 def sensor_explanations(estimation: Estimation, suspected: Sequence[str]) -> list[Explanation]:
     """Return what a faulty sensor would explain, the best last.
 
-    Parameters
-    ----------
-    estimation : Estimation
-        A fit that does not hold.
-    suspected : sequence of str
-        Channels whose gain is suspected, the most suspected first.
+    `estimation`: a fit that does not hold.  `suspected`: channels whose gain is suspected, the most
+    suspected first.
     """
     before = refit(estimation, as_described, estimation.fit.eta)
     found = [*_wrong_channels(estimation, before, suspected[:_SUSPECTED])]
@@ -53,15 +49,7 @@ def sensor_explanations(estimation: Estimation, suspected: Sequence[str]) -> lis
 
 
 def gain_of(estimation: Estimation, name: str) -> Explanation:
-    """Hold one channel against what all others predict.
-
-    Parameters
-    ----------
-    estimation : Estimation
-        The fit with the channel in it.
-    name : str
-        Of the channel.
-    """
+    """Hold one channel against what all others predict."""
     before = refit(estimation, as_described, estimation.fit.eta)
     return _left_out(estimation, before, name)
 

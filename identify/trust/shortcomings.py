@@ -21,15 +21,7 @@ _ANY_CG_M = 1.3
 
 
 def shortcomings(records: Sequence[Record], session: Session) -> tuple[Finding, ...]:
-    """Say what is missing before a fit can be tried, with what to do about it.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        The accepted runs.
-    session : Session
-        Where they come from.
-    """
+    """Say what is missing before a fit can be tried, with what to do about it."""
     if not records:
         text = "no accepted run: record bounce, pitch and roll in both mass states"
         return (_refused("no_runs", text),)

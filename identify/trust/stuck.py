@@ -47,13 +47,6 @@ def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[
     A channel may be silent by symmetry (roll in a bounce run), and a coarse one may rest on one
     step of its converter.  So a value held is held against it only where the channel changes often
     enough at rest before the bump, or, if it is constant there too, in a repeat of the run.
-
-    Parameters
-    ----------
-    runs : sequence of Run
-        The accepted ones.
-    channels : tuple of Channel
-        The session's.
     """
     records = [record_of(run, channels) for run in runs]
     records = [record for record in records if record.recordings]

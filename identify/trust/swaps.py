@@ -59,10 +59,7 @@ class _Hypothesis:
 def swap_explanation(estimation: Estimation) -> Explanation | None:
     """Return the swapped labels that clear a misfit, None if none do.
 
-    Parameters
-    ----------
-    estimation : Estimation
-        A fit that does not hold.
+    `estimation`: a fit that does not hold.
     """
     few = replace(estimation, decays=_first_repeats(estimation.decays))
     generic = estimation.box.unknowns(generic_vehicles()[0])

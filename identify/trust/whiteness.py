@@ -79,11 +79,6 @@ def whiteness_findings(estimation: Estimation) -> tuple[Finding, ...]:
     """Compare the lag-1 autocorrelation of the residuals with that of the channel at rest.
 
     All runs are pooled; a gap in the sampling makes no pair.
-
-    Parameters
-    ----------
-    estimation : Estimation
-        The fit and its residuals.
     """
     rest = _at_rest(estimation)
     windows = (

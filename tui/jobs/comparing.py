@@ -18,17 +18,7 @@ from .spread import over_all
 def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
     """Identify session files, as many at a time as there are processors.
 
-    Parameters
-    ----------
-    paths : sequence of str
-        The files.
-    stage : Stage
-        Called with the share done, 0..1.
-
-    Raises
-    ------
-    InputError
-        If one cannot be read.
+    `stage`: called with the share done, 0..1.  Raises InputError if one cannot be read.
     """
     workers = min(len(paths), os.cpu_count() or 1)
     return over_all(_results, paths, workers, stage, "compare")

@@ -58,10 +58,7 @@ class Crew(Protocol):
 def crew_of(workers: int, scheduler: str | None) -> Crew:
     """Return processes of this machine, or the cluster at a scheduler's address.
 
-    Raises
-    ------
-    InputError
-        If Dask is not installed, no scheduler answers, or it has no workers.
+    Raises InputError if Dask is not installed, no scheduler answers, or it has no workers.
     """
     return Processes(workers) if scheduler is None else Cluster(scheduler)
 
@@ -75,14 +72,8 @@ def as_finished(
     again one at a time, and only one whose worker dies while it is alone fails, with
     `BrokenProcessPool`.
 
-    Parameters
-    ----------
-    crew : Crew
-        Who does it.
-    function : callable
-        Picklable: a module's function, or a `functools.partial` of one.
-    items : iterable
-        Taken only as there is room.
+    `crew`: who does it.  `function`: picklable: a module's function, or a `functools.partial` of
+    one.  `items`: taken only as there is room.
     """
     source = iter(items)
     again: deque[Item] = deque()
@@ -120,11 +111,6 @@ class Processes:
 
     Ctrl-C reaches only the parent, which then ends its workers: they say nothing and leave nothing
     behind.
-
-    Parameters
-    ----------
-    workers : int
-        Number of processes.
     """
 
     def __init__(self, workers: int) -> None:
@@ -185,15 +171,8 @@ class Cluster:
 
     The scheduler gives what a lost worker had to another one.
 
-    Parameters
-    ----------
-    address : str
-        Such as ``tcp://host:8786``.
-
-    Raises
-    ------
-    InputError
-        If Dask is not installed, no scheduler answers there, or it has no workers.
+    `address`: such as ``tcp://host:8786``.  Raises InputError if Dask is not installed, no
+    scheduler answers there, or it has no workers.
     """
 
     def __init__(self, address: str) -> None:

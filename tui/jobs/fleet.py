@@ -11,16 +11,8 @@ if TYPE_CHECKING:
 def identified_car(seed: int, facts: bool, travels: bool, number: int) -> FleetCase:
     """Simulate a car of a fleet, identify it, and compare.
 
-    Parameters
-    ----------
-    seed : int
-        Of the fleet.
-    facts : bool
-        Scales and tape measure in place of added mass.
-    travels : bool
-        Suspension travels beside the inertial unit and the hubs.
-    number : int
-        Which car.
+    `seed`: of the fleet.  `facts`: scales and tape measure in place of added mass.  `travels`:
+    suspension travels beside the inertial unit and the hubs.  `number`: which car.
     """
     from time import process_time
 

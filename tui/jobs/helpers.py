@@ -25,15 +25,7 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
     Their libraries take a second to load: start them when the parent has begun a fit, which keeps
     one processor busy.
 
-    Parameters
-    ----------
-    modules : sequence of str
-        What they load.
-
-    Raises
-    ------
-    InputError
-        If there is no process to be had, or one dies.
+    `modules`: what they load.  Raises InputError if there is no process to be had, or one dies.
     """
     from dbc import InputError
 

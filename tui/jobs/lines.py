@@ -119,10 +119,7 @@ def task_text(task: Task) -> str:
 def parse_task(text: str) -> Task:
     """Return the task that `task_text` wrote.
 
-    Raises
-    ------
-    ValueError
-        If it is none.
+    Raises ValueError if it is none.
     """
     return _TASK.validate_json(text)
 

@@ -139,9 +139,6 @@ _OUTCOME = TypeAdapter(Outcome)
 def parse_outcome(body: dict[str, Any]) -> Outcome:
     """Return the outcome that a worker sent.
 
-    Raises
-    ------
-    ValueError
-        If it is none.
+    Raises ValueError if it is none.
     """
     return _OUTCOME.validate_python(body)

@@ -19,16 +19,9 @@ def planned(
 ) -> Plan:
     """Return the campaign of a bench as a plan.
 
-    Parameters
-    ----------
-    bench : Bench
-        Sensors, weights, campaign, and what is known of the vehicle.
-    vehicle : (15,) or (28,) float64
-        Parameters that are expected.
-    rate_hz : float or None
-        Samples a second; None: as the DBC has it.
-    bump_height_m : float
-        Height of the bumps.
+    `bench`: sensors, weights, campaign, and what is known of the vehicle.  `vehicle`, (15,) or
+    (28,) float64: parameters that are expected.  `rate_hz`: samples a second; None: as the DBC has
+    it.
     """
     from identify.model import Bump
     from identify.plan import Plan, Runs

@@ -46,21 +46,9 @@ def write_report(
 ) -> tuple[Report, Quality]:
     """Identify a session and write its report.
 
-    Parameters
-    ----------
-    session : Path
-        Session file.
-    html, pdf : Path
-        What to write; no PDF if None.
-    stage : callable
-        Called with the share done, 0..1, and the present stage.
-    written : callable
-        Called with each finished file.
-
-    Raises
-    ------
-    InputError
-        If the session cannot be read or a file cannot be written.
+    `session`: session file.  `html` and `pdf`: what to write; no PDF if None.  `stage`: called with
+    the share done, 0..1, and the present stage.  `written`: called with each finished file.  Raises
+    InputError if the session cannot be read or a file cannot be written.
     """
     stage(0.02, "reading")
     with ThreadPoolExecutor(1) as reader:
@@ -110,10 +98,7 @@ def _pdf_of(page: Report) -> bytes:
 def make_room(path: Path) -> None:
     """Create the folder of a file; before long work, so that a wrong name fails at once.
 
-    Raises
-    ------
-    InputError
-        If it cannot be made.
+    Raises InputError if it cannot be made.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -124,10 +109,7 @@ def make_room(path: Path) -> None:
 def write_file(path: Path, data: bytes) -> None:
     """Write a file; an older one stays complete until the new one is.
 
-    Raises
-    ------
-    InputError
-        If it cannot be written.
+    Raises InputError if it cannot be written.
     """
     make_room(path)
     try:

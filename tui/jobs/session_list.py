@@ -150,13 +150,7 @@ def heading(width: int) -> str:
 
 
 def entry_line(entry: SessionEntry, mark: str, width: int) -> str:
-    """Return an entry as one line of plain text of that width; nothing in it is markup.
-
-    Parameters
-    ----------
-    mark : str
-        The symbol of its state.
-    """
+    """Return an entry as one line of plain text of that width; nothing in it is markup."""
     runs = str(entry.accepted + entry.rejected) if entry.vehicle or entry.recording else ""
     state = f"{mark} {entry.state}"
     vehicle, rejected = entry.vehicle or entry.name, str(entry.rejected) if runs else ""

@@ -23,25 +23,11 @@ def over_all(
 ) -> list[Result]:
     """Return ``function(item)`` of every item, in their order.
 
-    Parameters
-    ----------
-    function : callable
-        Picklable: a module's function, or a `functools.partial` of one.
-    items : sequence
-        What to call it with; each once.
-    workers : int
-        Number of processes.
-    stage : Stage
-        Called with the share done, 0..1.
-    subject : str
-        What the work is called where a worker dies.
-    scheduler : str, optional
-        Address of a Dask scheduler, whose workers do it instead.
-
-    Raises
-    ------
-    InputError
-        If a worker dies, most likely for want of memory; as `crew_of`.
+    `function`: picklable: a module's function, or a `functools.partial` of one.  `items`: what to
+    call it with; each once.  `workers`: number of processes.  `stage`: called with the share done,
+    0..1.  `subject`: what the work is called where a worker dies.  `scheduler`: address of a Dask
+    scheduler, whose workers do it instead.  Raises InputError if a worker dies, most likely for
+    want of memory; as `crew_of`.
     """
     from dbc import InputError  # with NumPy behind it: not for --help
 

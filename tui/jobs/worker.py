@@ -20,12 +20,8 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
     The process ends with the iteration, and with this process however that ends: it watches its
     standard input.
 
-    Parameters
-    ----------
-    task : Task
-        What to do.
-    where : str
-        What a process that ended without an answer was about, for the operator.
+    `task`: what to do.  `where`: what a process that ended without an answer was about, for the
+    operator.
     """
     try:
         child = subprocess.Popen(

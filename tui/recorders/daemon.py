@@ -62,15 +62,8 @@ def run_recorder(
 ) -> Status:
     """Run a recorder until its campaign is complete, a signal comes or a client shuts it down.
 
-    Returns
-    -------
-    Status
-        The last one: its `session` says where the session file is.
-
-    Raises
-    ------
-    InputError
-        If no client could speak to it.
+    Returns the last one: its `session` says where the session file is.  Raises InputError if no
+    client could speak to it.
     """
     from daq.control import Server, Systemd, control_address
 

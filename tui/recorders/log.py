@@ -25,15 +25,8 @@ class Log:
 
     Log records, warnings and uncaught thread errors of libraries are written too.
 
-    Parameters
-    ----------
-    path : Path or None
-        A file in place of stderr; begun anew beyond 1 MB.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    `path`: a file in place of stderr; begun anew beyond 1 MB.  Raises InputError if the file cannot
+    be written.
     """
 
     def __init__(self, path: Path | None) -> None:

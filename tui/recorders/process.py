@@ -18,14 +18,8 @@ def start_recorder(
 ) -> subprocess.Popen[bytes]:
     """Start the recorder of a folder, idle; it runs until a client shuts it down.
 
-    Parameters
-    ----------
-    bench : Path or None
-        bench.toml; the shipped one if None.
-    folder : Path
-        For journal, sessions and the log.
-    interface, channel : str or None
-        In place of those of the file.
+    `bench`: bench.toml; the shipped one if None.  `folder`: for journal, sessions and the log.
+    `interface` and `channel`: in place of those of the file.
     """
     arguments = ["tui", "record", *([str(bench.resolve())] if bench else [])]
     arguments += ["--out", str(folder.resolve()), "--keep-on", "--idle"]
@@ -45,20 +39,10 @@ def start_demo_recorder(
 ) -> subprocess.Popen[bytes]:
     """Start a recorder on a simulated bench, which bumps its car whenever a run is armed.
 
-    Parameters
-    ----------
-    folder : Path
-        For journal, sessions and the log.
-    speed : float
-        How many seconds of the car pass in one.
-    fault : str
-        What spoils a run (`tui.recorders.demo`); empty for nothing.
-    seed : int
-        Draws noise and sensor errors.
-    bench : Path or None
-        bench.toml; the shipped one if None.
-    wiggles : bool
-        Push corner after corner while nothing is armed, for the check of the bench.
+    `folder`: for journal, sessions and the log.  `speed`: how many seconds of the car pass in one.
+    `fault`: what spoils a run (`tui.recorders.demo`); empty for nothing.  `seed`: draws noise and
+    sensor errors.  `bench`: bench.toml; the shipped one if None.  `wiggles`: push corner after
+    corner while nothing is armed, for the check of the bench.
     """
     arguments = ["tui.recorders.demo", str(folder.resolve()), "--speed", f"{speed:g}"]
     arguments += ["--seed", f"{seed}", *(["--fault", fault] if fault else [])]
@@ -71,17 +55,7 @@ def start_demo_recorder(
 def start_replay_recorder(
     folder: Path, session: Path, speed: float = 1.0
 ) -> subprocess.Popen[bytes]:
-    """Start a recorder on the frames of a recorded session.
-
-    Parameters
-    ----------
-    folder : Path
-        For journal, sessions and the log; not the session's own.
-    session : Path
-        What is played.
-    speed : float
-        How many seconds of it pass in one.
-    """
+    """Start a recorder on the frames of a recorded session."""
     arguments = ["tui.recorders.replay", str(folder.resolve()), str(session.resolve())]
     return _start([*arguments, "--speed", f"{speed:g}"], folder)
 
@@ -89,10 +63,7 @@ def start_replay_recorder(
 def wait_for_recorder(process: subprocess.Popen[bytes], folder: Path) -> None:
     """Wait until a recorder that was started answers.
 
-    Raises
-    ------
-    InputError
-        If it ends, with the last line of its log, or does not answer in time.
+    Raises InputError if it ends, with the last line of its log, or does not answer in time.
     """
     from daq import InputError
     from daq.control import control_address, is_running

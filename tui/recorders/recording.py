@@ -24,17 +24,7 @@ class OpenedAtStart:
     Called like `daq.bus.interfaces.open_source`: the first call for a bus returns the source opened
     here, later calls open it again.
 
-    Parameters
-    ----------
-    bench : Bench
-        Its buses are opened.
-    open_source : callable
-        Opens one.
-
-    Raises
-    ------
-    BusError
-        If none can be opened: the first one's reason.
+    `bench`: its buses are opened.  Raises BusError if none can be opened: the first one's reason.
     """
 
     def __init__(self, bench: Bench, open_source: Callable[[BusConfig, int], FrameSource]) -> None:
@@ -66,26 +56,10 @@ def record_campaign(
 ) -> Status:
     """Record until the campaign is complete or a signal comes.
 
-    Parameters
-    ----------
-    bench : Bench
-        What is on the bench.
-    open_source : callable
-        Opens a bus, given its description and its number.
-    out : Path
-        Folder.  The journal goes to a folder in it, and a session file carries the number of the
-        journal's first segment.
-    habits : Habits
-        When to begin and when to end.
-    log : Log
-        Alarms, verdicts and what else is worth a line.
-    stage : Stage
-        Shows how far it is.
-
-    Returns
-    -------
-    Status
-        The last one of the recorder.
+    `open_source`: opens a bus, given its description and its number.  `out`: folder.  The journal
+    goes to a folder in it, and a session file carries the number of the journal's first segment.
+    `habits`: when to begin and when to end.  `log`: alarms, verdicts and what else is worth a line.
+    `stage`: shows how far it is.  Returns the last one of the recorder.
     """
     from importlib.metadata import version
 
@@ -110,10 +84,7 @@ def _unreviewed(bench: Bench) -> Bench:
 def recorded_session(last: Status) -> tuple[Path, Session]:
     """Return the session file of a recorder's last recording, and its contents.
 
-    Raises
-    ------
-    InputError
-        If there is none, with the reason.
+    Raises InputError if there is none, with the reason.
     """
     from daq import InputError, read_session
     from daq.control import SessionState

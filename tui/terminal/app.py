@@ -66,16 +66,9 @@ class NewsArrived(Message):
 class BenchApp(App[None]):
     """A client of one recorder.
 
-    Parameters
-    ----------
-    folder : Path
-        The recorder's; sessions and reports are in it.
-    operator : str
-        The person; the journal stores this name with every verdict.
-    auto : bool
-        Press SPACE whenever there is a next action.
-    clock : callable
-        Monotonic seconds, for the lock-out of held keys.
+    `folder`: the recorder's; sessions and reports are in it.  `operator`: the person; the journal
+    stores this name with every verdict.  `auto`: press SPACE whenever there is a next action.
+    `clock`: monotonic seconds, for the lock-out of held keys.
     """
 
     CSS_PATH = "app.tcss"

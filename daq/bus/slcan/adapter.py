@@ -43,18 +43,9 @@ class SlcanSource:
 
     Frames are stamped with the host's time at which the end of their line was read.
 
-    Parameters
-    ----------
-    line : serial.Serial
-        Open serial line; closed by `close`.
-    name : str
-        Name of the bus in messages.
-    bitrate : int
-        Bit rate of the CAN bus, a key of `BITRATE_CODES`.
-    index : int
-        Number of the bus in its frames.
-    now_ns : callable
-        The host's clock, ns since 1970.
+    `line`: open serial line; closed by `close`.  `name`: name of the bus in messages.  `bitrate`:
+    bit rate of the CAN bus, a key of `BITRATE_CODES`.  `index`: number of the bus in its frames.
+    `now_ns`: the host's clock, ns since 1970.
     """
 
     def __init__(
@@ -147,21 +138,9 @@ class SlcanSource:
 def open_slcan(channel: str, bitrate: int, bus: int) -> SlcanSource:
     """Open an adapter.
 
-    Parameters
-    ----------
-    channel : str
-        Serial device, with `@BAUD` if that is not 115200.
-    bitrate : int
-        Bit rate of the CAN bus.
-    bus : int
-        Number of the bus in its frames.
-
-    Raises
-    ------
-    BusError
-        If the protocol has no such bit rate.
-    OSError, ValueError
-        If there is no such line or it cannot be opened.
+    `channel`: serial device, with `@BAUD` if that is not 115200.  `bitrate`: bit rate of the CAN
+    bus.  `bus`: number of the bus in its frames.  Raises BusError if the protocol has no such bit
+    rate.  Raises OSError or ValueError if there is no such line or it cannot be opened.
     """
     import serial
 

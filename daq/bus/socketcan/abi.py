@@ -143,10 +143,7 @@ class FrameBuffers:
     def receive(self, descriptor: int) -> int:
         """Fill the first rows with the datagrams that a socket has queued; return their number.
 
-        Raises
-        ------
-        OSError
-            The kernel's error; BlockingIOError if nothing is queued.
+        Raises the kernel's OSError; BlockingIOError if nothing is queued.
         """
         count: int = _libc().recvmmsg(
             descriptor, self._address, len(self._headers), socket.MSG_DONTWAIT, None
@@ -169,12 +166,8 @@ def parse_control(words: NDArray[np.int64], used: NDArray[np.uintp]) -> Ancillar
 
     Other kinds are skipped; a message that does not fit ends the control messages of its datagram.
 
-    Parameters
-    ----------
-    words : (n, m) int64
-        Control buffer of each datagram.
-    used : (n,) uintp
-        Bytes that the kernel wrote into it.
+    `words`, (n, m) int64: control buffer of each datagram.  `used`, (n,) uintp: bytes that the
+    kernel wrote into it.
     """
     if not (np.count_nonzero(used != _ONE_STAMP) or np.count_nonzero(words[:, 1] != _KERNEL_STAMP)):
         return Ancillary(_nanoseconds(words[:, 2], words[:, 3]), np.zeros(len(words), np.int64))

@@ -48,17 +48,8 @@ def advance(
 ) -> tuple[HardwareClock, NDArray[np.int64]]:
     """Return the clock after the stamps of a block, and these stamps in the time of the host.
 
-    Parameters
-    ----------
-    clock : HardwareClock or None
-        None before the first block.
-    hardware_ns, kernel_ns : (n,) int64, n > 0
-        Both stamps of each frame.
-
-    Returns
-    -------
-    clock : HardwareClock
-    t_ns : (n,) int64
+    `clock`: None before the first block.  `hardware_ns` and `kernel_ns`, (n,) int64, n > 0: both
+    stamps of each frame.
     """
     if clock is None:
         clock = _set(hardware_ns, kernel_ns)

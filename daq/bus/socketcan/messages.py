@@ -41,20 +41,9 @@ def frame_columns(
 ) -> tuple[FrameBatch, NDArray[np.bool_]]:
     """Convert datagrams of a CAN_RAW socket to a batch.
 
-    Parameters
-    ----------
-    datagrams : Datagrams
-    t_ns : (n,) int64
-        Their time stamps.
-    bus : int
-        Number that the frames get.
-
-    Returns
-    -------
-    batch : FrameBatch
-        The datagrams that are frames: right size, identifier within range, length allowed.
-    good : (n,) bool
-        True for these.
+    `t_ns`, (n,) int64: their time stamps.  `bus`: number that the frames get.  Returns the
+    datagrams that are frames (right size, identifier within range, length allowed), and which they
+    are, (n,).
     """
     if _are_plain(datagrams):
         return _plain_columns(datagrams, t_ns, bus), np.ones(len(t_ns), bool)

@@ -75,16 +75,9 @@ class SocketCanSource:
     only when they are read.  Unlike other sources this one may be closed while another thread is
     reading: that one returns at once.
 
-    Parameters
-    ----------
-    sock : socket.socket
-        Bound to one interface; closed by `close`.
-    name : str
-        Name of the bus in messages.
-    index : int
-        Number of the bus in its frames.
-    steady_clock : SteadyClock
-        Converts the kernel's stamps, and stamps frames that have none.
+    `sock`: bound to one interface; closed by `close`.  `name`: name of the bus in messages.
+    `index`: number of the bus in its frames.  `steady_clock`: converts the kernel's stamps, and
+    stamps frames that have none.
     """
 
     def __init__(
@@ -239,19 +232,8 @@ class SocketCanSource:
 def open_socketcan(channel: str, bus: int) -> SocketCanSource:
     """Open a network interface like `can0` for classic, FD and error frames.
 
-    Parameters
-    ----------
-    channel : str
-        Name of the interface.
-    bus : int
-        Number of the bus in its frames.
-
-    Raises
-    ------
-    BusError
-        If no interface is named.
-    OSError
-        If the kernel has no CAN or no such interface.
+    `channel`: name of the interface.  `bus`: number of the bus in its frames.  Raises BusError if
+    no interface is named.  Raises OSError if the kernel has no CAN or no such interface.
     """
     name = f"socketcan {channel}"
     if not channel:  # to the kernel that means all interfaces

@@ -90,12 +90,7 @@ def car_lines() -> tuple[tuple[str, tuple[int, ...]], ...]:
 def place_of(number: int, channel: Channel) -> Place:
     """Return where a channel measures.
 
-    Parameters
-    ----------
-    number : int
-        Its position among the channels of the session.
-    channel : Channel
-        What it is.
+    `number`: its position among the channels of the session.
     """
     if channel.corner is not None:
         hub = FIRST_HUB_NODE + channel.corner.position
@@ -115,19 +110,9 @@ def vertical_motion(
 ) -> NDArray[np.complex128]:
     """Return how nodes move up and down when the degrees of freedom move.
 
-    Parameters
-    ----------
-    nodes : CarNodes
-        n nodes.
-    shapes : (7, m) complex128
-        Motion of `daq.vehicle.DOF`, one column a mode.
-    geometry : VehicleGeometry
-        Where the CG is.
-
-    Returns
-    -------
-    (n, m) complex128
-        ``z_s - x theta + y phi`` with x and y from the CG for the body, the wheels' own for hubs.
+    `nodes`: n nodes.  `shapes`, (7, m) complex128: motion of `daq.vehicle.DOF`, one column a mode.
+    `geometry`: where the CG is.  Returns (n, m) complex128: ``z_s - x theta + y phi`` with x and y
+    from the CG for the body, the wheels' own for hubs.
     """
     motion = np.zeros((len(nodes.labels), shapes.shape[1]), complex)
     for i, (label, (x_m, y_m, _)) in enumerate(zip(nodes.labels, nodes.positions_m, strict=True)):

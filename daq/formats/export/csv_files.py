@@ -18,10 +18,7 @@ from ...runs import SampleGroup
 class CsvStyle:
     """Characters that separate columns and fractions.
 
-    Raises
-    ------
-    InputError
-        If a file in this style could not be read.
+    Raises InputError if a file in this style could not be read.
     """
 
     separator: str = ","
@@ -48,16 +45,8 @@ def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvS
     The columns are ``time_s``, the channels as ``name [unit]``, and ``quality``
     (`dbc.samples.Quality`).  Numbers have as many digits as it takes to read them back exactly.
 
-    Parameters
-    ----------
-    group : SampleGroup
-        What to write.
-    units : dict of channel name to str
-        Their units.
-    path : Path
-        Where to.
-    style : CsvStyle
-        Comma or semicolon, point or comma.
+    `group`: what to write.  `units`: their units.  `path`: where to.  `style`: comma or semicolon,
+    point or comma.
     """
     columns = [_cells(group.time_s, style)]
     columns += [_cells(values, style) for values in group.values.values()]

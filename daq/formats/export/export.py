@@ -55,10 +55,7 @@ class Exported:
 def format_of(path: Path) -> ExportFormat:
     """Return the format that a file's name asks for.
 
-    Raises
-    ------
-    InputError
-        If it asks for none.
+    Raises InputError if it asks for none.
     """
     form = _SUFFIXES.get(path.suffix.lower())
     if form is None:
@@ -70,10 +67,7 @@ def format_of(path: Path) -> ExportFormat:
 def chosen_runs(session: Session, labels: Sequence[str]) -> Session:
     """Return a session with only the runs of these labels; with all if there are none.
 
-    Raises
-    ------
-    InputError
-        If there is no such run.
+    Raises InputError if there is no such run.
     """
     present = [run.label for run in session.runs]
     for label in labels:
@@ -94,27 +88,10 @@ def export_session(
 ) -> Exported:
     """Write a session as other tools have it; files are complete or absent.
 
-    Parameters
-    ----------
-    session : Session
-        What to write.
-    path : Path
-        Where to.  CSV is one file a run and sample clock: ``car.csv`` becomes
-        ``car_RUN_GROUP.csv``.
-    form : ExportFormat
-        In which format.
-    style : CsvStyle
-        For CSV.
-    modes : sequence of ModeShapes
-        For UFF.
-    force : bool
-        Whether files that are there may be replaced.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to write in this format, a file is there already or cannot be
-        written, or a library is missing.
+    `session`: what to write.  `path`: where to.  CSV is one file a run and sample clock:
+    ``car.csv`` becomes ``car_RUN_GROUP.csv``.  `form`: in which format.  `modes`: for UFF.
+    `force`: whether files that are there may be replaced.  Raises InputError if there is nothing to
+    write in this format, a file is there already or cannot be written, or a library is missing.
     """
     try:
         return _exported(session, path, form, style, modes, force)

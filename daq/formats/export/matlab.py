@@ -26,15 +26,8 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
     has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons`` and ``t0_ns``.
     ``vehicle`` and ``channels`` state what was measured and where.
 
-    Returns
-    -------
-    tuple of str
-        What the format cannot hold, of what there is in the session.
-
-    Raises
-    ------
-    InputError
-        If the session is larger than such a file can be.
+    Returns what the format cannot hold, of what there is in the session.  Raises InputError if the
+    session is larger than such a file can be.
     """
     from scipy.io import savemat
 

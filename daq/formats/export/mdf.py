@@ -43,10 +43,7 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
     channel group is named ``run/group``; it has the flags of `dbc.samples.Quality` as `quality`.
     Buses count from 1, as MDF has it.
 
-    Returns
-    -------
-    tuple of str
-        What the format cannot hold, of what there is in the session: nothing.
+    Returns what the format cannot hold, of what there is in the session: nothing.
     """
     asammdf = optional("asammdf", "mf4")
     raw = session_frames(session) if any(len(run.frames) for run in session.runs) else None

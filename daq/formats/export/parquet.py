@@ -15,10 +15,7 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
     pandas finds the units in ``DataFrame.attrs["units"]``, other readers in the metadata ``unit``
     of each field.  A channel is null in the rows of other groups.
 
-    Returns
-    -------
-    tuple of str
-        What the format cannot hold, of what there is in the session.
+    Returns what the format cannot hold, of what there is in the session.
     """
     pa = optional("pyarrow", "data")
     parquet = optional("pyarrow.parquet", "data")

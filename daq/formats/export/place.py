@@ -14,22 +14,9 @@ from ...files import replaced
 def written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
     """Let files be written beside their places; they are moved there when all are done.
 
-    Parameters
-    ----------
-    targets : sequence of Path
-        Where they shall be.
-    force : bool
-        Whether files that are there may be replaced.
-
-    Yields
-    ------
-    list of Path
-        Where to write; same folder, same suffix.
-
-    Raises
-    ------
-    InputError
-        If one is there already, or cannot be written.
+    `targets`: where they shall be.  `force`: whether files that are there may be replaced.  Yields
+    the paths to write to: same folder, same suffix.  Raises InputError if one is there already, or
+    cannot be written.
     """
     for target in targets:
         if not target.parent.is_dir():

@@ -16,10 +16,7 @@ from ...sessions import Session
 def session_frames(session: Session) -> FrameBatch:
     """Return all raw frames of a session in order of time; those in two runs, once.
 
-    Raises
-    ------
-    InputError
-        If it has none.
+    Raises InputError if it has none.
     """
     batches = [run.frames for run in session.runs if len(run.frames)]
     if not batches:

@@ -19,17 +19,9 @@ _LETTERS = "dva"
 def sep005_channels(session: Session) -> list[dict[str, Any]]:
     """Return every channel of every run as SEP005 has it.
 
-    Parameters
-    ----------
-    session : Session
-        What to give.
-
-    Returns
-    -------
-    list of dict
-        Each with `name` (``run/channel``), `data` (n,), `unit_str`, `time` (list, s from the
-        start of the run), `start_timestamp` (of the run, ISO 8601), `group` (``run/group``) and,
-        where SEP005 has a letter for it, `quantity`.
+    `session`: what to give.  Each has `name` (``run/channel``), `data` (n,), `unit_str`, `time`
+    (list, s from the start of the run), `start_timestamp` (of the run, ISO 8601), `group`
+    (``run/group``) and, where SEP005 has a letter for it, `quantity`.
     """
     channels = {channel.name: channel for channel in session.channels}
     result = []
@@ -56,10 +48,7 @@ def sep005_channels(session: Session) -> list[dict[str, Any]]:
 def write_sep005(session: Session, path: Path) -> tuple[str, ...]:
     """Write the channels as JSON; a missing value is null.
 
-    Returns
-    -------
-    tuple of str
-        What the format cannot hold, of what there is in the session.
+    Returns what the format cannot hold, of what there is in the session.
     """
     document = [
         item | {"data": [value if isfinite(value) else None for value in item["data"].tolist()]}

@@ -34,10 +34,8 @@ _BYTES_PER_S = 4 << 20
 def load_guarded(path: Path | str) -> Group:
     """Read a session file whole, in a child process with limits; as `load.load_tree`.
 
-    Raises
-    ------
-    InputError
-        If it is no session, and if reading it crashes, takes too long or needs too much memory.
+    Raises InputError if it is no session, and if reading it crashes, takes too long or needs too
+    much memory.
     """
     where = str(path)
     size = Path(path).stat().st_size if Path(path).is_file() else 0

@@ -39,19 +39,9 @@ def send_error(stream: IO[bytes], error: InputError) -> None:
 def receive(stream: IO[bytes], max_bytes: int) -> Group:
     """Read a tree.
 
-    Parameters
-    ----------
-    stream : binary file
-        From `send_tree` or `send_error`.
-    max_bytes : int
-        More than this in arrays is not read.
-
-    Raises
-    ------
-    InputError
-        The one that was sent.
-    ValueError, LookupError, TypeError
-        If the stream breaks off or is none of ours.
+    `stream`: from `send_tree` or `send_error`.  `max_bytes`: more than this in arrays is not read.
+    Raises InputError: the one that was sent.  Raises ValueError or LookupError or TypeError if the
+    stream breaks off or is none of ours.
     """
     size = int.from_bytes(_exactly(stream, _LENGTH_BYTES), "little")
     if size > _MAX_OUTLINE_BYTES:

@@ -70,12 +70,7 @@ def size_in(panel: Panel) -> tuple[float, float]:
 def draw(panel: Panel, figure: FigureBase) -> None:
     """Draw a panel on a figure, or on a part of one, of its size.
 
-    Parameters
-    ----------
-    panel : Panel
-        What is drawn.
-    figure : matplotlib.figure.FigureBase
-        Where, under `rc_context(look())`.
+    `panel`: what is drawn.  `figure`: where, under `rc_context(look())`.
     """
     raise TypeError(f"no drawing of a {type(panel).__name__}")
 

@@ -22,15 +22,8 @@ _ITEM_IN = 0.3
 def svg(study: Study) -> str:
     """Draw the panels of a study.
 
-    Parameters
-    ----------
-    study : Study
-        Any study.
-
-    Returns
-    -------
-    str
-        An SVG document; its text is text, in DejaVu Sans where there is that font.
+    `study`: any study.  Returns an SVG document; its text is text, in DejaVu Sans where there is
+    that font.
     """
     with matplotlib.rc_context(dict(SETTINGS)):
         text = StringIO()

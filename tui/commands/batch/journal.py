@@ -20,15 +20,8 @@ class RowJournal:
 
     What a kill left of a line that was being written is cut off.  One batch at a time may write.
 
-    Parameters
-    ----------
-    path : Path
-        The file; made if need be.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written, another batch is writing to it, or it is something else.
+    `path`: the file; made if need be.  Raises InputError if it cannot be written, another batch is
+    writing to it, or it is something else.
     """
 
     def __init__(self, path: Path) -> None:
@@ -55,10 +48,7 @@ class RowJournal:
     def append(self, row: dict[str, Cell]) -> None:
         """Add a row; it survives whatever happens after.
 
-        Raises
-        ------
-        InputError
-            If the disk is full.
+        Raises InputError if the disk is full.
         """
         try:
             self._stream.write(json.dumps(row, allow_nan=False).encode() + b"\n")
@@ -107,10 +97,7 @@ def _note(verdicts: dict[str, str], row: dict[str, Cell]) -> None:
 def rows_in(path: Path) -> Iterator[tuple[int, dict[str, Cell]]]:
     """Yield the place and the content of each row of a journal.
 
-    Raises
-    ------
-    InputError
-        Naming the line that is no row.
+    Raises InputError naming the line that is no row.
     """
     with path.open("rb") as stream:
         place = 0
@@ -129,10 +116,7 @@ def rows_in(path: Path) -> Iterator[tuple[int, dict[str, Cell]]]:
 def _lock(stream: IO[bytes]) -> None:
     """Hold a file for this process alone, as long as it is open.
 
-    Raises
-    ------
-    OSError
-        If another process holds it.
+    Raises OSError if another process holds it.
     """
     try:
         import fcntl

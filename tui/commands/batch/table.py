@@ -24,10 +24,7 @@ _GROUP = 1000
 def check_table_file(path: Path) -> None:
     """Refuse a file that could not be written, before hours of computing.
 
-    Raises
-    ------
-    InputError
-        If the ending is unknown, its folder does not exist, or pyarrow is missing.
+    Raises InputError if the ending is unknown, its folder does not exist, or pyarrow is missing.
     """
     if path.suffix.lower() not in _WRITERS:
         endings = " or ".join(_WRITERS)
@@ -44,17 +41,8 @@ def check_table_file(path: Path) -> None:
 def write_table(path: Path, journal: Path) -> None:
     """Write the newest row of each session, in the order in which they were first seen.
 
-    Parameters
-    ----------
-    path : Path
-        ``.csv`` or ``.parquet``; complete or as it was before.
-    journal : Path
-        The rows.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
+    `path`: ``.csv`` or ``.parquet``; complete or as it was before.  `journal`: the rows.  Raises
+    InputError if it cannot be written.
     """
     places, columns, texts = _index(journal)
     try:

@@ -40,23 +40,9 @@ def work_off(
 ) -> Tally:
     """Identify what the journal does not know yet.
 
-    Parameters
-    ----------
-    crew : Crew
-        Who does it.
-    files : sequence of Path
-        Session files.
-    journal : RowJournal
-        Takes the rows.
-    out : Path
-        The table, brought up to date every minute.
-    stage : Stage
-        Receives the progress.
-
-    Raises
-    ------
-    InputError
-        If rows cannot be kept, or the cluster has gone.
+    `crew`: who does it.  `files`: session files.  `journal`: takes the rows.  `out`: the table,
+    brought up to date every minute.  `stage`: receives the progress.  Raises InputError if rows
+    cannot be kept, or the cluster has gone.
     """
     verdicts: Counter[str] = Counter()
     bad: list[dict[str, str]] = []

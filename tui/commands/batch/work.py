@@ -34,15 +34,8 @@ class Job:
 def session_files(names: Sequence[str]) -> list[Path]:
     """Return the session files that are meant, each once.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Files, folders (every .h5 in them and below), patterns such as ``2026-*/*.h5``.
-
-    Raises
-    ------
-    InputError
-        If one of them means no file.
+    `names`: files, folders (every .h5 in them and below), patterns such as ``2026-*/*.h5``.  Raises
+    InputError if one of them means no file.
     """
     found: dict[Path, None] = {}
     for name in names:

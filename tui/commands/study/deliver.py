@@ -21,10 +21,7 @@ FigureFile = Annotated[
 def check_figure_file(path: Path | None) -> None:
     """Refuse a file that could not be written, before hours of computing.
 
-    Raises
-    ------
-    InputError
-        If it does not end in .svg or its directory does not exist.
+    Raises InputError if it does not end in .svg or its directory does not exist.
     """
     from dbc import InputError
 
@@ -40,10 +37,7 @@ def check_figure_file(path: Path | None) -> None:
 def deliver(study: Study, json: bool, figure: Path | None) -> None:
     """Print a study and draw it.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    Raises InputError if the file cannot be written.
     """
     from ...output import print_json, print_line, print_table
 

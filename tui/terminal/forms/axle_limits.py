@@ -28,10 +28,7 @@ class AxleLimits:
 def parse_limits(text: str) -> AxleLimits:
     """Return the limits that were typed as two numbers.
 
-    Raises
-    ------
-    InputError
-        If they are not.
+    Raises InputError if they are not.
     """
     loads = [number(word) for word in text.replace("/", " ").split()]
     if len(loads) != len(_AXLES) or not all(t and _LEAST_KG <= t <= _MOST_KG for t in loads):

@@ -163,10 +163,7 @@ def sag_line(
 ) -> str:
     """Return the spring rates that the sag of the body gives, and the expected ones.
 
-    Parameters
-    ----------
-    before, after : mapping of channel name to float
-        What the channels read at rest without and with the weights.
+    `before` and `after`: what the channels read at rest without and with the weights.
     """
     travels = {
         c.name: c.corner

@@ -17,12 +17,8 @@ from textual.widgets.option_list import Option
 class ChoiceScreen(ModalScreen[str | None]):
     """Returns the chosen entry; None after Esc.
 
-    Parameters
-    ----------
-    title : str
-        What is asked.
-    options : sequence of (str, str)
-        What is returned, and what the operator reads.
+    `title`: what is asked.  `options`, sequence of (str, str): what is returned, and what the
+    operator reads.
     """
 
     DEFAULT_CSS = """

@@ -16,10 +16,7 @@ from ..state.help_pages import page_of
 class HelpScreen(ModalScreen[None]):
     """One page; Esc, SPACE or F1 closes it.
 
-    Parameters
-    ----------
-    page : str
-        As `tui.terminal.state.help_pages.page_of`.
+    `page`: as `tui.terminal.state.help_pages.page_of`.
     """
 
     DEFAULT_CSS = """

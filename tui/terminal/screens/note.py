@@ -26,10 +26,7 @@ _DRAFT_S = 0.5
 class NoteScreen(ModalScreen[None]):
     """Ctrl+S stores the note; Esc leaves and keeps the text as a draft.
 
-    Parameters
-    ----------
-    label : str
-        The run that the note is on; empty for the session.
+    `label`: the run that the note is on; empty for the session.
     """
 
     HELP_PAGE: ClassVar[str] = "note"

@@ -21,13 +21,6 @@ class Question(ModalScreen[str | None]):
 
     The same question shows the text typed before: after Esc, and after an answer that the recorder
     refused.
-
-    Parameters
-    ----------
-    words : str
-        The question.
-    field : str
-        Placeholder of the line.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "Leave")]

@@ -21,17 +21,7 @@ Values = dict[str, str]
 
 
 class WeightScreen(ModalScreen[Values | None]):
-    """Returns the values of a weight; Esc keeps the text for the next time.
-
-    Parameters
-    ----------
-    values : mapping of field to str
-        Initial values.
-    check : callable
-        Returns the errors of the values.
-    keep : callable
-        Called with the values after every change.
-    """
+    """Returns the values of a weight; Esc keeps the text for the next time."""
 
     DEFAULT_CSS = """
     WeightScreen { align: center middle; }

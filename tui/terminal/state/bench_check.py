@@ -93,16 +93,9 @@ def wiggle_rows(
 ) -> tuple[CheckRow, ...]:
     """Return the lines of the guided wiggle, by corner.
 
-    Parameters
-    ----------
-    results : mapping of Corner to Wiggle
-        What the last push on each corner showed.
-    active : str
-        The corner that is to be pushed now; empty if none.
-    skipped : mapping of subject to str
-        Why a corner was left out.
-    possible : bool
-        True if a sensor of the bench can distinguish corners.
+    `results`: what the last push on each corner showed.  `active`: the corner that is to be pushed
+    now; empty if none.  `skipped`: why a corner was left out.  `possible`: True if a sensor of the
+    bench can distinguish corners.
     """
     if not possible:
         text = "no sensor of this bench can distinguish the corners"

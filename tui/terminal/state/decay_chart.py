@@ -62,10 +62,8 @@ class Scale:
 def decay_rows(curve: Curve, width: int, height: int, glyphs: Glyphs) -> list[list[Piece]]:
     """Draw a curve.
 
-    Returns
-    -------
-    list of list of (str, Ink)
-        `height` rows of at most `width` characters; empty where there is no room or no curve.
+    Returns list of list of (str, Ink): `height` rows of at most `width` characters; empty where
+    there is no room or no curve.
     """
     measured_s, measured = np.array(curve.measured_s), np.array(curve.measured)
     fitted_s, fitted = np.array(curve.fitted_s), np.array(curve.fitted)

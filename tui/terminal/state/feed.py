@@ -71,10 +71,7 @@ class Feed(Protocol):
     async def ask(self, order: Order) -> Reply:
         """Send an order and return the answer.
 
-        Raises
-        ------
-        Refused
-            If the recorder refuses or is gone.
+        Raises Refused if the recorder refuses or is gone.
         """
 
     def take_over(self) -> None:
@@ -90,14 +87,8 @@ class Feed(Protocol):
 class RecorderFeed:
     """The recorder of a folder, over `daq.control.client`; it may go and come back.
 
-    Parameters
-    ----------
-    folder : Path
-        The recorder's.
-    name : str
-        The person.
-    start_recorder : callable
-        Starts a recorder in the folder; called when the operator asks for it.
+    `folder`: the recorder's.  `name`: the person.  `start_recorder`: starts a recorder in the
+    folder; called when the operator asks for it.
     """
 
     def __init__(self, folder: Path, name: str, start_recorder: Callable[[], object]) -> None:
@@ -125,10 +116,7 @@ class RecorderFeed:
     def restart(self) -> None:
         """Start a recorder; the listener finds it.
 
-        Raises
-        ------
-        Refused
-            If it does not come up.
+        Raises Refused if it does not come up.
         """
         try:
             self._start_recorder()

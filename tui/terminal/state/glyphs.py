@@ -55,15 +55,9 @@ _SETS = {glyphs.name: glyphs for glyphs in (_BRAILLE, _BLOCKS, _ASCII)}
 def choose_glyphs(wanted: GlyphSet, environment: Mapping[str, str], encoding: str) -> Glyphs:
     """Return the wanted set; for `auto` the best that the terminal reports to show.
 
-    Parameters
-    ----------
-    wanted : GlyphSet
-        From the command line.
-    environment : mapping of str to str
-        `TERM` of the Linux console and of old ones have no braille; Windows Terminal sets
-        `WT_SESSION`, the old console host does not.
-    encoding : str
-        Encoding of stdout; any other than Unicode gets ASCII.
+    `wanted`: from the command line.  `environment`: `TERM` of the Linux console and of old ones
+    have no braille; Windows Terminal sets `WT_SESSION`, the old console host does not.  `encoding`:
+    encoding of stdout; any other than Unicode gets ASCII.
     """
     if wanted is not GlyphSet.AUTO:
         return _SETS[wanted]

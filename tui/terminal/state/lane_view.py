@@ -62,14 +62,9 @@ class Window:
 def lane_specs(bench: Bench | None, lanes: Lanes, page: int, room: int) -> list[LaneSpec]:
     """Return the lanes to draw: those of the body, then of each quantity at the wheels.
 
-    Parameters
-    ----------
-    bench : Bench or None
-        None while it is not known: then the channels are drawn as the recorder sends them.
-    page : int
-        With which of these groups to begin, counted round; groups follow as far as they fit whole.
-    room : int
-        Most lanes.
+    `bench`: None while it is not known: then the channels are drawn as the recorder sends them.
+    `page`: with which of these groups to begin, counted round; groups follow as far as they fit
+    whole.  `room`: most lanes.
     """
     if bench is None:
         return [LaneSpec(name, name[:10], "", 1.0, 0.5) for name in lanes.channels[:room]]

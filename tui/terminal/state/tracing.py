@@ -24,16 +24,9 @@ def trace(
 ) -> list[str]:
     """Return the rows of a trace, zero on a dot row in the middle.
 
-    Parameters
-    ----------
-    low, high : (n,) float64
-        Envelope from rest of each sub-column; NaN leaves it empty.
-    full_scale : float
-        Value at the upper edge.
-    rows : int
-        Height, characters.
-    glyphs : Glyphs
-        With n a multiple of its sub-columns.
+    `low` and `high`, (n,) float64: envelope from rest of each sub-column; NaN leaves it empty.
+    `full_scale`: value at the upper edge.  `rows`: height, characters.  `glyphs`: with n a multiple
+    of its sub-columns.
     """
     wide, tall = glyphs.dots
     height = rows * tall
@@ -75,14 +68,8 @@ def pooled(
 def full_scale(peak: float, least: float, before: float) -> float:
     """Return the range of a lane: 1, 2 or 5 times a power of ten, and slow to shrink.
 
-    Parameters
-    ----------
-    peak : float
-        Largest deviation shown.
-    least : float
-        No range is smaller: noise at rest must not fill the lane.
-    before : float
-        The range so far; 0 if none.  It is kept while the peak fills a third of it.
+    `peak`: largest deviation shown.  `least`: no range is smaller: noise at rest must not fill the
+    lane.  `before`: the range so far; 0 if none.  It is kept while the peak fills a third of it.
     """
     wanted = max(peak, least)
     if before / 3.0 <= wanted <= before:

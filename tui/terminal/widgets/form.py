@@ -103,12 +103,7 @@ class Label(Static):
 class Form(VerticalScroll, can_focus=False):
     """Fields in rows; what is typed stays, be it right or wrong.
 
-    Parameters
-    ----------
-    rows : sequence of sequence of Field
-        Fields that stand side by side.
-    label_width : int
-        Cells of the first label of a row.
+    `rows`: fields that stand side by side.  `label_width`: cells of the first label of a row.
     """
 
     DEFAULT_CSS = """

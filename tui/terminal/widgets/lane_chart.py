@@ -21,13 +21,7 @@ _LABEL, _SCALE = 11, 12
 
 
 class LaneChart(Widget):
-    """A chart recorder.
-
-    Parameters
-    ----------
-    glyphs : Glyphs
-        What the traces are drawn with.
-    """
+    """A chart recorder."""
 
     def __init__(self, glyphs: Glyphs) -> None:
         super().__init__()

@@ -170,12 +170,8 @@ def run_figures(run: LoggedRun) -> str:
 def _frequency(status: Status, tally: Tally, wide: bool) -> str:
     """Return the mean frequency of the accepted runs of a kind, with its scatter if there is room.
 
-    Parameters
-    ----------
-    status, tally
-        The recording, and the kind of bump.
-    wide : bool
-        Whether there is room for the scatter.
+    `status` and `tally`: the recording, and the kind of bump.  `wide`: whether there is room for
+    the scatter.
     """
     kind = (tally.mass_state, tally.excitation)
     found = [
