@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from .errors import printable
@@ -41,6 +42,8 @@ class Finding:
     """SI; empty for a ratio or a count."""
     where: str = ""
     """The place in a file, as `FILE:LINE` or a path within it; may be empty."""
+    figures: Mapping[str, float] = field(default_factory=dict, hash=False)
+    """What else was measured of its subject, by name, SI."""
 
     @property
     def passed(self) -> bool:

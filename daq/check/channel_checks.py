@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import InputError
-from dbc.finding import Severity
+from dbc.finding import Finding, Severity
 from dbc.layout import SignalLayout
 from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 from dbc.units import G_M_S2, to_si
@@ -24,7 +24,7 @@ from ..channels import ON_BODY, Channel, Quantity
 from ..samples.converter import is_fine, is_stuck
 from ..samples.groups import Timekeeping
 from ..samples.mapping import MappedChannel
-from .result import CheckLine
+from .result import about, fail, judged, ok, warn
 
 VERTICAL = frozenset({Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION})
 RATES = frozenset({Quantity.PITCH_RATE, Quantity.ROLL_RATE})
@@ -39,8 +39,6 @@ _QUIETEST = 2e-3
 _SLOWEST_HZ = 50.0
 _GUESSED_M = 0.3
 _BLOCK_S = 0.1
-
-Found = tuple[Severity, str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +87,7 @@ def check_channel(
     decoded: Decoded,
     calibration_days: int,
     today: date,
-) -> list[CheckLine]:
+) -> list[Finding]:
     """Check one channel.
 
     `others`: all channels of the bench.  `keeping`: which messages belong together.  `decoded`:
@@ -103,43 +101,40 @@ def check_channel(
     subject = f"channel {channel.name}"
     if samples is None or not len(samples.t_ns):
         verdict = Severity.WARNING if channel.quantity is Quantity.UNUSED else Severity.ERROR
-        found.append(
-            (verdict, f"no sample of {channel.signal}", f"see message {mapped.message.name}")
-        )
-        return [CheckLine(v, subject, r, a) for v, r, a in found]
+        reason = f"no sample of {channel.signal}"
+        found.append(judged("no_sample", verdict, reason, f"see message {mapped.message.name}"))
+        return about(subject, found)
     signal = mapped.signal
     value = mapped.values(samples)
     finite = np.isfinite(value)
     found += _validity_lines(samples, value, signal)
     if not finite.any():
-        return [CheckLine(v, subject, r, a) for v, r, a in found]
+        return about(subject, found)
     rest = _rest(value[finite], samples.t_ns[finite], channel.unit)
     rate = _rate_hz(samples.t_ns)
     figures = {"level": rest.level, "noise": rest.noise, "motion": rest.motion, "rate_hz": rate}
     stuck = _stuck_lines(mapped, signal, samples.value[finite], value[finite])
     found += stuck
-    if channel.quantity is not Quantity.UNUSED and not any(
-        v is Severity.ERROR for v, _, _ in stuck
-    ):
+    if channel.quantity is not Quantity.UNUSED and all(each.passed for each in stuck):
         found += _rest_lines(mapped, rest)
         if channel.quantity in VERTICAL:
             found += _gravity_lines(mapped, rest, len(value), _siblings(mapped, keeping, decoded))
         if rate < _SLOWEST_HZ and rate > 0:
             reason = f"{rate:.0f} Hz is slow: wheels hop at 10 to 15 Hz"
-            found.append((Severity.WARNING, reason, "ask the sensor for 100 Hz or more"))
+            advice = "ask the sensor for 100 Hz or more"
+            found.append(warn("slow", reason, advice))
     if channel.quantity in ON_BODY and channel.position_sigma_m >= _GUESSED_M:
         reason = f"its position is a guess (+-{channel.position_sigma_m:g} m)"
-        found.append(
-            (Severity.WARNING, reason, "measure x_m and y_m from the middle of the front axle")
-        )
-    lines = [CheckLine(v, subject, r, a, figures) for v, r, a in found if v is not Severity.NOTE]
-    if all(line.verdict is not Severity.ERROR for line in lines):
-        proof = "".join(f", {reason}" for verdict, reason, _ in found if verdict is Severity.NOTE)
+        advice = "measure x_m and y_m from the middle of the front axle"
+        found.append(warn("position", reason, advice))
+    wrong = [each for each in found if each.severity is not Severity.NOTE]
+    if all(each.passed for each in wrong):
+        proof = "".join(f", {each.text}" for each in found if each.severity is Severity.NOTE)
         reason = (
             f"{rest.level:.4g} {rest.unit} at rest, noise {rest.noise:.2g}, {rate:.0f} Hz{proof}"
         )
-        lines.insert(0, CheckLine(Severity.NOTE, subject, reason, "", figures))
-    return lines
+        wrong.insert(0, ok("rest", reason))
+    return about(subject, wrong, figures)
 
 
 def _rate_hz(t_ns: NDArray[np.int64]) -> float:
@@ -159,17 +154,17 @@ def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64], unit: str) -> _Re
     return _Rest(float(np.median(value)), noise, float(high - low), unit)
 
 
-def _calibration_lines(channel: Channel, days: int, today: date) -> list[Found]:
+def _calibration_lines(channel: Channel, days: int, today: date) -> list[Finding]:
     if not channel.calibrated:
         return []
     age = (today - date.fromisoformat(channel.calibrated)).days
     which = f" (serial number {channel.serial_number})" if channel.serial_number else ""
     if age < 0:
         reason = f"calibrated on {channel.calibrated}, which is to come{which}"
-        return [(Severity.WARNING, reason, "correct calibrated, or the clock of this computer")]
+        return [warn("calibration", reason, "correct calibrated, or the clock of this computer")]
     if age > days:
         reason = f"calibrated on {channel.calibrated}, {age} days ago{which}"
-        return [(Severity.WARNING, reason, f"have it calibrated; the limit is {days} days")]
+        return [warn("calibration", reason, f"have it calibrated; the limit is {days} days")]
     return []
 
 
@@ -182,27 +177,26 @@ _UNUSABLE_BECAUSE = {
 
 def _validity_lines(
     samples: Samples, value: NDArray[np.float64], signal: SignalLayout
-) -> list[Found]:
+) -> list[Finding]:
     n, found = len(value), []
     for bit, why in _UNUSABLE_BECAUSE.items():
         count = int(np.sum((samples.quality & bit) != 0))
         if count:
             verdict = Severity.ERROR if count > n / 2 else Severity.WARNING
-            found.append(
-                (verdict, f"{count} of {n} samples are unusable: {why}", "see its message")
-            )
+            reason = f"{count} of {n} samples are unusable: {why}"
+            found.append(judged("unusable", verdict, reason, "see its message"))
     usable = (samples.quality & UNUSABLE) == 0
     odd = int(np.sum(usable & ~np.isfinite(value)))
     if odd:
-        found.append(
-            (Severity.ERROR, f"{odd} of {n} samples are no numbers", "check the DBC's type")
-        )
+        reason = f"{odd} of {n} samples are no numbers"
+        found.append(fail("no_number", reason, "check the DBC's type"))
     outside = int(np.sum(usable & ((samples.quality & Quality.OUT_OF_RANGE) != 0)))
     if outside:
         verdict = Severity.ERROR if outside > n / 2 else Severity.WARNING
         limits = f"{signal.minimum:g} to {signal.maximum:g} {signal.unit}"
         reason = f"{outside} of {n} samples are outside {limits}"
-        found.append((verdict, reason, "check the sensor, or the range and factor in the DBC"))
+        advice = "check the sensor, or the range and factor in the DBC"
+        found.append(judged("out_of_range", verdict, reason, advice))
     if not signal.is_float and signal.length > 1:
         low, high = signal.span
         at_end = int(np.sum(usable & ((samples.value <= low) | (samples.value >= high))))
@@ -210,7 +204,8 @@ def _validity_lines(
         if at_end and np.ptp(samples.value[usable]) > 0:
             verdict = Severity.ERROR if at_end > n / 100 else Severity.WARNING
             reason = f"{at_end} of {n} samples lie at the end of its range ({low:g} to {high:g})"
-            found.append((verdict, reason, "it saturates, or says that it has no value"))
+            advice = "it saturates, or says that it has no value"
+            found.append(judged("overload", verdict, reason, advice))
     return found
 
 
@@ -219,7 +214,7 @@ def _stuck_lines(
     signal: SignalLayout,
     raw: NDArray[np.float64],
     value: NDArray[np.float64],
-) -> list[Found]:
+) -> list[Finding]:
     if np.ptp(value) > 0 or not is_stuck(len(value)):
         return []
     quantity = mapped.channel.quantity
@@ -227,30 +222,33 @@ def _stuck_lines(
     fine = is_fine(quantity, mapped.channel.unit, mapped.step)
     at_end = not signal.is_float and signal.length > 1 and raw[0] in signal.span and raw[0] != 0
     if fine or at_end:
-        return [(Severity.ERROR, reason, "the sensor is dead, frozen or not started")]
+        return [fail("stuck", reason, "the sensor is dead, frozen or not started")]
     if quantity is Quantity.UNUSED:
         return []
-    return [(Severity.WARNING, reason, "move it: does it change?")]
+    return [warn("stuck", reason, "move it: does it change?")]
 
 
-def _rest_lines(mapped: MappedChannel, rest: _Rest) -> list[Found]:
+def _rest_lines(mapped: MappedChannel, rest: _Rest) -> list[Finding]:
     channel, found = mapped.channel, []
     limits = _limits(channel.quantity)
     if rest.motion > limits.motion:
         reason = f"moves by {rest.motion:.2g} {rest.unit}: not at rest"
-        found.append((Severity.WARNING, reason, "let the car stand still and check again"))
+        advice = "let the car stand still and check again"
+        found.append(warn("motion", reason, advice))
     if rest.noise > limits.noise:
         reason = f"noise {rest.noise:.2g} {rest.unit} is more than the usual {limits.noise:g}"
-        found.append((Severity.WARNING, reason, "check mounting, cable and unit; stop the engine"))
+        advice = "check mounting, cable and unit; stop the engine"
+        found.append(warn("noise", reason, advice))
     away = abs(rest.level)
     if away > limits.absurd:
         reason = f"reads {rest.level:.4g} {rest.unit} at rest, which cannot be"
         advice = _other_unit(mapped, rest.level, limits.absurd)
-        found.append((Severity.ERROR, reason, advice))
+        found.append(fail("level", reason, advice))
     elif away > limits.zero:
         reason = f"reads {rest.level:.4g} {rest.unit} at rest instead of 0"
         tare = rest.level + channel.tare
-        found.append((Severity.WARNING, reason, f"set tare = {tare:.5g} at ride height"))
+        advice = f"set tare = {tare:.5g} at ride height"
+        found.append(warn("tare", reason, advice))
     return found
 
 
@@ -277,16 +275,16 @@ _SCALES = (
 
 def _gravity_lines(
     mapped: MappedChannel, rest: _Rest, n: int, siblings: dict[str, float]
-) -> list[Found]:
+) -> list[Finding]:
     """Judge unit, axis and sign by gravity."""
     channel = mapped.channel
     share = (rest.level + channel.tare) / G_M_S2
     says = f"reads {rest.level:.4g} m/s2 at rest"
     flip = f"set sign = {-channel.sign:.0f}"
     if abs(share - 1) < _GRAVITY_TOLERANCE:
-        return [(Severity.NOTE, "+1 g", "")]
+        return [ok("gravity", "+1 g")]
     if abs(share + 1) < _GRAVITY_TOLERANCE:
-        return [(Severity.ERROR, f"{says}: upside down", flip)]
+        return [fail("gravity", f"{says}: upside down", flip)]
     sure = 5 * rest.noise / math.sqrt(n)
     for factor, unit in _SCALES:
         fits = abs(abs(share) / factor - 1) < _SCALE_TOLERANCE
@@ -296,20 +294,27 @@ def _gravity_lines(
             turn = f" and {flip}" if share < 0 else ""
             setting = f'signal_unit = "{unit}"' if unit else f"gain = {channel.gain / factor:.6g}"
             reason = f"{says}: {factor:.4g} times gravity, so its unit is wrong"
-            return [(Severity.ERROR, reason, f"state {setting}{turn}")]
+            return [fail("gravity", reason, f"state {setting}{turn}")]
     if abs(share) < 0.5:
         upright = [(name, value) for name, value in siblings.items() if abs(abs(value) - 1) < 0.1]
         if upright:
             name, value = upright[0]
             turn = "" if value > 0 else " with sign = -1"
             reason = f"{says}, but {name} {value:+.2f} g: the wrong axis"
-            return [(Severity.ERROR, reason, f'take signal = "{name}"{turn}')]
+            return [fail("gravity", reason, f'take signal = "{name}"{turn}')]
     if abs(share) < _NONE_G:
-        return [(Severity.NOTE, "no gravity (AC-coupled, or tared in the sensor)", "")]
+        return [ok("gravity", "no gravity (AC-coupled, or tared in the sensor)")]
     tilt = math.degrees(math.acos(min(abs(share), 1.0)))
     angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
     verdict = Severity.ERROR if abs(abs(share) - 1) > 0.3 else Severity.WARNING
-    return [(verdict, f"{says}{angle}, or its scale is wrong", "mount it upright, or correct gain")]
+    return [
+        judged(
+            "gravity",
+            verdict,
+            f"{says}{angle}, or its scale is wrong",
+            "mount it upright, or correct gain",
+        )
+    ]
 
 
 def _siblings(mapped: MappedChannel, keeping: Timekeeping, decoded: Decoded) -> dict[str, float]:

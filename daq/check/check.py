@@ -12,7 +12,7 @@ from datetime import date
 import numpy as np
 
 from dbc import Codec
-from dbc.finding import Severity
+from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 
 from ..bench.config import Bench
@@ -23,7 +23,7 @@ from ..samples.mapping import map_channels
 from ..samples.trigger import trigger_channels
 from .channel_checks import check_channel
 from .frame_checks import check_messages, check_traffic, frame_table
-from .result import WORDS, CheckLine
+from .result import WORDS, about, judged, ok, warn
 
 _INCOMPLETE_SHARE = 0.01
 _PAUSE_S = 1.0
@@ -38,13 +38,13 @@ class CheckReport:
     """Time from the first frame to the last."""
     frames: int
     """Number of frames."""
-    lines: tuple[CheckLine, ...]
+    lines: tuple[Finding, ...]
     """Bus, messages, sample sets and channels, in this order."""
 
     @property
     def verdict(self) -> Severity:
         """The worst of all lines."""
-        return max((line.verdict for line in self.lines), default=Severity.NOTE)
+        return max((line.severity for line in self.lines), default=Severity.NOTE)
 
     @property
     def word(self) -> str:
@@ -63,7 +63,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     if not len(frames):
         advice = "check power, wiring, termination and the bit rate; sensors that must be started"
-        line = CheckLine(Severity.ERROR, "bus", "no frame was received", advice)
+        line = Finding("no_frames", Severity.ERROR, "no frame was received", "bus", advice)
         return CheckReport(0.0, 0, (line,))
     frames, pauses = _without_pauses(frames)
     seconds = float(np.ptp(frames.t_ns)) * 1e-9
@@ -73,16 +73,19 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     groups = sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))
     lines = pauses + check_traffic(codec.messages, table, decoded, bench.bus.bitrate)
     lines += check_messages(mapped, keeping, table, decoded)
-    lines += [_set_line(each, groups) for each in bench.sample_sets if _is_used(each, groups)]
+    for each in bench.sample_sets:
+        if _is_used(each, groups):
+            lines += _set_lines(each, groups)
     if not trigger_channels(bench.channels):
         advice = "add a hub_acceleration or a body_acceleration"
-        lines.append(CheckLine(Severity.ERROR, "trigger", "no channel can trigger", advice))
+        reason = "no channel can trigger"
+        lines.append(Finding("trigger", Severity.ERROR, reason, "trigger", advice))
     for m in mapped:
         lines += check_channel(m, mapped, keeping, decoded, bench.calibration_days, today)
     return CheckReport(seconds, len(frames), tuple(lines))
 
 
-def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[CheckLine]]:
+def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:
     """Return the longest stretch between pauses; counters say nothing of what lies in these."""
     gap_s = np.diff(frames.t_ns) * 1e-9
     before = np.flatnonzero(gap_s > _PAUSE_S)
@@ -99,15 +102,15 @@ def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[CheckLine]]:
     )
     advice = "a log that a trigger wrote has them; on a live bus look for plug and power"
     figures = {"pauses": len(before), "paused_s": paused_s}
-    line = CheckLine(Severity.WARNING, "bus", reason, advice, figures)
-    return frames.select(slice(int(first[k]), int(last[k]) + 1)), [line]
+    lines = about("bus", [warn("pause", reason, advice)], figures)
+    return frames.select(slice(int(first[k]), int(last[k]) + 1)), lines
 
 
 def _is_used(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> bool:
     return any(group.name == sample_set.name for group in groups)
 
 
-def _set_line(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> CheckLine:
+def _set_lines(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> list[Finding]:
     group = next(group for group in groups if group.name == sample_set.name)
     subject = f"sample set {group.name}"
     n = len(group.time_s)
@@ -118,5 +121,6 @@ def _set_line(sample_set: SampleSet, groups: tuple[SampleGroup, ...]) -> CheckLi
         verdict = Severity.ERROR if missing > n / 2 else Severity.WARNING
         reason = f"{missing} of {n} samples lack a frame"
         advice = f"are {', '.join(sample_set.messages)} sent at one rate, in one burst?"
-        return CheckLine(verdict, subject, reason, advice, figures)
-    return CheckLine(Severity.NOTE, subject, f"{n} samples at {rate:.1f} Hz", "", figures)
+        return about(subject, [judged("sample_set", verdict, reason, advice)], figures)
+    reason = f"{n} samples at {rate:.1f} Hz"
+    return about(subject, [ok("sample_set", reason)], figures)

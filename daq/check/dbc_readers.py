@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dbc import Codec
-from dbc.finding import Severity
+from dbc.finding import Finding, Severity
 from dbc.witness.second_reader import Witness, WitnessReport
 
 from ..bench.config import Bench
-from .result import CheckLine
 
 _ADVICE = "one of the two is wrong: compare with the sensor's data sheet, and report it to us"
 
@@ -19,7 +18,7 @@ def bench_witness(bench: Bench, codec: Codec) -> Witness:
     return Witness(bench.dbc_text, bench.dbc_name, codec, known)
 
 
-def reader_lines(reading: WitnessReport) -> list[CheckLine]:
+def reader_lines(reading: WitnessReport) -> list[Finding]:
     """Return a FAIL for each difference; one WARN if cantools cannot read the DBC.
 
     `reading`: what cantools says; nothing gives no line.
@@ -27,13 +26,13 @@ def reader_lines(reading: WitnessReport) -> list[CheckLine]:
     if reading.refusal:
         reason = f"values are not compared, because cantools does not read it: {reading.refusal}"
         advice = "compare some values with the sensors' own tools"
-        return [CheckLine(Severity.WARNING, "DBC", reason, advice)]
+        return [Finding("unread", Severity.WARNING, reason, "DBC", advice)]
     if reading.differences:
         return [
-            CheckLine(Severity.ERROR, f"message {found.message}", found.reason, _ADVICE)
-            for found in reading.differences
+            Finding("readers", Severity.ERROR, each.reason, f"message {each.message}", _ADVICE)
+            for each in reading.differences
         ]
     if not reading.compared:
         return []
     reason = f"our reader and cantools read its {reading.compared} messages in use alike"
-    return [CheckLine(Severity.NOTE, "DBC", reason)]
+    return [Finding("readers", Severity.NOTE, reason, "DBC")]

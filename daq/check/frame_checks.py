@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.crc import CRC_RULES, covered
-from dbc.finding import Severity
+from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.layout import MessageLayout
 from dbc.samples import UNUSABLE, Decoded, Quality
@@ -20,7 +20,7 @@ from ..channels import Quantity
 from ..samples import health
 from ..samples.groups import Timekeeping
 from ..samples.mapping import MappedChannel
-from .result import CheckLine
+from .result import about, fail, judged, ok, warn
 
 _RATE_WARN, _RATE_FAIL = 0.02, 0.10
 _LOST_FAIL = 0.01
@@ -104,7 +104,7 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
 
 def check_traffic(
     messages: Sequence[MessageLayout], table: FrameTable, decoded: Decoded, bitrate: int
-) -> list[CheckLine]:
+) -> list[Finding]:
     """Check the bus as a whole: load, error frames, unknown identifiers."""
     load = table.bits / (bitrate * table.seconds) if table.seconds > 0 else 0.0
     count = sum(len(a.t_ns) for a in (*table.known.values(), *table.unknown))
@@ -113,17 +113,18 @@ def check_traffic(
     advice = "a full bus delays and loses frames: lower rates or take two buses" if heavy else ""
     figures = {"frames": count, "seconds": table.seconds, "load": load}
     verdict = Severity.WARNING if heavy else Severity.NOTE
-    lines = [CheckLine(verdict, "bus", reason, advice, figures)]
+    lines = about("bus", [judged("load", verdict, reason, advice)], figures)
     if decoded.counts.error_frames:
         reason = f"{decoded.counts.error_frames} error frames"
         advice = "check termination (60 ohm between the wires), bit rate and plugs"
-        lines.append(CheckLine(Severity.WARNING, "bus", reason, advice))
+        lines += about("bus", [warn("error_frames", reason, advice)])
     if table.unknown:
-        lines.append(_unknown_line(messages, table.unknown))
+        unknown = _unknown_line(messages, table.unknown)
+        lines += about("bus", [unknown], {"unknown": len(table.unknown)})
     return lines
 
 
-def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]) -> CheckLine:
+def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]) -> Finding:
     shown = ", ".join(f"{_hex(a)} ({a.rate_hz:.0f} Hz)" for a in unknown[:_SHOWN_IDS])
     more = f" and {len(unknown) - _SHOWN_IDS} more" if len(unknown) > _SHOWN_IDS else ""
     reason = f"{len(unknown)} identifiers are not in the DBC: {shown}{more}"
@@ -136,7 +137,7 @@ def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]
             advice = (
                 f"{a.can_id:#x} comes with {bits[0]} bits; the DBC has {twin.name} with {bits[1]}"
             )
-    return CheckLine(Severity.WARNING, "bus", reason, advice, {"unknown": len(unknown)})
+    return warn("unknown_id", reason, advice)
 
 
 def _hex(a: Arrivals) -> str:
@@ -145,7 +146,7 @@ def _hex(a: Arrivals) -> str:
 
 def check_messages(
     mapped: Sequence[MappedChannel], keeping: Timekeeping, table: FrameTable, decoded: Decoded
-) -> list[CheckLine]:
+) -> list[Finding]:
     """Check every message that carries a channel or binds a sample set."""
     carriers = {sample_set.carrier[0] for sample_set in keeping.sets}
     used = {m.message.name for m in mapped if m.channel.quantity is not Quantity.UNUSED}
@@ -153,12 +154,12 @@ def check_messages(
     counters = health.advance(
         tuple(keeping.messages.values()), health.HealthState(), decoded
     ).counters
-    lines: list[CheckLine] = []
+    lines: list[Finding] = []
     for name in names:
         message, arrivals = keeping.messages[name], table.known.get(name)
         if arrivals is None:
             verdict = Severity.ERROR if name in used | carriers else Severity.WARNING
-            lines.append(_missing_line(message, table.unknown, verdict))
+            lines += about(f"message {name}", [_missing_line(message, table.unknown, verdict)])
             continue
         counter = counters.get(name)
         sent = len(arrivals.t_ns) + (counter.missing if counter else 0)
@@ -173,17 +174,14 @@ def check_messages(
         figures = {"rate_hz": rate, "jitter_s": _jitter_s(arrivals), "frames": len(arrivals.t_ns)}
         if not found:
             reason = f"{rate:.1f} Hz, jitter {1e3 * figures['jitter_s']:.2f} ms"
-            found = [(Severity.NOTE, reason, "")]
-        lines += [CheckLine(v, f"message {name}", r, a, figures) for v, r, a in found]
+            found = [ok("rate", reason)]
+        lines += about(f"message {name}", found, figures)
     return lines
-
-
-Found = tuple[Severity, str, str]
 
 
 def _missing_line(
     message: MessageLayout, unknown: Sequence[Arrivals], verdict: Severity
-) -> CheckLine:
+) -> Finding:
     width = " with 29 bits" if message.is_extended else ""
     reason = f"no frame with identifier {message.can_id:#x}{width}"
     advice = "is the sensor on, set to this identifier, and set to send?"
@@ -195,7 +193,7 @@ def _missing_line(
     ]
     if alike:
         advice += f" {', '.join(alike[:3])} has its length and rate"
-    return CheckLine(verdict, f"message {message.name}", reason, advice)
+    return judged("absent", verdict, reason, advice)
 
 
 def _jitter_s(arrivals: Arrivals) -> float:
@@ -208,17 +206,17 @@ def _jitter_s(arrivals: Arrivals) -> float:
 
 def _rate_lines(
     message: MessageLayout, arrivals: Arrivals, sent: int, table: FrameTable, has_time: bool
-) -> list[Found]:
+) -> list[Finding]:
     rate, found = arrivals.rate_hz * sent / len(arrivals.t_ns), []
     last_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
     if last_s > max(_SILENT_S, 10 * (message.cycle_s or 0.0)):
-        found.append(
-            (Severity.ERROR, f"silent for the last {last_s:.2f} s", "check plug and power")
-        )
+        reason = f"silent for the last {last_s:.2f} s"
+        found.append(fail("stale", reason, "check plug and power"))
     if message.cycle_s is None:
         if message.counter is not None and not has_time and rate > 0:
             reason = f"{rate:.1f} Hz; without a cycle time its counter gives no sample times"
-            found.append((Severity.WARNING, reason, f"state cycle_ms = {1e3 / rate:.3g} for it"))
+            advice = f"state cycle_ms = {1e3 / rate:.3g} for it"
+            found.append(warn("no_cycle", reason, advice))
         return found
     expected = 1 / message.cycle_s
     off = rate / expected - 1
@@ -226,28 +224,28 @@ def _rate_lines(
         verdict = Severity.ERROR if abs(off) > _RATE_FAIL else Severity.WARNING
         reason = f"{rate:.1f} Hz instead of {expected:.1f} Hz"
         advice = f"set the sensor's rate, or state cycle_ms = {1e3 / max(rate, 1e-3):.3g} for it"
-        found.append((verdict, reason, advice))
+        found.append(judged("rate", verdict, reason, advice))
     jitter_s = _jitter_s(arrivals)
     if message.counter is None and not has_time and jitter_s > message.cycle_s / 2:
         reason = f"frames arrive up to {1e3 * jitter_s:.2f} ms off their beat"
         advice = "without counter or time stamp these are errors of the sample times"
-        found.append((Severity.WARNING, reason, advice))
+        found.append(warn("jitter", reason, advice))
     return found
 
 
-def _length_lines(message: MessageLayout, arrivals: Arrivals) -> list[Found]:
+def _length_lines(message: MessageLayout, arrivals: Arrivals) -> list[Finding]:
     n, short = len(arrivals.length), int(np.sum(arrivals.length < message.length))
     long = int(np.sum(arrivals.length > message.length))
     sizes = "/".join(str(v) for v in np.unique(arrivals.length[arrivals.length != message.length]))
     says = f"have {sizes} bytes; the DBC says {message.length}"
     if short:
-        return [(Severity.ERROR, f"{short} of {n} frames {says}", "correct the length, or the DBC")]
+        return [fail("length", f"{short} of {n} frames {says}", "correct the length, or the DBC")]
     if long:
-        return [(Severity.WARNING, f"{long} of {n} frames {says}", "what is behind is not decoded")]
+        return [warn("length", f"{long} of {n} frames {says}", "what is behind is not decoded")]
     return []
 
 
-def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded) -> list[Found]:
+def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded) -> list[Finding]:
     if message.crc is None:
         return []
     quality = decoded[f"{message.name}.{message.crc}"].quality
@@ -257,11 +255,11 @@ def _checksum_lines(message: MessageLayout, arrivals: Arrivals, decoded: Decoded
     reason = f"{bad} of {n} frames fail their checksum ({message.crc_rule})"
     others = fitting_rules(arrivals, message.signal(message.crc).first_byte, message.length)
     if others:
-        return [(Severity.ERROR, reason, f"{others[0]} fits: state it as crc_rule in [[message]]")]
+        return [fail("checksum", reason, f"{others[0]} fits: state it as crc_rule in [[message]]")]
     if bad > n / 2:
-        return [(Severity.ERROR, reason, f"another rule than {', '.join(CRC_RULES)}: leave it out")]
+        return [fail("checksum", reason, f"another rule than {', '.join(CRC_RULES)}: leave it out")]
     verdict = Severity.ERROR if bad > _LOST_FAIL * n else Severity.WARNING
-    return [(verdict, reason, "check wiring and power of the sensor")]
+    return [judged("checksum", verdict, reason, "check wiring and power of the sensor")]
 
 
 def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
@@ -276,34 +274,34 @@ def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
 
 def _counter_lines(
     message: MessageLayout, counter: health.CounterHealth, decoded: Decoded
-) -> list[Found]:
+) -> list[Finding]:
     assert message.counter is not None  # held by health.advance
     name = message.counter.signal
     samples = decoded[f"{message.name}.{name}"]
     value = samples.value[(samples.quality & UNUSABLE) == 0]
     if len(value) > 10 and np.all(value == value[0]):
         reason = f"the counter {name} stands still at {value[0]:.0f}"
-        return [(Severity.ERROR, reason, "the sensor hangs, or this is no counter")]
-    found: list[Found] = []
+        return [fail("counter", reason, "the sensor hangs, or this is no counter")]
+    found: list[Finding] = []
     n = counter.received
     step = np.diff(value)
     if len(step) and np.any(value >= message.counter.modulus):
         reason = (
             f"the counter {name} reaches {value.max():.0f}, beyond {message.counter.modulus - 1}"
         )
-        return [(Severity.ERROR, reason, "correct counter_modulus")]
+        return [fail("counter", reason, "correct counter_modulus")]
     if counter.missing:
         verdict = Severity.ERROR if counter.missing > _LOST_FAIL * n else Severity.WARNING
         reason = f"{counter.missing} frames are missing by the counter {name} (of {n})"
         advice = "frames are lost on the way, or the counter counts something else"
-        found.append((verdict, reason, advice))
+        found.append(judged("counter", verdict, reason, advice))
     if counter.restarts:
         reason = f"the counter {name} started anew {counter.restarts} times"
-        found.append((Severity.ERROR, reason, "the sensor restarts: check its power"))
+        found.append(fail("counter", reason, "the sensor restarts: check its power"))
     return found
 
 
-def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded) -> list[Found]:
+def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded) -> list[Finding]:
     clock = keeping.clocks.get(message.name)
     if clock is None:
         return []
@@ -316,7 +314,7 @@ def _clock_lines(message: MessageLayout, keeping: Timekeeping, decoded: Decoded)
     rate = float(np.sum(gap) / (t_s[-1] - t_s[0]))
     reason = f"{clock.signal} runs {rate:.4g} times as fast as the bus's clock"
     if abs(rate - 1) > _CLOCK_FAIL:
-        return [(Severity.ERROR, reason, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}")]
+        return [fail("clock", reason, f"correct time_unit or time_wrap; {CORRECT_MESSAGE}")]
     if abs(rate - 1) > _CLOCK_WARN:
-        return [(Severity.WARNING, reason, "is the host's clock set while measuring?")]
+        return [warn("clock", reason, "is the host's clock set while measuring?")]
     return []

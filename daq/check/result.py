@@ -1,37 +1,38 @@
-"""The line of a bench check."""
+"""The lines of a bench check: findings, with a word for how bad each is."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from types import MappingProxyType
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
-from dbc.finding import Severity
+from dbc.finding import Finding, Severity
 
 WORDS = {Severity.NOTE: "OK", Severity.WARNING: "WARN", Severity.ERROR: "FAIL"}
 """Words for the severities, as printed and as sent to the terminal."""
 
 
-def _nothing() -> Mapping[str, float]:
-    return MappingProxyType({})
+def judged(code: str, severity: Severity, text: str, advice: str = "") -> Finding:
+    """Return a finding whose subject is stated later (`about`)."""
+    return Finding(code, severity, text, advice=advice)
 
 
-@dataclass(frozen=True, slots=True)
-class CheckLine:
-    """One finding, with all that was measured of its subject."""
+def ok(code: str, text: str) -> Finding:
+    """Return what is as it should be."""
+    return judged(code, Severity.NOTE, text)
 
-    verdict: Severity
-    """An error blocks a campaign, a warning is for the operator to judge."""
-    subject: str
-    """``bus``, ``message X``, ``sample set X`` or ``channel X``."""
-    reason: str
-    """The observation, with its numbers."""
-    advice: str = ""
-    """The remedy; empty where nothing need be done."""
-    figures: Mapping[str, float] = field(default_factory=_nothing)
-    """The measured numbers, SI."""
 
-    @property
-    def word(self) -> str:
-        """OK, WARN or FAIL."""
-        return WORDS[self.verdict]
+def warn(code: str, text: str, advice: str) -> Finding:
+    """Return a finding for the operator to judge."""
+    return judged(code, Severity.WARNING, text, advice)
+
+
+def fail(code: str, text: str, advice: str) -> Finding:
+    """Return a finding that blocks a campaign."""
+    return judged(code, Severity.ERROR, text, advice)
+
+
+def about(
+    subject: str, findings: Iterable[Finding], figures: Mapping[str, float] | None = None
+) -> list[Finding]:
+    """Return findings on one subject (``bus``, ``message X``, ``channel X``) with its figures."""
+    return [replace(each, subject=subject, figures=figures or {}) for each in findings]

@@ -9,6 +9,7 @@ from dbc.frames import FrameBatch
 
 from ..bench.config import Bench, bench_codec
 from ..check.check import check_bench
+from ..check.result import WORDS
 from ..control.messages import CheckItem, Reply
 from .orders import OrderError
 
@@ -43,7 +44,9 @@ def _answer(bench: Bench, frames: FrameBatch, answer: Future[Reply]) -> None:
     try:
         report = check_bench(bench, bench_codec(bench), frames, date.today())
         lines = tuple(
-            CheckItem(line.word, line.subject, line.reason, line.advice, dict(line.figures))
+            CheckItem(
+                WORDS[line.severity], line.subject, line.text, line.advice, dict(line.figures)
+            )
             for line in report.lines
         )
     except Exception as error:  # any exception is reported to the client

@@ -11,7 +11,7 @@ from daq.remarks import notes_of, overrides_of
 from daq.runlog.runlog import Override, Remark
 
 
-def test_notes_and_overrides_are_told_with_their_names() -> None:
+def test_notes_and_overrides_are_given_with_their_names() -> None:
     notes = [Remark(1, "step check done"), Remark(2, "tyre changed", "", "MK"),
              Remark(3, "door slammed", "baseline_roll_1", "AB")]  # fmt: skip
     overrides = [Override(4, "channel x", "noisy, but unused", "MK")]
@@ -24,7 +24,7 @@ def test_notes_and_overrides_are_told_with_their_names() -> None:
 
 
 @pytest.mark.parametrize("text", ["plain words", "[1]", '[{"by": 1}]', "{", "[" * 100_000, "7"])
-def test_what_is_not_as_we_write_it_is_told_as_it_is(text: str) -> None:
+def test_what_is_not_as_we_write_it_is_returned_as_it_is(text: str) -> None:
     assert notes_of({"notes": text}) == overrides_of({"overrides": text}) == (text,)
 
 

@@ -28,7 +28,7 @@ async def _seen_by_a_browser(url: str) -> None:
         socket_url = re.search(r'data-session-websocket-url="([^"]+)"', page)
         assert socket_url is not None
         async with browser.ws_connect(f"{socket_url[1]}?width=80&height=24") as terminal:
-            await _until(terminal, b"Ford Granada")  # the recorder has told of it
+            await _until(terminal, b"Ford Granada")  # from its status
             await terminal.send_json(["stdin", "\x1bOP"])  # F1
             await _until(terminal, b"Help")
 

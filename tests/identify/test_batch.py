@@ -37,7 +37,7 @@ def test_a_refused_session_is_a_row_with_its_reasons() -> None:
     assert session_row(session_from_arrays([]))["verdict"] == "refused"
 
 
-def test_only_the_three_worst_reasons_are_told() -> None:
+def test_only_the_three_worst_reasons_are_given() -> None:
     session = refused_session(4)
     result = identify(session)
     told = str(document_row(session, result.document())["reasons"]).split(" | ")

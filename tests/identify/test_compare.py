@@ -76,7 +76,7 @@ def test_a_trend_is_the_weighted_line() -> None:
         assert trend.freedom == 5
 
 
-def test_a_drift_and_a_jump_are_told_apart_from_rest() -> None:
+def test_a_drift_and_a_jump_are_distinguished_from_rest() -> None:
     rows = [[100.0 + i, 10.0, 5.0 + 20.0 * (i == 2), 1.0] for i in range(5)]
     result = compare(list("abcde"), [_result(row, [0.1] * 4) for row in rows])
     drifts = [q.trend.drifts for q in result.parameters if q.trend]

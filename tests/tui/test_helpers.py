@@ -25,13 +25,13 @@ def test_helpers_work_and_leave_nothing_behind() -> None:
     assert active_children() == []
 
 
-def test_a_helper_that_dies_is_told_in_a_line() -> None:
+def test_a_helper_that_dies_is_reported_in_a_line() -> None:
     with pytest.raises(InputError, match="a helper process died"), helpers(LIGHT) as pool:
         pool.submit(os._exit, 1).result()
     assert active_children() == []
 
 
-def test_no_process_to_be_had_is_told_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_process_to_be_had_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> None:
         raise BlockingIOError(11, "Resource temporarily unavailable")
 

@@ -136,7 +136,7 @@ def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
     assert {one["status"] for one in document["runs"]} == {"accepted"}
 
 
-def test_a_loss_in_the_log_is_told_and_is_exit_code_3(
+def test_a_loss_in_the_log_is_reported_and_is_exit_code_3(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, bench: str
 ) -> None:
     log = write_log(tmp_path / "all.log", bumps(small_codec(), 4))

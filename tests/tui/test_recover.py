@@ -24,7 +24,7 @@ def test_a_folder_is_recovered_beside_its_journal(
     assert (told["frames_recorded"], told["loss"]) == (40_000, "")
 
 
-def test_a_loss_is_told_exactly_and_is_exit_3(
+def test_a_loss_is_reported_exactly_and_is_exit_3(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     journal_of_runs(tmp_path / "journal", 40_000)

@@ -140,7 +140,7 @@ def test_a_broken_file_is_one_kind_line(session: Path, tmp_path: Path) -> None:
     assert "Traceback" not in last.text
 
 
-def test_a_killed_child_is_told(session: Path) -> None:
+def test_a_killed_child_is_reported(session: Path) -> None:
     killed: list[int] = []
 
     def kill(line: Line) -> None:

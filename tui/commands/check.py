@@ -184,19 +184,21 @@ def _print_report(report: CheckReport) -> None:
 
     for line in report.lines:
         advice = f" -> {line.advice}" if line.advice else ""
-        print_line(f"{line.word:<5}{line.subject:<28} {line.reason}{advice}")
-    counts = [f"{sum(x.word == word for x in report.lines)} {word}" for word in WORDS.values()]
+        print_line(f"{WORDS[line.severity]:<5}{line.subject:<28} {line.text}{advice}")
+    counts = [f"{sum(x.severity is s for x in report.lines)} {word}" for s, word in WORDS.items()]
     print_line(f"{report.word}: {', '.join(counts)}; {report.frames} frames")
 
 
 def _print_document(report: CheckReport) -> None:
+    from daq.check import WORDS
+
     from ..output import print_json
 
     lines = [
         {
-            "verdict": line.word,
+            "verdict": WORDS[line.severity],
             "subject": line.subject,
-            "reason": line.reason,
+            "reason": line.text,
             "advice": line.advice,
             "figures": dict(line.figures),
         }

@@ -57,7 +57,7 @@ def import_(
     from json import dumps
 
     from daq import InputError, bench_codec, read_log, write_session
-    from daq.check import bench_witness, reader_lines
+    from daq.check import WORDS, bench_witness, reader_lines
     from daq.derive import labelled, numbered, parse_runs, session_from_parts, with_steps
     from daq.formats import read_logs
     from dbc import Severity
@@ -116,8 +116,8 @@ def import_(
     for text in _remarks(sources, session, bumps, len(steps)):
         say(text)
     for line in reader_lines(reading):
-        if line.verdict > Severity.NOTE:
-            say(f"{line.word} {line.subject}: {line.reason} ({line.advice})")
+        if line.severity > Severity.NOTE:
+            say(f"{WORDS[line.severity]} {line.subject}: {line.text} ({line.advice})")
     if reading.differences:
         return ExitCode.ANSWER_IS_NO
     lost = any(source.loss.any for source in sources)

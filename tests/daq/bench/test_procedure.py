@@ -10,7 +10,7 @@ EVERY = list(product(Method, Excitation))
 
 
 @pytest.mark.parametrize(("method", "excitation"), EVERY)
-def test_every_bump_is_told_and_sketched(method: Method, excitation: Excitation) -> None:
+def test_every_bump_is_described_and_sketched(method: Method, excitation: Excitation) -> None:
     procedure = Procedure(method, bump_height_m=0.125)
     told = instruction(procedure, excitation)
     assert told.endswith(".")

@@ -115,7 +115,7 @@ def test_bus_off_is_bus_off_whatever_the_counters_say() -> None:
         (0x400, "", "unknown error"),
     ],
 )
-def test_details_are_told_in_words(can_id: int, data: str, text: str) -> None:
+def test_details_are_given_in_words(can_id: int, data: str, text: str) -> None:
     assert of(can_id, data)[1].startswith(text)
 
 

@@ -37,7 +37,7 @@ def converted(
 
 
 @pytest.mark.parametrize("fast", [-80e-6, 0.0, 50e-6])
-def test_an_adapter_since_boot_and_adrift_is_told_in_the_host_s_time(fast: float) -> None:
+def test_an_adapter_since_boot_and_adrift_is_given_in_the_host_s_time(fast: float) -> None:
     true_ns, hardware_ns, kernel_ns = stamps(60.0, fast, 20_000, seed=1)
     error_ns = converted(hardware_ns, kernel_ns) - true_ns
     settled = error_ns[40 * RATE_HZ :]  # five times the time constant of the steering

@@ -142,7 +142,7 @@ class NetworkSource(Source):
         return self.reads in (2, 3)
 
 
-def test_an_interface_that_was_taken_down_is_told_until_frames_come_again() -> None:
+def test_an_interface_that_was_taken_down_is_reported_until_frames_come_again() -> None:
     clock = Clock()
     nothing = FrameBatch.empty()
     source = NetworkSource(clock, [ONE, nothing, nothing, ONE])

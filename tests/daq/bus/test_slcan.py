@@ -212,7 +212,7 @@ def test_the_adapter_is_set_up_on_opening_and_taken_off_the_bus_on_closing() -> 
     assert source._line.closed
 
 
-def test_an_adapter_that_slept_through_its_setup_is_told_again(
+def test_an_adapter_that_slept_through_its_setup_is_set_up_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     source = source_of()

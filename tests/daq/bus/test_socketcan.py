@@ -231,7 +231,7 @@ def test_frames_without_a_stamp_are_stamped_on_arrival_and_counted(feed: Feed) -
     assert feed.clock() is StampClock.ARRIVAL
 
 
-def test_stamps_of_the_adapter_are_preferred_and_told_in_the_host_s_time(
+def test_stamps_of_the_adapter_are_preferred_and_given_in_the_host_s_time(
     feed: Feed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def with_hardware(words: NDArray[np.int64], used: NDArray[np.uintp]) -> abi.Ancillary:
@@ -315,7 +315,7 @@ def faulty(monkeypatch: pytest.MonkeyPatch, feed: Feed) -> Feed:
     return feed
 
 
-def test_an_interface_that_was_taken_down_is_told_and_read_on(faulty: Feed) -> None:
+def test_an_interface_that_was_taken_down_is_reported_and_read_on(faulty: Feed) -> None:
     FaultyBuffers.faults = [errno.ENETDOWN]
     assert len(faulty.read()) == 0
     assert faulty.source.interface_down
@@ -384,7 +384,7 @@ def test_closing_twice_releases_everything_once(feed: Feed) -> None:
     assert open_descriptors() == before
 
 
-def test_a_buffer_that_was_not_granted_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_buffer_that_was_not_granted_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(abi, "SO_RCVBUFFORCE", 9999)  # as without the privilege
     limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
     fed = Feed(udp_pair())
@@ -445,6 +445,6 @@ def test_an_interface_that_is_not_there_leaves_nothing_open(
     assert open_descriptors() == before
 
 
-def test_all_interfaces_at_once_cannot_be_told_apart() -> None:
+def test_all_interfaces_at_once_cannot_be_distinguished() -> None:
     with pytest.raises(BusError, match="names no interface"):
         open_source(BusConfig("socketcan", "", 500_000), 1)

@@ -11,11 +11,10 @@ import pytest
 from daq.bench.config import Bench, bench_codec, load_bench
 from daq.channels import Quantity
 from daq.check.check import CheckReport, check_bench
-from daq.check.result import CheckLine
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import Codec, FrameBatch, FrameFlag, parse_codec
-from dbc.finding import Severity
+from dbc.finding import Finding, Severity
 
 from ..sensor_frames import START_NS
 
@@ -47,8 +46,8 @@ def _check(
     return check_bench(bench or _bench(), codec or _codec(), frames, TODAY)
 
 
-def _bad(report: CheckReport) -> list[CheckLine]:
-    return [line for line in report.lines if line.verdict is not Severity.NOTE]
+def _bad(report: CheckReport) -> list[Finding]:
+    return [line for line in report.lines if line.severity is not Severity.NOTE]
 
 
 def _id(name: str) -> int:
@@ -93,17 +92,17 @@ def test_a_sound_bench_passes_and_says_what_it_measured() -> None:
     z = lines["channel body_acc_z"]
     assert z.figures["level"] == pytest.approx(9.80665, abs=0.2)
     assert z.figures["noise"] == pytest.approx(0.03, rel=0.15)  # as simulated
-    assert "+1 g" in z.reason
+    assert "+1 g" in z.text
     assert lines["channel hub_acc_fl"].figures["noise"] == pytest.approx(0.15, rel=0.15)
     assert report.frames == len(_rest())
 
 
 def test_silence_is_a_failure() -> None:
     (line,) = _check(FrameBatch.empty()).lines
-    assert (line.verdict, line.reason) == (Severity.ERROR, "no frame was received")
+    assert (line.severity, line.text) == (Severity.ERROR, "no frame was received")
 
 
-def _one(frames: FrameBatch, bench: Bench | None = None, codec: Codec | None = None) -> CheckLine:
+def _one(frames: FrameBatch, bench: Bench | None = None, codec: Codec | None = None) -> Finding:
     """Check, and return the line of the only fault."""
     bad = _bad(_check(frames, bench, codec))
     assert len(bad) == 1, bad
@@ -116,15 +115,15 @@ def test_a_log_that_a_trigger_wrote_is_checked_without_its_pauses() -> None:
     # 0.5 s and 2.5 s of it, 10 s apart: by time 40,000 frames are missing between them.
     paused = replace(frames, t_ns=frames.t_ns + np.where(since_s > 0.5, 10 * 10**9, 0))
     (bad,) = _bad(_check(paused))
-    assert (bad.verdict, bad.subject) == (Severity.WARNING, "bus")
-    assert bad.reason.startswith("a pause without any frame, 10.0 s in all")
-    assert bad.reason.endswith("longest stretch without one, 2.5 s")
+    assert (bad.severity, bad.subject) == (Severity.WARNING, "bus")
+    assert bad.text.startswith("a pause without any frame, 10.0 s in all")
+    assert bad.text.endswith("longest stretch without one, 2.5 s")
 
 
 def test_wrong_sign() -> None:
     line = _one(_rest(), _channel("hub_acc_rl", sign=-1.0))
-    assert (line.verdict, line.subject) == (Severity.ERROR, "channel hub_acc_rl")
-    assert "upside down" in line.reason
+    assert (line.severity, line.subject) == (Severity.ERROR, "channel hub_acc_rl")
+    assert "upside down" in line.text
     assert line.advice == "set sign = 1"
 
 
@@ -138,14 +137,14 @@ def test_wrong_sign() -> None:
 def test_wrong_unit_of_a_hub(signal_unit: str, factor: float, advice: str) -> None:
     bad = _bad(_check(_rest(), _channel("hub_acc_fl", signal_unit=signal_unit)))
     line = bad[0]
-    assert line.verdict is Severity.ERROR
-    assert f"{factor:.4g} times gravity" in line.reason
+    assert line.severity is Severity.ERROR
+    assert f"{factor:.4g} times gravity" in line.text
     assert advice in line.advice
 
 
 def test_metres_per_second_squared_taken_for_g() -> None:
     line = _one(_rest(), _channel("body_acc_z", signal_unit="g"))
-    assert line.verdict is Severity.ERROR
+    assert line.severity is Severity.ERROR
     assert 'state signal_unit = "m/s2"' in line.advice
 
 
@@ -156,7 +155,7 @@ def test_gravity_upside_down_in_a_wrong_unit() -> None:
 
 def test_wrong_axis() -> None:
     line = _one(_rest(), _channel("body_acc_z", signal="IMU_Accel.acc_x"))
-    assert (line.verdict, line.subject) == (Severity.ERROR, "channel body_acc_z")
+    assert (line.severity, line.subject) == (Severity.ERROR, "channel body_acc_z")
     assert 'take signal = "IMU_Accel.acc_z"' in line.advice
 
 
@@ -168,7 +167,7 @@ def test_no_gravity_is_said_and_allowed() -> None:
     report = _check(_with_payload("IMU_Accel", center))
     assert _bad(report) == []
     (line,) = [x for x in report.lines if x.subject == "channel body_acc_z"]
-    assert "no gravity (AC-coupled, or tared in the sensor)" in line.reason
+    assert "no gravity (AC-coupled, or tared in the sensor)" in line.text
 
 
 def test_a_tare_takes_nothing_from_the_proof_by_gravity() -> None:
@@ -180,8 +179,8 @@ def test_a_missing_message_and_who_may_be_it() -> None:
     can_id = np.where(frames.can_id == _id("SUSP_Rear"), 0x3A1, frames.can_id).astype(np.uint32)
     moved = FrameBatch(frames.t_ns, can_id, frames.flags, frames.bus, frames.length, frames.data)
     unknown, missing, *channels = _bad(_check(moved))
-    assert unknown.reason.startswith("1 identifiers are not in the DBC: 0x3a1 (500 Hz)")
-    assert (missing.verdict, missing.subject) == (Severity.ERROR, "message SUSP_Rear")
+    assert unknown.text.startswith("1 identifiers are not in the DBC: 0x3a1 (500 Hz)")
+    assert (missing.severity, missing.subject) == (Severity.ERROR, "message SUSP_Rear")
     assert "0x3a1 has its length and rate" in missing.advice
     assert [line.subject for line in channels] == ["channel travel_rl", "channel travel_rr"]
 
@@ -201,8 +200,8 @@ def test_half_the_rate() -> None:
 
     frames = _with_payload("IMU_Rate", count_on)
     line = _one(frames.select(np.setdiff1d(np.arange(len(frames)), rows[1::2])))
-    assert (line.verdict, line.subject) == (Severity.ERROR, "message IMU_Rate")
-    assert line.reason == "250.0 Hz instead of 500.0 Hz"
+    assert (line.severity, line.subject) == (Severity.ERROR, "message IMU_Rate")
+    assert line.text == "250.0 Hz instead of 500.0 Hz"
     assert "cycle_ms = 4" in line.advice
 
 
@@ -210,14 +209,14 @@ def test_frames_lost_on_the_way() -> None:
     rows = np.flatnonzero(_rest().can_id == _id("HUB_Front"))
     lost = rows[100:2000:100]
     line = _one(_rest().select(np.setdiff1d(np.arange(len(_rest())), lost)))
-    assert line.verdict is Severity.WARNING
-    assert line.reason.startswith("19 frames are missing by the counter counter")
+    assert line.severity is Severity.WARNING
+    assert line.text.startswith("19 frames are missing by the counter counter")
 
 
 def test_a_sensor_that_fell_silent() -> None:
     gone = (_rest().can_id == _id("SUSP_Front")) & (_rest().t_ns > START_NS + 1_500_000_000)
     bad = _bad(_check(_rest().select(~gone)))
-    assert bad[0].reason.startswith("silent for the last 1.5")
+    assert bad[0].text.startswith("silent for the last 1.5")
     assert {line.subject for line in bad} == {"message SUSP_Front"}
 
 
@@ -226,7 +225,7 @@ def test_a_counter_that_stands_still() -> None:
         part[:, 4] = 7
 
     line = _one(_with_payload("HUB_Rear", stop))
-    assert (line.verdict, line.reason) == (Severity.ERROR, "the counter counter stands still at 7")
+    assert (line.severity, line.text) == (Severity.ERROR, "the counter counter stands still at 7")
 
 
 @pytest.mark.parametrize(("every", "verdict"), [(50, Severity.ERROR), (500, Severity.WARNING)])
@@ -235,10 +234,10 @@ def test_checksum_errors(every: int, verdict: Severity) -> None:
         part[5::every, 0] ^= 4
 
     bad = _bad(_check(_with_payload("SUSP_Rear", flip, crc_too=False)))
-    assert bad[0].verdict is verdict
-    assert "fail their checksum (crc8_j1850)" in bad[0].reason
+    assert bad[0].severity is verdict
+    assert "fail their checksum (crc8_j1850)" in bad[0].text
     assert {line.subject for line in bad[1:]} == {"channel travel_rl", "channel travel_rr"}
-    assert all("the checksum fails" in line.reason for line in bad[1:])
+    assert all("the checksum fails" in line.text for line in bad[1:])
 
 
 def test_another_checksum_rule_is_found() -> None:
@@ -253,10 +252,8 @@ def test_frames_of_a_wrong_length() -> None:
     short = np.where(frames.can_id == _id("IMU_Accel"), 5, frames.length).astype(np.uint8)
     cut = FrameBatch(frames.t_ns, frames.can_id, frames.flags, frames.bus, short, frames.data)
     bad = _bad(_check(cut))
-    assert bad[0].reason == "1500 of 1500 frames have 5 bytes; the DBC says 8"
-    assert "too short to hold it" in next(
-        x.reason for x in bad if x.subject == "channel body_acc_z"
-    )
+    assert bad[0].text == "1500 of 1500 frames have 5 bytes; the DBC says 8"
+    assert "too short to hold it" in next(x.text for x in bad if x.subject == "channel body_acc_z")
 
 
 def test_a_stuck_sensor() -> None:
@@ -264,8 +261,8 @@ def test_a_stuck_sensor() -> None:
         part[:, 2:4] = part[0, 2:4]
 
     line = _one(_with_payload("HUB_Front", freeze))
-    assert (line.verdict, line.subject) == (Severity.ERROR, "channel hub_acc_fr")
-    assert line.reason.startswith("stuck: all 3")
+    assert (line.severity, line.subject) == (Severity.ERROR, "channel hub_acc_fr")
+    assert line.text.startswith("stuck: all 3")
 
 
 def test_a_saturated_sensor() -> None:
@@ -274,22 +271,22 @@ def test_a_saturated_sensor() -> None:
 
     bad = _bad(_check(_with_payload("HUB_Front", clip)))
     assert {line.subject for line in bad} == {"channel hub_acc_fl"}
-    assert any("at the end of its range" in line.reason for line in bad)
+    assert any("at the end of its range" in line.text for line in bad)
 
 
 def test_travel_that_is_not_zero_or_cannot_be() -> None:
     line = _one(_rest(), _channel("travel_fl", tare=0.1))
-    assert line.verdict is Severity.WARNING
+    assert line.severity is Severity.WARNING
     tare = float(line.advice.split("=")[1].split()[0])
     assert _bad(_check(_rest(), _channel("travel_fl", tare=tare))) == []
     bad = _bad(_check(_rest(), _channel("travel_rl", signal_unit="m")))
-    (line,) = [line for line in bad if line.verdict is Severity.ERROR]
+    (line,) = [line for line in bad if line.severity is Severity.ERROR]
     assert 'state signal_unit = "mm"' in line.advice
 
 
 def test_a_rate_with_an_offset() -> None:
     line = _one(_rest(), _channel("pitch_rate", tare=-0.05))
-    assert (line.verdict, line.subject) == (Severity.WARNING, "channel pitch_rate")
+    assert (line.severity, line.subject) == (Severity.WARNING, "channel pitch_rate")
 
 
 def test_error_frames_and_foreign_traffic_are_warnings() -> None:
@@ -303,7 +300,7 @@ def test_error_frames_and_foreign_traffic_are_warnings() -> None:
     )
     frames = FrameBatch.concatenate([_rest(), extra])
     report = _check(frames.select(np.argsort(frames.t_ns, kind="stable")))
-    assert [line.reason.split(":")[0] for line in _bad(report)] == [
+    assert [line.text.split(":")[0] for line in _bad(report)] == [
         "10 error frames",
         "1 identifiers are not in the DBC",
     ]
@@ -319,7 +316,7 @@ def test_error_frames_and_foreign_traffic_are_warnings() -> None:
 )
 def test_an_old_calibration_is_noted(day: str, reason: str) -> None:
     line = _one(_rest(), _channel("hub_acc_rr", calibrated=day, serial_number="17"))
-    assert (line.verdict, line.reason) == (Severity.WARNING, reason)
+    assert (line.severity, line.text) == (Severity.WARNING, reason)
     assert _bad(_check(_rest(), _channel("hub_acc_rr", calibrated="2026-05-01"))) == []
 
 
@@ -327,16 +324,16 @@ def test_a_moving_car_is_not_at_rest() -> None:
     car = SimulatedCar(lead_s=0.5, tail_s=2.5)
     frames = next(iter(campaign_frames(_bench(), _codec(), car, 1, START_NS)))
     report = _check(frames)
-    moving = {x.subject for x in _bad(report) if "not at rest" in x.reason}
+    moving = {x.subject for x in _bad(report) if "not at rest" in x.text}
     assert moving >= {"channel body_acc_z", "channel travel_fl", "channel pitch_rate"}
     # Half a second of rest is enough to be sure of units and signs all the same.
-    assert not [x for x in report.lines if "upside down" in x.reason or "wrong" in x.reason]
+    assert not [x for x in report.lines if "upside down" in x.text or "wrong" in x.text]
 
 
 def test_a_bench_that_cannot_trigger() -> None:
     channels = tuple(c for c in _bench().channels if c.quantity is Quantity.SUSPENSION_TRAVEL)
     line = _one(_rest(), replace(_bench(), channels=channels))
-    assert (line.verdict, line.subject) == (Severity.ERROR, "trigger")
+    assert (line.severity, line.subject) == (Severity.ERROR, "trigger")
 
 
 def test_a_sentinel_for_no_value_is_named() -> None:
@@ -348,16 +345,16 @@ def test_a_sentinel_for_no_value_is_named() -> None:
 
     bad = _bad(_check(_with_payload("SUSP_Front", absent), codec=codec))
     assert {line.subject for line in bad} == {"channel travel_fl"}
-    assert bad[0].verdict is Severity.ERROR
+    assert bad[0].severity is Severity.ERROR
 
 
 def test_a_channel_without_a_clock_says_so() -> None:
     text = _bench().dbc_text.replace('BA_ "GenMsgCycleTime" BO_ 257 2;', "")
     line = _one(_rest(), codec=parse_codec(text, "no cycle"))
-    assert line.verdict is Severity.WARNING
+    assert line.severity is Severity.WARNING
     assert "state cycle_ms = 2" in line.advice
 
 
 def test_a_guessed_position_is_warned_of() -> None:
     bench = _channel("body_acc_z", position_sigma_m=0.5)
-    assert "its position is a guess" in _one(_rest(), bench).reason
+    assert "its position is a guess" in _one(_rest(), bench).text

@@ -276,7 +276,7 @@ def test_ids_that_look_like_processes_are_only_looked_at(server: Server, address
     assert "\x1b" not in raw(address, hello("y", "Berta")).error
 
 
-def test_an_engine_that_does_not_answer_is_told_of(
+def test_an_engine_that_does_not_answer_is_reported(
     server: Server, engine: Engine, address: Address, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("daq.control.server.ANSWER_S", 0.3)

@@ -286,7 +286,9 @@ def test_names_lead_to_no_other_folder(tmp_path: Path, session: Session) -> None
         _export(replace(session, runs=(run, replace(run, mass_state="..:..|x\t"))), path)
 
 
-def test_what_a_library_cannot_write_is_told_in_one_line(tmp_path: Path, session: Session) -> None:
+def test_what_a_library_cannot_write_is_reported_in_one_line(
+    tmp_path: Path, session: Session
+) -> None:
     early = replace(session.runs[0], t0_ns=-(2**62))
     with pytest.raises(InputError, match=r"car\.mf4: cannot be written"):
         _export(replace(session, runs=(early,)), tmp_path / "car.mf4")

@@ -25,7 +25,7 @@ def test_a_crash_image_loses_nothing_that_was_acknowledged(tmp_path: Path) -> No
     assert images(tmp_path, 300, seed=12) > 0
 
 
-def test_an_operation_that_fails_loses_nothing_and_is_told_of(tmp_path: Path) -> None:
+def test_an_operation_that_fails_loses_nothing_and_is_reported(tmp_path: Path) -> None:
     operations = [*range(1, 24, 2), *range(30, 201, 34)]
     assert faults(tmp_path, operations) == len(KINDS) * len(operations)
 
@@ -46,7 +46,7 @@ def test_a_mounted_disk_that_is_full_costs_nothing_while_memory_holds(tmp_path: 
 
 
 @pytest.mark.parametrize("how", TAKINGS.values(), ids=TAKINGS)
-def test_what_is_taken_away_is_told_of(tmp_path: Path, how: Callable[[Path], object]) -> None:
+def test_what_is_taken_away_is_reported(tmp_path: Path, how: Callable[[Path], object]) -> None:
     assert take_away(tmp_path / "journal", how) <= 2.0
 
 

@@ -141,7 +141,7 @@ def test_hours_without_a_run_go_from_the_open_recording_and_are_no_loss(tmp_path
     assert {event.code for event in contents.events} == {"retention"}
 
 
-def test_recordings_in_a_folder_are_told_apart(tmp_path: Path) -> None:
+def test_recordings_in_a_folder_are_distinguished(tmp_path: Path) -> None:
     bump = Event(START_NS, "bump", 1.0, "baseline_bounce_1")
     first = record(tmp_path, "a", range(5), bump)
     with JournalWriter(tmp_path, head("b"), RecorderConfig(), QuickFile) as writer:

@@ -47,7 +47,7 @@ def heard(listener: socket.socket) -> list[str]:
             return lines
 
 
-def test_a_second_recorder_is_told_who_has_the_folder(tmp_path: Path) -> None:
+def test_a_second_recorder_learns_who_has_the_folder(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "today"
     code = (
         "import sys; from pathlib import Path; from daq.control.lock import lone_recorder\n"

@@ -104,7 +104,7 @@ def test_runs_are_labelled_in_the_order_of_the_campaign_and_stored(
     assert {run.status for run in recording.run_log.runs} == {LoggedStatus.ACCEPTED}
 
 
-def test_a_bump_that_nobody_waits_for_is_told_and_consumes_nothing(
+def test_a_bump_that_is_not_due_is_reported_and_consumes_nothing(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
     recording = Recording(quick, codec, journal)
@@ -144,7 +144,7 @@ def test_the_status_says_what_is_due_and_what_is_going_on(
     assert [tally.accepted for tally in status.tallies] == [1, 0, 0, 0]
 
 
-def test_live_samples_are_told_once_and_kept_for_those_who_come_later(
+def test_live_samples_are_published_once_and_kept_for_those_who_come_later(
     quick: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
     recording = Recording(quick, codec, journal)
@@ -215,7 +215,7 @@ def test_a_block_that_cannot_be_stored_is_not_used(bench: Bench, codec: Codec) -
     assert status_of(recording).t_ns == 0
 
 
-def test_stamps_of_another_epoch_are_told_once(
+def test_stamps_of_another_epoch_are_reported_once(
     bench: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
     recording = Recording(bench, codec, journal)

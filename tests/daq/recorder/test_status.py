@@ -34,12 +34,12 @@ def _size(runs: tuple[LoggedRun, ...]) -> int:
     return len(STATUS.dump_json(replace(a_status(), runs=runs)))
 
 
-def test_a_campaign_is_told_whole() -> None:
+def test_a_campaign_is_published_whole() -> None:
     run_log = _run_log(CAMPAIGN)
     assert status_runs(run_log) == run_log.runs
 
 
-def test_of_weeks_all_runs_are_told_with_what_stood_against_them() -> None:
+def test_of_weeks_all_runs_are_published_with_what_stood_against_them() -> None:
     run_log = _run_log(WEEKS)
     status = status_runs(run_log)
     assert [run.label for run in status] == [run.label for run in run_log.runs]

@@ -66,7 +66,7 @@ def test_no_run_is_open_after_a_restart_whatever_is_undone() -> None:
     assert stand(BUMP, REJECT, UNDO, resumed) == (LoggedStatus.REJECTED, "", ("cut",))
 
 
-def test_a_value_that_is_no_number_can_be_told_to_clients() -> None:
+def test_a_value_that_is_no_number_can_be_sent_to_clients() -> None:
     odd = Finding("wrong_mode", Severity.NOTE, "no ratio", "", "", float("nan"), float("inf"), "")
     run_log = fold([BUMP, verdict_entry(2, RUN, [odd])])
     from dataclasses import replace

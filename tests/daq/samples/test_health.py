@@ -72,7 +72,7 @@ def test_what_is_not_decoded_is_counted_by_kind() -> None:
     assert found.wrong_length == 1
 
 
-def test_a_restart_of_a_sensor_is_told_and_not_taken_for_loss() -> None:
+def test_a_restart_of_a_sensor_is_reported_and_not_taken_for_loss() -> None:
     first, second = _frames(300), _frames(300)
     later = FrameBatch(
         second.t_ns + 300_000_000,

@@ -132,7 +132,7 @@ def test_a_restless_channel_is_named_and_left_out_until_it_rests() -> None:
     assert bumps == [("bump", 20.0), ("run_end", 21.0), ("bump", 36.0), ("run_end", 37.0)]
 
 
-def test_a_clock_that_is_set_back_starts_over_and_is_told() -> None:
+def test_a_clock_that_is_set_back_starts_over_and_is_reported() -> None:
     t_ns, value = _channel(8.0, (6.0,))
     jumped = np.where(t_ns < START_NS + 3_000_000_000, t_ns, t_ns - 3_600_000_000_000)
     state = TriggerState()

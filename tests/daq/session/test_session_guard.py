@@ -178,7 +178,7 @@ def _child_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, code: str) -> N
         ('import sys; sys.stdout.write("\\2" + "\\0" * 7 + "{}")', "broke off"),
     ],
 )
-def test_what_becomes_of_the_child_is_told_in_one_line(
+def test_what_becomes_of_the_child_is_reported_in_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, path: Path, code: str, what: str
 ) -> None:
     _child_runs(monkeypatch, tmp_path, code)

@@ -62,7 +62,7 @@ def test_late_is_not_lost_where_a_counter_tells_the_time(
     assert found.passed == passed
 
 
-def test_the_time_of_a_second_bump_is_told() -> None:
+def test_the_time_of_a_second_bump_is_reported() -> None:
     moving = motion("linear", BASELINE, Excitation.BOUNCE, 1.0, (0.84, 1.0))
     findings, _ = judged(ALL, windowed(ALL, moving, 3))
     found = next(finding for finding in findings if finding.code == "double_bump")

@@ -50,7 +50,7 @@ def test_the_right_structure_explains_the_car(name: str, structure: Structure, n
     for parameter, e in found.items():
         truth = true_value(name, parameter)
         assert abs(e.value - truth) < 4.0 * e.std, parameter
-        # What is told apart from zero here is so by more than three standard deviations.
+        # What is distinguished from zero here is so by more than three standard deviations.
         assert e.std < 0.3 * abs(truth), parameter
 
 

@@ -123,7 +123,7 @@ def test_a_refused_session_has_a_page_with_its_reason_first() -> None:
 
 
 @pytest.mark.parametrize("verdict", list(Verdict))
-def test_a_verdict_is_told_without_colour(verdict: Verdict) -> None:
+def test_a_verdict_is_legible_without_colour(verdict: Verdict) -> None:
     report = replace(reported("linear"), verdict=verdict, sections=())
     text = html_of(report)
     assert f"verdict: {verdict}" in text

@@ -199,7 +199,7 @@ def test_a_coarse_quiet_channel_is_not_stuck(lsb: float) -> None:
     assert sampling_findings(session) == ()
 
 
-def test_losses_counted_by_the_recorder_are_told() -> None:
+def test_losses_counted_by_the_recorder_are_reported() -> None:
     session = with_runs(
         campaign("linear", 1),
         lambda run: replace(run, losses=Losses(counter_gaps=2, crc_bad=1, unknown_id=50)),

@@ -118,7 +118,7 @@ def test_a_rounded_top_is_not_a_flat_one(lsb: float) -> None:
     ("at_s", "severity"),
     [(REST_S + 0.05, Severity.NOTE), (AFTER_BUMP_S + 0.05, Severity.WARNING)],
 )
-def test_samples_out_of_range_are_told(at_s: float, severity: Severity) -> None:
+def test_samples_out_of_range_are_reported(at_s: float, severity: Severity) -> None:
     def flagged(group: SampleGroup) -> SampleGroup:
         quality = group.quality.copy()
         quality[np.searchsorted(group.time_s, at_s)] |= Quality.OUT_OF_RANGE

@@ -243,6 +243,6 @@ def test_truth_by_structure() -> None:
     assert true_value("cg_offset", "y_s") == 0.03
 
 
-def test_the_vehicle_that_is_told_is_handed_on() -> None:
+def test_the_vehicle_that_is_stated_is_handed_on() -> None:
     told = Vehicle("prototype", structure=Structure(tyre_damping=True))
     assert stress_session("tyre_damping", 1, vehicle=told).vehicle is told

@@ -97,7 +97,7 @@ def test_residuals_more_coloured_than_the_rest_are_a_misfit_too() -> None:
     assert doubtful(findings.values()) == ["whiteness"]
 
 
-def test_a_little_colour_is_told_only_where_the_samples_are_many() -> None:
+def test_a_little_colour_is_reported_only_where_the_samples_are_many() -> None:
     estimation = estimated("linear", 1)
     assert whiteness_findings(with_residuals(estimation, coloured(0.03, 3))) == ()
     assert doubtful(whiteness_findings(with_residuals(estimation, coloured(0.2, 3))))

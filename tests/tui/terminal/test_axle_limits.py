@@ -1,4 +1,4 @@
-"""What the axles may carry: told once, kept, and held against the weights."""
+"""What the axles may carry: asked once, kept, and held against the weights."""
 
 from __future__ import annotations
 

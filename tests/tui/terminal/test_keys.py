@@ -176,7 +176,7 @@ async def test_a_viewer_gives_no_orders_until_it_has_taken_over(make_app: MakeAp
         assert "VIEWER" in screen_text(app).splitlines()[0]
 
 
-async def test_a_lost_recorder_is_told_everywhere_and_restarted(make_app: MakeApp) -> None:
+async def test_a_lost_recorder_is_shown_everywhere_and_restarted(make_app: MakeApp) -> None:
     recorder = _bench()
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
@@ -195,7 +195,7 @@ async def test_a_lost_recorder_is_told_everywhere_and_restarted(make_app: MakeAp
         assert "RECORDER LOST" not in screen_text(app)
 
 
-async def test_a_refusal_is_told_and_changes_nothing(make_app: MakeApp) -> None:
+async def test_a_refusal_is_shown_and_changes_nothing(make_app: MakeApp) -> None:
     recorder = _bench()
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:

@@ -206,7 +206,7 @@ async def test_space_does_not_begin_the_zero_again_while_it_is_measured(make_app
         assert screen._zeroed
 
 
-async def test_who_looks_on_is_told_to_take_control_first(make_app: MakeApp) -> None:
+async def test_who_looks_on_is_asked_to_take_control_first(make_app: MakeApp) -> None:
     recorder = _bench()
     recorder.in_control = False
     app = make_app(recorder)
