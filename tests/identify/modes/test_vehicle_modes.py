@@ -1,4 +1,4 @@
-"""Modes from sensors with clocks of their own; left and right distinguished where they are alike."""
+"""Modes from sensors with clocks of their own, symmetric or antisymmetric where sides are alike."""
 
 from __future__ import annotations
 
