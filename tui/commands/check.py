@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say, say_left_out
+from ..options import BenchFile
 
 if TYPE_CHECKING:
     from daq import Bench
@@ -16,9 +17,7 @@ if TYPE_CHECKING:
 
 
 def check(
-    bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")
-    ] = None,
+    bench: BenchFile = None,
     log: Annotated[Path | None, typer.Option(help="A bus log instead of a live bus.")] = None,
     seconds: Annotated[
         float, typer.Option(help="Seconds of traffic to check.", min=0.1, max=600)

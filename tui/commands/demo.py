@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from .cars import CarName
+from ..options import CarName
 
 _PATIENCE_S = 10.0
 """Longer than the recorder needs for the last frames."""

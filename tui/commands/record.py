@@ -8,12 +8,11 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import BenchFile
 
 
 def record(
-    bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")
-    ] = None,
+    bench: BenchFile = None,
     out: Annotated[Path, typer.Option(help="Folder for journal and sessions.")] = Path(),
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .cars import CarName
+from ..options import BenchFile, CarName
 
 
 def simulate(
-    bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")
-    ] = None,
+    bench: BenchFile = None,
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")] = 1,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import BenchFile
 from ..terminal.state.glyphs import GlyphSet
 
 if TYPE_CHECKING:
@@ -18,9 +19,7 @@ FAULTS = ("double-bump", "overload", "lost-frames", "weak", "wrong-mode", "unplu
 
 
 def tui(
-    bench: Annotated[
-        Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")
-    ] = None,
+    bench: BenchFile = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the recorder.")] = None,
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,

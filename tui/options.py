@@ -1,7 +1,8 @@
-"""The option `--car` of the commands that simulate one."""
+"""Arguments and options that several commands have; they load nothing."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -16,3 +17,5 @@ CarName = Annotated[
     ),
 ]
 """Names of `daq.sim.cars.car_names`; written out, so that --help reads no file."""
+
+BenchFile = Annotated[Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")]
