@@ -288,12 +288,12 @@ def test_the_check_passes_a_good_sensor_and_finds_a_wrong_time_unit() -> None:
     bench = _bench("xsens_mti")
     codec = bench_codec(bench)
     good = check_bench(bench, codec, frame_batch(_xsens_rows(500, 100)), TODAY)
-    assert [line.reason for line in good.lines if line.verdict is Severity.ERROR] == []
-    assert "+1 g" in next(x.reason for x in good.lines if x.subject == "channel body_acc_z")
+    assert [line.text for line in good.lines if line.severity is Severity.ERROR] == []
+    assert "+1 g" in next(x.text for x in good.lines if x.subject == "channel body_acc_z")
     bad = check_bench(bench, codec, frame_batch(_xsens_rows(500, 1)), TODAY)
-    (line,) = [x for x in bad.lines if x.verdict is Severity.ERROR]
+    (line,) = [x for x in bad.lines if x.severity is Severity.ERROR]
     assert line.subject == "message SampleTime"
-    assert "runs 99.99 times as fast" in line.reason
+    assert "runs 99.99 times as fast" in line.text
 
 
 def test_a_wrong_time_unit_does_not_spoil_the_times() -> None:
