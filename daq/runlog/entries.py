@@ -13,9 +13,9 @@ from .runlog import Code
 from .stored_finding import finding_record
 
 
-def entry(code: Code, t_ns: int, value: float = 0.0, **body: Any) -> Event:
+def entry(code: Code, t_ns: int, **body: Any) -> Event:
     """Return an event with a JSON text."""
-    return Event(t_ns, code, value, json.dumps(body, sort_keys=True))
+    return Event(t_ns, code, 0.0, json.dumps(body, sort_keys=True))
 
 
 def verdict_entry(t_ns: int, label: str, findings: Iterable[Finding]) -> Event:

@@ -32,8 +32,6 @@ BLOCK_S = 0.02
 """Host time between blocks, s: each costs some milliseconds, however short it is."""
 PATIENCE_S = (1.0, 1.6)
 """After arming somebody bumps the car between so early and so late."""
-WIGGLE_S = 3.0
-"""From one push on a corner to the next, while somebody checks the bench."""
 
 
 class SimulatedBench:
@@ -47,8 +45,7 @@ class SimulatedBench:
     infinite: `read` waits for nothing and returns piece after piece.  `wish`: returns the
     recorder's status: the car is bumped when it is armed, as the step that is due says.  None
     leaves the car alone.  `fault`: spoils the second bump, and none after it.  `start_ns`: time
-    stamp of the start, ns since 1970 UTC.  `wiggles`: push corner after corner (FL FR RL RR) as
-    long as there is no run and none is armed.  Raises InputError as `daq.sim.ecu.campaign_frames`.
+    stamp of the start, ns since 1970 UTC.  Raises InputError as `daq.sim.ecu.campaign_frames`.
     """
 
     def __init__(
@@ -61,7 +58,6 @@ class SimulatedBench:
         wish: Callable[[], Status | None] = lambda: None,
         fault: Fault | None = None,
         start_ns: int = 0,
-        wiggles: bool = False,
     ) -> None:
         self._bench = bench
         self._rig = rig_of(bench, codec, car, seed)
@@ -82,8 +78,6 @@ class SimulatedBench:
         self._plugged_s = 0.0  # again
         self._asked: deque[Corner] = deque()
         self._notes: int | None = None  # of the recording, seen
-        self._corners = deque(Corner)
-        self._wiggle_s = WIGGLE_S if wiggles else np.inf
         self._host_s = time.monotonic()
 
     @property
@@ -163,10 +157,6 @@ class SimulatedBench:
         self._heed(status.notes)
         if self._asked:
             self._begin(self._acts.push(self._mass_state, self._asked.popleft()))
-        elif status.phase is Phase.IDLE and not status.runs and self._done_s >= self._wiggle_s:
-            self._wiggle_s = self._done_s + WIGGLE_S
-            self._begin(self._acts.push(self._mass_state, self._corners[0]))
-            self._corners.rotate(-1)
 
     def _heed(self, notes: Sequence[Remark]) -> None:
         """Push the corner that a new mark asks for: `wiggle FL`, as the bench check sets it."""

@@ -106,15 +106,14 @@ def finding(
     unit: str,
     text: str,
     subject: str = "",
-    advice: str = "",
 ) -> Finding:
-    """Return a finding; one that failed has the table's advice unless `advice` replaces it."""
+    """Return a finding; one that failed has the table's advice."""
     return Finding(
         code,
         Severity.NOTE if passed else Severity.ERROR,
         text,
         subject,
-        "" if passed else advice or WORDS[code].advice,
+        "" if passed else WORDS[code].advice,
         float(value),
         float(limit),
         unit,

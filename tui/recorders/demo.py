@@ -1,6 +1,6 @@
 """A recorder on a simulated bench: runs the operator's terminal without any hardware.
 
-``python -m tui.recorders.demo FOLDER --speed 1 --fault double-bump --seed 1``
+``python -m tui.recorders.demo FOLDER --speed 1 --fault double-bump``
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ from ..invocation import invoke
 
 commands = typer.Typer(pretty_exceptions_enable=False, rich_markup_mode=None)
 
+_SEED = 1
+"""Draws noise and sensor errors."""
+
 
 @commands.command()
 def demo_recorder(
@@ -22,10 +25,6 @@ def demo_recorder(
     bench: Annotated[Path | None, typer.Option(help="bench.toml; the shipped bench.")] = None,
     speed: Annotated[float, typer.Option(min=0.1, max=20.0, help="Times real time.")] = 1.0,
     fault: Annotated[str | None, typer.Option(help="Fault that spoils a run.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Draws noise and sensor errors.")] = 1,
-    wiggles: Annotated[
-        bool, typer.Option("--wiggles", help="Push corner after corner while nothing is armed.")
-    ] = False,
     log: Annotated[Path | None, typer.Option(help="Log to this file.")] = None,
 ) -> None:
     """Record a simulated bench, idle, until a client shuts it down."""
@@ -50,12 +49,11 @@ def demo_recorder(
         described,
         bench_codec(described),
         SimulatedCar(),
-        seed,
+        _SEED,
         speed,
         lambda: latest[-1] if latest else None,
         Fault(fault) if fault else None,
         time.time_ns(),
-        wiggles,
     )
 
     def open_source(bus: BusConfig, number: int) -> FrameSource:

@@ -30,24 +30,16 @@ def start_recorder(
 
 
 def start_demo_recorder(
-    folder: Path,
-    speed: float = 1.0,
-    fault: str = "",
-    seed: int = 1,
-    bench: Path | None = None,
-    wiggles: bool = False,
+    folder: Path, speed: float = 1.0, fault: str = "", bench: Path | None = None
 ) -> subprocess.Popen[bytes]:
     """Start a recorder on a simulated bench, which bumps its car whenever a run is armed.
 
-    `folder`: for journal, sessions and the log.  `speed`: how many seconds of the car pass in one.
-    `fault`: what spoils a run (`tui.recorders.demo`); empty for nothing.  `seed`: draws noise and
-    sensor errors.  `bench`: bench.toml; the shipped one if None.  `wiggles`: push corner after
-    corner while nothing is armed, for the check of the bench.
+    `speed`: how many seconds of the car pass in one.  `fault`: what spoils a run
+    (`tui.recorders.demo`); empty for nothing.  `bench`: the shipped one if None.
     """
     arguments = ["tui.recorders.demo", str(folder.resolve()), "--speed", f"{speed:g}"]
-    arguments += ["--seed", f"{seed}", *(["--fault", fault] if fault else [])]
+    arguments += ["--fault", fault] if fault else []
     arguments += ["--bench", str(bench.resolve())] if bench else []
-    arguments += ["--wiggles"] if wiggles else []
     arguments += ["--log", str(folder.resolve() / LOG)]
     return _start(arguments, folder)
 

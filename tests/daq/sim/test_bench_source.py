@@ -21,7 +21,7 @@ from daq.recorder.recording import Recording
 from daq.runlog.runlog import LoggedStatus, Remark
 from daq.runs import BASELINE, Excitation
 from daq.samples.health import HealthState, advance
-from daq.sim.bench_source import PIECE_S, WIGGLE_S, Fault, SimulatedBench
+from daq.sim.bench_source import PIECE_S, Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
 from daq.sim.load import load_car
 from daq.sim.push import pushed
@@ -42,7 +42,7 @@ def _idle() -> Status:
     return Recording(short_bench(), bench_codec(short_bench()), Kept()).status(now, HOST)
 
 
-def _resting(wiggles: bool = False) -> SimulatedBench:
+def _resting() -> SimulatedBench:
     bench, status = short_bench(), _idle()
     return SimulatedBench(
         bench,
@@ -52,7 +52,6 @@ def _resting(wiggles: bool = False) -> SimulatedBench:
         math.inf,
         lambda: status,
         start_ns=START_NS,
-        wiggles=wiggles,
     )
 
 
@@ -151,16 +150,6 @@ def test_a_mark_of_the_bench_check_asks_for_a_push() -> None:
     assert np.max(np.abs(rest)) < 3.0
     pushed_s = np.flatnonzero(travel.value > 5.0) * np.median(np.diff(travel.t_ns)) * 1e-9
     assert 0.2 < np.ptp(pushed_s) < 1.2  # once
-
-
-def test_corner_after_corner_is_pushed_while_nobody_has_begun() -> None:
-    source = _resting(wiggles=True)
-    samples = bench_codec(short_bench()).decode(_read(source, 4 * WIGGLE_S + 2.0))
-    moved = {}
-    for name in ("Front.travel_fl", "Front.travel_fr", "Rear.travel_rl", "Rear.travel_rr"):
-        column = samples[f"SUSP_{name}"]
-        moved[name[-2:]] = int(column.t_ns[np.argmax(column.value)])
-    assert sorted(moved, key=lambda name: moved[name]) == ["fl", "fr", "rl", "rr"]
 
 
 def test_a_push_is_in_balance_with_the_springs() -> None:
