@@ -8,13 +8,13 @@
 from __future__ import annotations
 
 import re
+from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, FrameFlag
 
-from .asc_date import asc_date_ns
 from .assemble import good_frames
 from .text import (
     Index,
@@ -209,3 +209,43 @@ def _token_or_none(lines: Lines, rows: Index, place: int | Index) -> tuple[Index
 def _bus(channel: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return channels counted from 0; Vector counts from 1."""
     return np.clip(channel - 1, 0, 255)
+
+
+_NAMES = "jan feb mar/mär apr may/mai jun jul aug sep oct/okt nov dec/dez"
+_MONTHS = {
+    name: number
+    for number, names in enumerate(_NAMES.split(), start=1)
+    for name in names.split("/")
+}
+_DATE = re.compile(
+    r"(?P<month>[^\W\d]{3})[^\W\d]*\s+(?P<day>\d{1,2})\s+"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)(?:\.(?P<fraction>\d{1,9}))?"
+    r"(?:\s+(?P<half>am|pm))?\s+(?P<year>\d{4})",
+    re.IGNORECASE,
+)
+
+
+def asc_date_ns(line: str) -> int | None:
+    """Return the date in a line as ns since 1970 UTC, None if there is none.
+
+    Such a date is local time and names no zone: that of this machine is taken.
+    """
+    found = _DATE.search(line)
+    if found is None or found["month"].lower() not in _MONTHS:
+        return None
+    hour = int(found["hour"])
+    if found["half"]:
+        hour = hour % 12 + (12 if found["half"].lower() == "pm" else 0)
+    try:
+        date = datetime(
+            int(found["year"]),
+            _MONTHS[found["month"].lower()],
+            int(found["day"]),
+            hour,
+            int(found["minute"]),
+            int(found["second"]),
+        )
+        whole_s = round(date.timestamp())
+    except (ValueError, OverflowError, OSError):
+        return None
+    return whole_s * 1_000_000_000 + int((found["fraction"] or "0").ljust(9, "0"))

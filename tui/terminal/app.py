@@ -204,7 +204,7 @@ class BenchApp(App[None]):
 
     def _ask_name(self) -> None:
         """Ask for the operator's name; called where the vehicle form, which asks too, is passed."""
-        from .screens.question import Question
+        from .screens.dialogs import Question
 
         async def answered(name: str | None) -> None:
             if name and await self.ask(Hello(name, self.in_control)) is not None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
 from ...errors import InputError
+from ...files import replaced
 from ...runs import SampleGroup
 from ...sessions import Session
 from .bus_log import write_asc, write_blf
@@ -15,7 +17,6 @@ from .csv_files import PLAIN, CsvStyle, write_csv
 from .matlab import write_mat
 from .mdf import write_mf4
 from .parquet import write_parquet
-from .place import written_whole
 from .raw_frames import frames_left_out, session_frames
 from .sep005 import write_sep005
 from .universal import ModeShapes, write_uff
@@ -150,3 +151,28 @@ def _export_csv(session: Session, path: Path, style: CsvStyle, force: bool) -> E
         for place, group in zip(beside, groups.values(), strict=True):
             write_csv(group, units, place, style)
     return Exported(tuple(groups), frames_left_out(session))
+
+
+@contextmanager
+def written_whole(targets: Sequence[Path], force: bool) -> Iterator[list[Path]]:
+    """Let files be written beside their places; they are moved there when all are done.
+
+    `targets`: where they shall be.  `force`: whether files that are there may be replaced.  Yields
+    the paths to write to: same folder, same suffix.  Raises InputError if one is there already, or
+    cannot be written.
+    """
+    for target in targets:
+        if not target.parent.is_dir():
+            raise InputError(str(target), "there is no such folder", "make it, or name another")
+        if target.is_dir():
+            raise InputError(str(target), "is a directory", "name a file")
+        if target.exists() and not force:
+            advice = "name another file with --out, or say --force"
+            raise InputError(str(target), "is there already", advice)
+    try:
+        with replaced(targets) as parts:
+            yield parts
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        advice = "check folder, rights and free space"
+        raise InputError(str(targets[0]), what, advice) from error

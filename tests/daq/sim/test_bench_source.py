@@ -21,10 +21,10 @@ from daq.recorder.recording import Recording
 from daq.runlog.runlog import LoggedStatus, Remark
 from daq.runs import BASELINE, Excitation
 from daq.samples.health import HealthState, advance
+from daq.sim.acts import pushed
 from daq.sim.bench_source import PIECE_S, Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
 from daq.sim.load import load_car
-from daq.sim.push import pushed
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
 from dbc import FrameBatch
 

@@ -10,9 +10,7 @@ from textual.screen import Screen
 
 from ..context import BenchContext
 from ..state.steps import BenchStep
-from ..widgets.key_bar import KeyBar
-from ..widgets.step_bar import StepBar
-from ..widgets.top_line import TopLine
+from ..widgets.bars import KeyBar, StepBar, TopLine
 from .news import LiveArrived, RecorderLost, StatusArrived
 
 if TYPE_CHECKING:

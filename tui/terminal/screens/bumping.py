@@ -14,7 +14,7 @@ from ..state.next_action import NextAction, next_action
 from ..state.steps import BenchStep, bump_step
 from ..widgets.lists import TallyList
 from .base import BenchScreen
-from .question import Question
+from .dialogs import Question
 
 AT_EASE = (Phase.IDLE, Phase.COMPLETE)
 

@@ -38,8 +38,8 @@ from ..state.steps import BenchStep
 from ..widgets.check_line import check_line
 from ..widgets.row_list import RowList
 from .base import BenchScreen
+from .dialogs import Question
 from .news import LiveArrived
-from .question import Question
 
 REST = "rest.json"
 """File in the recorder's folder: levels of the channels at rest, before any weight is added."""

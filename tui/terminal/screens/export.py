@@ -11,7 +11,7 @@ from daq.errors import printable
 
 from ...jobs.lines import Done, ExportTask, Trouble
 from ...jobs.worker import lines_of
-from .choice import ChoiceScreen
+from .dialogs import ChoiceScreen
 
 FORMATS = (
     ("mf4", "MF4      measurement tools: asammdf, CANape"),

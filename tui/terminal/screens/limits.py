@@ -8,7 +8,7 @@ from daq import InputError
 
 from ..forms.axle_limits import AxleLimits, keep_limits, parse_limits
 from .base import BenchScreen
-from .question import Question
+from .dialogs import Question
 
 _WORDS = "Largest permitted axle loads in kg, front and rear, from the papers of the car"
 

@@ -23,8 +23,8 @@ from ...jobs.worker import lines_of
 from ..state.steps import progress
 from ..widgets.line import Line
 from .base import BenchScreen
+from .dialogs import TextScreen
 from .export import export_session
-from .text import TextScreen
 
 _ENTRY = TypeAdapter(SessionEntry)
 

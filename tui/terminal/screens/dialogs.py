@@ -1,0 +1,121 @@
+"""What opens over a screen: a list to choose from, lines of text, a question."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, cast
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.content import Content
+from textual.screen import ModalScreen
+from textual.widgets import Input, OptionList, Static
+from textual.widgets.option_list import Option
+
+from daq.errors import printable
+
+from ..context import BenchContext
+from ..widgets.line import Line
+
+
+class ChoiceScreen(ModalScreen[str | None]):
+    """Returns the chosen entry; None after Esc.
+
+    `title`: what is asked.  `options`, sequence of (str, str): what is returned, and what the
+    operator reads.
+    """
+
+    DEFAULT_CSS = """
+    ChoiceScreen { align: center middle; }
+    ChoiceScreen > Vertical { width: 72; max-width: 90%; height: auto; max-height: 80%;
+        border: solid $primary; background: $surface; padding: 0 1; }
+    ChoiceScreen OptionList { height: auto; max-height: 14; border: none; background: $surface; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss(None)", "Cancel"),
+        Binding("space", "choose", "Choose"),
+    ]
+
+    def __init__(self, title: str, options: Sequence[tuple[str, str]]) -> None:
+        super().__init__()
+        self._title, self._options = title, tuple(options)
+
+    def compose(self) -> ComposeResult:
+        """Lay out the list."""
+        with Vertical():
+            yield Static(self._title, markup=False)
+            yield OptionList(*(Option(Content(words)) for _, words in self._options))
+            yield Static("Enter = choose   Esc = cancel", markup=False)
+
+    def action_choose(self) -> None:
+        """Choose the marked entry."""
+        self.query_one(OptionList).action_select()
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """Return the chosen entry."""
+        self.dismiss(self._options[event.option_index][0])
+
+
+class TextScreen(ModalScreen[None]):
+    """Plain text; nothing in it is markup."""
+
+    DEFAULT_CSS = """
+    TextScreen { align: center middle; }
+    TextScreen > Vertical { width: 96; max-width: 100%; height: auto; max-height: 94%;
+        border: solid $primary; background: $surface; padding: 0 1; }
+    TextScreen VerticalScroll { height: auto; max-height: 100%; }
+    TextScreen #text { width: auto; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,space,enter", "dismiss", "Close")]
+
+    def __init__(self, title: str, lines: Sequence[str]) -> None:
+        super().__init__()
+        self._title, self._lines = title, tuple(lines)
+
+    def compose(self) -> ComposeResult:
+        """Lay out the text."""
+        with Vertical() as box:
+            box.border_title = self._title
+            box.border_subtitle = "Esc closes"
+            with VerticalScroll(can_focus=True):
+                yield Static("\n".join(self._lines), id="text", markup=False)
+
+
+class Question(ModalScreen[str | None]):
+    """Returns a line of text; None after Esc.
+
+    The same question shows the text typed before: after Esc, and after an answer that the recorder
+    refused.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "Leave")]
+
+    def __init__(self, words: str, field: str) -> None:
+        super().__init__()
+        self._words, self._field = printable(words, 300), field
+
+    @property
+    def _bench_app(self) -> BenchContext:
+        return cast("BenchContext", self.app)
+
+    def compose(self) -> ComposeResult:
+        """Lay out question, line and keys."""
+        typed = self._bench_app.typed.get(self._words, "")
+        with Vertical(classes="box"):
+            yield Static(self._words, markup=False)
+            yield Line(typed, placeholder=self._field, max_length=300, select_on_focus=False)
+            yield Static("Enter = done   Esc = cancel", markup=False)
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Keep the text for the same question."""
+        self._bench_app.typed[self._words] = event.value
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Return the answer unless it is empty."""
+        if event.value.strip():
+            self.dismiss(event.value.strip())
+
+    def action_leave(self) -> None:
+        """Leave without an answer."""
+        self.dismiss(None)

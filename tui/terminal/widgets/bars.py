@@ -1,0 +1,146 @@
+"""The lines around every screen: the top line, the steps of a campaign, and the keys."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from textual.content import Content
+from textual.screen import Screen
+
+from daq import Status
+from daq.control import BusState
+from daq.errors import printable
+
+from ..context import BenchContext
+from ..state.glyphs import Glyphs
+from ..state.steps import BenchStep, progress
+from .words import Words
+
+_WIDE = 120
+
+
+class TopLine(Words):
+    """Vehicle, day, operator; bus, losses, sensors, disk; the overload lamp."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__()
+        self._glyphs = glyphs
+
+    def show(self, status: Status | None, app: BenchContext) -> None:
+        """Show a status, or that there is none."""
+        width = self.size.width or self.app.size.width  # on a screen that has just come
+        wide = width >= _WIDE
+        if app.lost is not None:
+            self.say(
+                Content.assemble((f" RECORDER LOST  {printable(app.lost.text)}", "bold reverse"))
+            )
+            return
+        if status is None:
+            self.say(Content(" BUMP  waiting for the recorder"))
+            return
+        day = datetime.fromtimestamp(status.wall_ns * 1e-9, UTC).astimezone().date().isoformat()
+        vehicle, who = printable(status.vehicle, 24), f"op. {printable(app.operator, 12)}"
+        if not app.in_control:
+            who = "VIEWER"
+        lefts = [f" BUMP  {vehicle} · {day} · {who}", f" {vehicle} · {day} · {who}"]
+        lefts += [f" {vehicle} · {who}"]
+        right: list[tuple[str, str] | str] = []
+        for bus in status.buses:
+            good = bus.state is BusState.OK
+            mark = self._glyphs.bus if good else self._glyphs.bad
+            word = f"{bus.load:.0%}" if good else bus.state.value.upper()
+            style = "$success" if good else "bold reverse $error"
+            right += [(f"{printable(bus.name, 16 if wide else 8)} {mark} {word}  ", style)]
+        alive = f"{status.sensors_alive}/{status.sensors_expected} alive"
+        lacking = status.sensors_alive < status.sensors_expected
+        right += [(f"{alive}  ", "bold reverse $error" if lacking else "")]
+        lost = status.losses.measured
+        if wide or lost:
+            right += [(f"lost {lost}  ", "bold $warning" if lost else "")]
+        right += [f"disk {status.disk.free_bytes / 1e9:.0f} GB"]
+        if status.overloaded:
+            names = printable(", ".join(status.overloaded), 24)
+            right = [(f"{self._glyphs.overload} OVERLOAD {names}  ", "bold reverse $error"), *right]
+        gap = " │ "
+        tail = Content.assemble(*right)
+        room = max(8, width - tail.cell_length - len(gap))
+        left = next(
+            (c for words in lefts if (c := Content(words)).cell_length <= room), Content(lefts[-1])
+        )
+        head = left.truncate(room, pad=True)
+        self.say(head + Content(gap) + tail)
+
+
+ENOUGH = (80, 24)
+"""Columns and rows in which every screen shows what matters."""
+
+
+class StepBar(Words):
+    """Shows the finished steps, and the step of the screen in brackets."""
+
+    def __init__(self, glyphs: Glyphs) -> None:
+        super().__init__()
+        self._glyphs = glyphs
+
+    def show(self, status: Status | None, here: BenchStep | None) -> None:
+        """Show how far the campaign is."""
+        if self.app.size.width < ENOUGH[0] or self.app.size.height < ENOUGH[1]:
+            width, height = self.app.size
+            needed = f"{ENOUGH[0]}x{ENOUGH[1]}"
+            words = f"{width}x{height} is too small: make it {needed}, or the font smaller"
+            self.say(Content.styled(f" {words}", "bold $warning"))
+            return
+        far = progress(status)
+        parts: list[tuple[str, str] | str] = []
+        for step in BenchStep:
+            mark = f"{self._glyphs.good} " if step in far.done else "  "
+            if step is here:
+                parts += [(f"[{step.title}]", "bold reverse"), " "]
+            elif far.reached(step):
+                parts += [(f"{mark}{step.title} ", "bold $success" if step in far.done else "bold")]
+            else:
+                parts += [(f"{mark}{step.title} ", "$foreground")]
+        self.say(Content.assemble(*parts))
+
+
+_FIRST, _LAST = "press('next')", "help"
+_DROPPED = ("app.sessions", "app.step(1)", "more", "press('redo')", "app.note", "view")
+"""Actions to leave out first where the line is too short; help and palette list all keys."""
+
+
+class KeyBar(Words):
+    """Every binding of the screen that does something now: SPACE first, help last."""
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def on_mount(self) -> None:
+        """Follow the bindings."""
+        self.screen.bindings_updated_signal.subscribe(self, self._changed)
+        self._changed(self.screen)
+
+    def on_resize(self) -> None:
+        """Fill the new width."""
+        self._changed(self.screen)
+
+    def _changed(self, screen: Screen[object]) -> None:
+        shown: dict[str, tuple[str, str]] = {}
+        for _, binding, enabled, _ in screen.active_bindings.values():
+            if binding.show and enabled and binding.action not in shown:
+                key = binding.key_display or self.app.get_key_display(binding)
+                shown[binding.action] = (key, binding.description)
+        # Keys of the screen itself come before those that every screen has.
+        common = ("app.step(1)", "app.note", "app.sessions")
+        order = sorted(
+            shown, key=lambda action: (action != _FIRST, action == _LAST, action in common)
+        )
+        width = self.size.width or self.app.size.width  # on a screen that has just come
+        for action in (*_DROPPED, *reversed([a for a in order if a not in (_FIRST, _LAST)])):
+            if sum(len(" ".join(shown[a])) + 2 for a in order) <= width + 2:
+                break
+            order = [a for a in order if a != action]
+        parts: list[tuple[str, str]] = []
+        for action in order:
+            key, words = shown[action]
+            parts += [(key, "bold $accent"), (f" {words}  ", "$foreground")]
+        self.say(Content.assemble(*parts))
