@@ -27,7 +27,8 @@ def document_row(session: Session, document: Document) -> dict[str, Cell]:
     """Flatten the document of an identification of a session.
 
     The columns: `session` (its uuid), `vehicle`, `runs_accepted`, `verdict`, `reasons` (the three
-    worst), `chi2_per_n`; each parameter `NAME` and `NAME_std`, SI; each mode `STATE_N_name`,
+    worst), `chi2_per_n`, the names of the `surviving` and the `lost` parameters; each parameter
+    `NAME` and `NAME_std`, SI, None where it is not determined; each mode `STATE_N_name`,
     `STATE_N_hz`, `STATE_N_hz_std`, `STATE_N_damping` and `STATE_N_damping_std`.
     """
     row: dict[str, Cell] = {
@@ -37,6 +38,8 @@ def document_row(session: Session, document: Document) -> dict[str, Cell]:
         "verdict": document["verdict"],
         "reasons": " | ".join(document["reasons"][:_REASONS]),
         "chi2_per_n": _finite(document["chi2_per_n"]),
+        "surviving": " ".join(document["surviving"]),
+        "lost": " ".join(document["lost"]),
     }
     for name, estimate in document["parameters"].items():
         row[name] = _finite(estimate["value"])

@@ -18,6 +18,7 @@ from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
 from .nonlinear.forces import DamperCurve, Forces
 from .trust.finding import Verdict
+from .trust.survival import Loss
 
 NOT_DETERMINED = "not determined"
 """What stands in the place of a number that the data do not determine, in every printed form."""
@@ -44,6 +45,14 @@ class FindingEntry(TypedDict):
     gate: str
     severity: str
     text: str
+
+
+class LossEntry(TypedDict):
+    """Why a parameter is lost."""
+
+    cause: str
+    shift: float
+    """By how much the cause would move it, as a share of it; NaN where that is not known."""
 
 
 class CorrelationEntry(TypedDict):
@@ -141,6 +150,10 @@ class Document(TypedDict):
     verdict: str
     reasons: list[str]
     findings: list[FindingEntry]
+    surviving: list[str]
+    """Parameters that no sized cause moves out of their interval; all of them where it is ok."""
+    lost: dict[str, LossEntry]
+    """The other parameters."""
     chi2_per_n: float
     chi2_by_run: dict[str, dict[str, float]]
     """By run and channel."""
@@ -174,6 +187,24 @@ def finding_entries(findings: Sequence[Finding]) -> list[FindingEntry]:
     ]
 
 
+def survival_lines(document: Document) -> list[str]:
+    """Return which parameters survive and which are lost to what, a line each.
+
+    Nothing where the verdict is ok, or where there are no parameters.
+    """
+    if document["verdict"] == Verdict.OK or not document["parameters"]:
+        return []
+    by_cause: dict[str, list[str]] = {}
+    for name, loss in document["lost"].items():
+        size = f" {loss['shift'] * 100:+.0f} %" if isfinite(loss["shift"]) else ""
+        by_cause.setdefault(loss["cause"], []).append(f"{name}{size}")
+    kept = ", ".join(document["surviving"]) or "none"
+    return [
+        f"usable, moved by no cause that was sized: {kept}",
+        *(f"lost, {cause}: {', '.join(names)}" for cause, names in by_cause.items()),
+    ]
+
+
 def estimate_entries(estimates: Mapping[str, Estimate]) -> dict[str, EstimateEntry]:
     """Return estimates by name; no number for one that is not determined."""
     return {name: _estimate_entry(e) for name, e in estimates.items()}
@@ -197,6 +228,11 @@ def _open(e: Estimate) -> str:
     if e.size > LARGEST_SHARE * abs(e.value):
         return f"not determined: its standard deviation is above {e.size:g} {unit_text(e.unit)}"
     return f"not determined: its standard deviation is above {LARGEST_SHARE * 100:.0f} % of it"
+
+
+def loss_entries(lost: Mapping[str, Loss]) -> dict[str, LossEntry]:
+    """Return the lost parameters."""
+    return {name: {"cause": one.cause, "shift": one.shift} for name, one in lost.items()}
 
 
 def correlation_entry(correlation: Correlation) -> CorrelationEntry:

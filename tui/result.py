@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from daq.vehicle import parameter_unit
-from identify.document import NOT_DETERMINED
+from identify.document import NOT_DETERMINED, survival_lines
 from identify.report import (
     damper_rows,
     element_answer,
@@ -45,6 +45,8 @@ def print_identification(document: Document, truth: Mapping[str, float]) -> None
     print_line(f"verdict: {document['verdict']}   chi2/n {document['chi2_per_n']:.3f}")
     for finding in document["findings"]:
         print_line(f"  - {_MARKS[finding['severity']]}: {finding['text']}")
+    for line in survival_lines(document):
+        print_line(f"  - {line}")
 
 
 def _print_beside_truth(

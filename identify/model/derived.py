@@ -54,3 +54,30 @@ def derived_quantities(full: NDArray[np.complex128]) -> dict[str, Value]:
         result[f"{axle}_wheel_hop_frequency"] = (np.sqrt(hop / m_u) / (2.0 * np.pi), "Hz")
         result[f"{axle}_wheel_hop_damping_ratio"] = (c_s / (2.0 * np.sqrt(hop * m_u)), "1")
     return result
+
+
+def whole_vehicle_indices(full: NDArray[np.complex128]) -> dict[str, NDArray[np.complex128]]:
+    """Return two ratios in which vehicles of all sizes are alike, wheels included.
+
+    Parameters
+    ----------
+    full : (..., 28) complex128
+        As in `derived_quantities`.
+
+    Returns
+    -------
+    dict of str to (...) complex128
+        `roll_gyration_over_track`, radius of gyration in roll over the mean track; `pitch_index`,
+        k_y^2 / (a b) about the centre of gravity of the whole.
+    """
+    m_s, I_yy, I_xx = (full[..., i] for i in range(3))
+    a, b, t_f, t_r = (full[..., i] for i in range(19, 23))
+    front, rear = full[..., 3:5].sum(axis=-1), full[..., 5:7].sum(axis=-1)
+    mass = m_s + front + rear
+    x = (front * a - rear * b) / mass  # centre of the whole, forward of that of the body
+    pitch = I_yy + m_s * x**2 + front * (a - x) ** 2 + rear * (b + x) ** 2
+    roll = I_xx + front * t_f**2 + rear * t_r**2
+    return {
+        "roll_gyration_over_track": np.asarray(np.sqrt(roll / mass) / (t_f + t_r)),
+        "pitch_index": np.asarray(pitch / (mass * (a - x) * (b + x))),
+    }

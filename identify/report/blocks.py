@@ -137,6 +137,8 @@ class Report:
     """Verdict on the parameters."""
     findings: tuple[Finding, ...]
     """The worst first."""
+    survival: tuple[str, ...]
+    """Lines that say which parameters survive and which are lost; none where it is ok."""
     highlights: tuple[tuple[str, Cell], ...]
     """The few numbers that are read first."""
     sections: tuple[Section, ...]

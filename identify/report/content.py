@@ -9,7 +9,7 @@ from daq.runs import RunStatus
 from daq.sessions import Session
 
 from ..cross_checks import CrossChecks
-from ..document import NOT_DETERMINED, Document, unit_text
+from ..document import NOT_DETERMINED, Document, survival_lines, unit_text
 from ..fit.cross_validation import Prediction
 from ..identification import Identification
 from .blocks import Cell, Report, Section, Source, cited
@@ -52,6 +52,7 @@ def report_of(
         source=source,
         verdict=result.quality.verdict,
         findings=result.quality.findings,
+        survival=tuple(survival_lines(document)),
         highlights=_highlights(session, document, checks.predictions),
         sections=tuple(sections),
         document=document,

@@ -67,6 +67,8 @@ def _front(sheets: Sheets, report: Report) -> None:
         sheets.text(finding.text, _TEXT)
     if not report.findings:
         sheets.text("Every gate was passed; nothing was found.", _TEXT)
+    for line in report.survival:
+        sheets.text(line, _TEXT)
 
 
 def _section(sheets: Sheets, section: Section) -> None:

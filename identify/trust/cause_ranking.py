@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..fit.estimation import Estimation
-from ..fit.grey_box import SIGNED
 from .linear_effects import Effect, gains, lateness, structural
 from .nonlinear_effects import suspension_forces
+from .refit import largest_shift
 from .score_test import FittedDecay, Score, Trace, fitted_decays, scores
 
 _NAMED = 3  # parts of a cause that are listed, the surest first
@@ -35,6 +36,10 @@ class Suspect:
     """Largest relative change of a parameter that it means."""
     shifted: str
     """Which parameter that is."""
+
+    def moved(self, names: Sequence[str]) -> dict[str, float]:
+        """Return the change of each parameter's unknown that it means."""
+        return dict(zip(names, self.score.shift[: len(names)].tolist(), strict=True))
 
     @property
     def sizes(self) -> str:
@@ -79,14 +84,14 @@ def _suspect(
     excess = max((estimation.chi2_per_n - 1.0) * n, 1e-9)
     chance = (np.sqrt(len(effects)) + 5.0) ** 2
     names = estimation.box.parameters
-    moved = [0.0 if name in SIGNED else abs(score.shift[i]) for i, name in enumerate(names)]
-    worst = int(np.argmax(moved))
+    moved = dict(zip(names, score.shift[: len(names)].tolist(), strict=True))
+    shift, shifted = largest_shift(moved)
     return Suspect(
         cause,
         effects,
         score,
         explained=score.gain / excess,
         strength=score.gain / chi2 / chance,
-        shift=moved[worst],
-        shifted=names[worst],
+        shift=shift,
+        shifted=shifted,
     )

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from dbc.finding import Finding, Severity
 
 from ..fit.estimation import Estimation
 from .cause_ranking import Suspect
+from .linear_effects import WEIGHTS
 from .refit import Explanation
+from .scale import scale_facts
 from .sensor_faults import gain_of, sensor_explanations
 from .swaps import swap_explanation
 
@@ -39,27 +42,39 @@ _ADVICE = {
 }
 
 
-def cause_findings(estimation: Estimation, suspects: Sequence[Suspect]) -> tuple[Finding, ...]:
+@dataclass(frozen=True, slots=True)
+class Causes:
+    """What is called the cause of a misfit, and everything that was tried as one."""
+
+    findings: tuple[Finding, ...] = ()
+    """The cause that is named, if any."""
+    tried: tuple[Explanation, ...] = ()
+    """Every cause that stands out of the noise, with what it would move."""
+
+
+def causes_of(estimation: Estimation, suspects: Sequence[Suspect]) -> Causes:
     """Name the likely cause of a misfit, or an effect that hides below it and matters.
 
     `estimation`: at its optimum.  `suspects`: its causes as `rank_causes` has them.
     """
     ranked = [suspect for suspect in suspects if suspect.strength > 1.0]
+    tried = tuple(_explanation(estimation, suspect) for suspect in ranked)
     if ranked or not estimation.holds:
         swap = swap_explanation(estimation)
         if swap is not None:
-            return (_swap_finding(swap),)
+            return Causes((_swap_finding(swap),), (*tried, swap))
     if not ranked:
-        return ()
-    if estimation.holds:
-        return (_finding(_in_words(estimation, _preferred(ranked))),)
+        return Causes()
     first = _in_words(estimation, _preferred(ranked))
+    if estimation.holds:
+        return Causes((_finding(first),), tried)
     found = [first] if first.explained > _EXPLAINS else []
     if first.explained < _CLEARLY:
         suspected = [s.effects[0].label for s in ranked if s.cause.startswith("gain of ")]
         others = sensor_explanations(estimation, suspected)
+        tried += tuple(others)
         found += [other for other in others if other.explained * _AHEAD > first.explained]
-    return tuple(_finding(best) for best in found[-1:])
+    return Causes(tuple(_finding(best) for best in found[-1:]), tried)
 
 
 def _preferred(ranked: list[Suspect]) -> Suspect:
@@ -72,13 +87,22 @@ def _preferred(ranked: list[Suspect]) -> Suspect:
 def _in_words(estimation: Estimation, suspect: Suspect) -> Explanation:
     cause, sizes = suspect.cause, suspect.sizes
     advice = _ADVICE.get(cause, "")
+    if cause == WEIGHTS:
+        facts = " and ".join(scale_facts(estimation.box))
+        advice = f"weigh them again, or {facts}: one of the two scales shows too much"
     if cause.startswith("gain of "):
         found = gain_of(estimation, suspect.effects[0].label)
         sizes, advice = found.sizes, found.advice
     elif cause.endswith(" late"):
         advice = "state delay_s and delay_sigma_s of these channels, or correct their clock"
+    return replace(_explanation(estimation, suspect), sizes=sizes, advice=advice)
+
+
+def _explanation(estimation: Estimation, suspect: Suspect) -> Explanation:
     explained = 0.0 if estimation.holds else suspect.explained
-    return Explanation(cause, sizes, advice, explained, suspect.shift, suspect.shifted)
+    moved = suspect.moved(estimation.box.parameters)
+    shift = (suspect.shift, suspect.shifted, moved)
+    return Explanation(suspect.cause, suspect.sizes, "", explained, *shift)
 
 
 def _finding(cause: Explanation) -> Finding:

@@ -17,7 +17,7 @@ from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
-from ..fit.likelihood import fit, normal_blocks, residuals
+from ..fit.likelihood import covariance_of, fit, normal_blocks, residuals
 from ..fit.varpro import NormalBlock
 
 _LARGE_S = 0.4
@@ -94,7 +94,18 @@ def _odd_run(estimation: Estimation, label: str, pull: Pull, rival: float) -> tu
         f"without it chi2/n is {without:.3f} instead of {with_it:.3f}; reject it and repeat it, "
         "or look for what changed (a second bump, a warm damper, a loose weight)"
     )
-    return (Finding("odd_run", Severity.WARNING, text),)
+    return (Finding("odd_run", Severity.WARNING, text, subject=label, value=without),)
+
+
+def moves_without(estimation: Estimation, label: str) -> dict[str, float]:
+    """Return by how much each parameter's unknown moves if a run is left out, to first order."""
+    parts = normal_blocks(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
+    others = [part.information for name, part in parts.items() if name != label]
+    covariance = covariance_of(np.sum(others, axis=0))
+    kept = np.where(np.isfinite(covariance), covariance, 0.0)
+    step = -kept @ parts[label].gradient
+    names = estimation.box.parameters
+    return dict(zip(names, step[: len(names)].tolist(), strict=True))
 
 
 def _mean_square(

@@ -8,6 +8,8 @@ from enum import StrEnum
 
 from dbc.finding import Finding, Severity
 
+from .survival import Survival
+
 
 class Verdict(StrEnum):
     """Usability of the parameters."""
@@ -38,6 +40,8 @@ class Quality:
     snr_db: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """Energy of each mode in the run over the noise, in the order of the modes of the run's mass
     state, dB."""
+    survival: Survival = field(default_factory=Survival)
+    """Which parameters can be used and which are lost, by the causes that were sized."""
 
     def __post_init__(self) -> None:
         ranked = sorted(self.findings, key=lambda finding: -finding.severity)

@@ -2,71 +2,93 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from math import inf
+
 from daq.sessions import Session
-from dbc.finding import Finding
 
 from ..fit.estimation import Estimation
 from .cause_ranking import rank_causes
-from .cause_texts import cause_findings
-from .consistency import repeat_findings
+from .cause_texts import Causes, causes_of
+from .consistency import moves_without, repeat_findings
+from .contradiction import contradicted_shift, contradictions
 from .excitation import excitation_findings, mode_snr_db
 from .finding import Quality
 from .lift_off import lift_off_findings
+from .linear_effects import WEIGHTS
 from .misfit import chi2_by_run, misfit_findings
 from .plausibility import parameter_findings, undetermined
+from .refit import Explanation, largest_shift
 from .sampling import sampling_findings
 from .saturation import saturation_findings
+from .scale import scale_findings
+from .survival import Hypothesis, survival
 from .whiteness import whiteness_findings
 
 _NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_in_compression"}
 
 
 def judge(session: Session, estimation: Estimation) -> Quality:
-    """Judge an estimation by everything that is known of it."""
-    if estimation.nonlinear is not None:
-        return _judge_real_car(session, estimation)
+    """Judge an estimation by everything that is known of it.
+
+    Of a nonlinear fit no cause is sought that a linear model lacks: its elements are there.
+    """
+    linear, holds = estimation.nonlinear is None, estimation.holds
+    determined = not undetermined(estimation)
     snr_db = mode_snr_db(estimation)
+    causes = _causes(estimation) if linear and (determined or not holds) else Causes()
+    explained = _explains(estimation, causes)
+    parameters = parameter_findings(estimation)
     findings = [
         *misfit_findings(estimation),
-        *parameter_findings(estimation),
+        *(f for f in parameters if not (explained and f.code == "contradiction")),
+        *(scale_findings(estimation.box) if determined else ()),
         *sampling_findings(session),
         *saturation_findings(session),
         *excitation_findings(estimation, snr_db),
+        *causes.findings,
     ]
-    determined = not undetermined(estimation)
-    if determined or not estimation.holds:
-        findings += _causes(estimation)
-    if determined and estimation.holds:
-        findings += [*whiteness_findings(estimation), *lift_off_findings(estimation)]
+    if determined and holds:
+        findings += whiteness_findings(estimation)
+        findings += lift_off_findings(estimation) if linear else ()
+    hypotheses = list(_hypotheses(estimation, causes, determined and not explained))
     return Quality(
         tuple(findings),
         estimation.chi2_per_n,
         chi2_by_run(estimation),
         snr_db,
+        survival(estimation, hypotheses),
     )
 
 
-def _judge_real_car(session: Session, estimation: Estimation) -> Quality:
-    """Judge a nonlinear fit: what a linear model would name as causes are elements of it."""
-    snr_db = mode_snr_db(estimation)
-    findings = [
-        *misfit_findings(estimation),
-        *parameter_findings(estimation),
-        *sampling_findings(session),
-        *saturation_findings(session),
-        *excitation_findings(estimation, snr_db),
-    ]
-    if estimation.holds and not undetermined(estimation):
-        findings += whiteness_findings(estimation)
-    return Quality(tuple(findings), estimation.chi2_per_n, chi2_by_run(estimation), snr_db)
-
-
-def _causes(estimation: Estimation) -> tuple[Finding, ...]:
+def _causes(estimation: Estimation) -> Causes:
     """Report an outlying run first, because it imitates other causes; amplitude last."""
     ranked = rank_causes(estimation)
     repeats = repeat_findings(estimation, ranked[0].strength)
-    if any(finding.code == "odd_run" for finding in repeats):
-        return repeats
-    causes = cause_findings(estimation, ranked)
-    explained = bool(causes) and not {finding.code for finding in causes} & _NON_LINEAR
-    return causes if explained else (*causes, *repeats)
+    for odd in (finding for finding in repeats if finding.code == "odd_run"):
+        excess = max(estimation.chi2_per_n - 1.0, 1e-9)
+        moved = moves_without(estimation, odd.subject)
+        share = 1.0 - (odd.value - 1.0) / excess
+        run = Explanation(f"run {odd.subject}", "", "", share, *largest_shift(moved), moved)
+        return Causes(repeats, (run,))
+    causes = causes_of(estimation, ranked)
+    explained = bool(causes.findings) and not {f.code for f in causes.findings} & _NON_LINEAR
+    return causes if explained else Causes((*causes.findings, *repeats), causes.tried)
+
+
+def _explains(estimation: Estimation, causes: Causes) -> bool:
+    """Return whether a named cause is why stated values are at odds with the runs."""
+    named = {finding.code for finding in causes.findings} - {"amplitude"}
+    return bool(named) and (not estimation.holds or WEIGHTS.replace(" ", "_") in named)
+
+
+def _hypotheses(estimation: Estimation, causes: Causes, at_odds: bool) -> Iterator[Hypothesis]:
+    """Yield every sized cause with what it moves; where nothing is left to explain, all compete."""
+    for cause in causes.tried:
+        yield Hypothesis(cause.name, inf if estimation.holds else cause.explained, cause.moved)
+    found = contradictions(estimation) if at_odds else ()
+    if found:
+        moved = contradicted_shift(estimation, found).tolist()
+        names = estimation.box.parameters
+        cause = "; ".join(one.name for one in found)
+        yield Hypothesis(cause, inf, dict(zip(names, moved, strict=True)))

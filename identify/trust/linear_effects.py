@@ -6,18 +6,21 @@ Springs, dampers, unequal sides, wrong lengths; sensors that are late or read to
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.vehicle import Structure, parameter_unit
+from daq.vehicle import MassState, Structure, parameter_unit
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
 from ..fit.varpro import evaluate, motion, slopes
+from .scale import scale_facts
 from .score_test import FittedDecay, Trace
 
+WEIGHTS = "added weights off by a common factor"
+"""Cause: the scale that the weights were weighed on, or their unit."""
 RICHEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
 _LATE_S = 0.001
 
@@ -47,11 +50,13 @@ class Effects:
 def structural(estimation: Estimation) -> Effects:
     """Return the springs, dampers, places and differences that the structure does not have."""
     box = estimation.box
-    rich = GreyBox(box.groups, box.mass_states, None, RICHEST)
+    states = tuple(_with_unsure_weights(state) for state in box.mass_states)
+    rich = GreyBox(box.groups, states, None, RICHEST)
     n = len(box.parameters)
-    corrections = estimation.fit.eta[n : n + len(rich.prior_sigma) - len(rich.parameters)]
+    stated = dict(zip(box.corrections, estimation.fit.eta[n:].tolist(), strict=False))
     full = box.full(estimation.fit.eta.astype(complex)).real
-    eta = np.concatenate([rich.unknowns_of(full)[: len(rich.parameters)], corrections])
+    eta = rich.unknowns_of(full)
+    eta[len(rich.parameters) :] = [stated.get(name, 0.0) for name in rich.corrections]
     effects, directions = _lacking(box, rich)
     points = {
         state: evaluate(rich, eta, state, estimation.noise)
@@ -72,6 +77,12 @@ def structural(estimation: Estimation) -> Effects:
         )
 
     return Effects(effects, trace_of)
+
+
+def _with_unsure_weights(state: MassState) -> MassState:
+    """Return a mass state whose weights are all among the unknowns."""
+    weights = (replace(w, sigma_kg=w.sigma_kg or w.mass_kg) for w in state.added.weights)
+    return replace(state, added=replace(state.added, weights=tuple(weights)))
 
 
 def _lacking(box: GreyBox, rich: GreyBox) -> tuple[tuple[Effect, ...], NDArray[np.float64]]:
@@ -96,6 +107,15 @@ def _lacking(box: GreyBox, rich: GreyBox) -> tuple[tuple[Effect, ...], NDArray[n
     if box.geometry is not None:
         for name in ("a", "b", "t_f", "t_r"):
             add(Effect("a length is wrong", name, "%", 100.0), **{name: 1.0})
+    weights = {
+        f"weight {i} of state {state.name}": weight.mass_kg
+        for state in box.mass_states
+        for i, weight in enumerate(state.added.weights, start=1)
+    }
+    if weights and scale_facts(box):
+        effects.append(Effect(WEIGHTS, "all weights", "%", 100.0))
+        every = (*rich.parameters, *rich.corrections)
+        columns.append(np.array([weights.get(name, 0.0) for name in every]))
     return tuple(effects), np.array(columns).reshape(-1, len(rich.prior_sigma)).T
 
 

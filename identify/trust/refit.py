@@ -7,7 +7,7 @@ on fewer samples, and the cost shows how much better that description is.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,6 +43,9 @@ class Explanation:
     """Largest relative change of a parameter that it means."""
     shifted: str
     """Which parameter that is."""
+    moved: Mapping[str, float]
+    """Change of each parameter's unknown that it means: relative, or in units of what may be
+    zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,14 +117,19 @@ def parameters_as_start(
     return start
 
 
-def largest_shift(before: Refit, after: Refit) -> tuple[float, str]:
-    """Return the largest relative change of a parameter, and which one it is."""
+def shift_between(before: Refit, after: Refit) -> tuple[float, str, dict[str, float]]:
+    """Return the largest relative change of a parameter, which one it is, and all changes."""
     names = before.box.parameters
     n = len(names)
-    moved = np.abs(after.fit.eta[:n] - before.fit.eta[:n])
-    moved[[name in SIGNED for name in names]] = 0.0
-    worst = int(np.argmax(moved))
-    return float(moved[worst]), names[worst]
+    moved = dict(zip(names, (after.fit.eta[:n] - before.fit.eta[:n]).tolist(), strict=True))
+    return *largest_shift(moved), moved
+
+
+def largest_shift(moved: Mapping[str, float]) -> tuple[float, str]:
+    """Return the largest relative change of a parameter, and which one it is."""
+    sizes = {name: 0.0 if name in SIGNED else abs(by) for name, by in moved.items()}
+    worst = max(sizes, key=lambda name: sizes[name])
+    return sizes[worst], worst
 
 
 def _short(decay: FreeDecay) -> FreeDecay:

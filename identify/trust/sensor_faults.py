@@ -16,7 +16,7 @@ from daq.channels import Channel
 
 from ..fit.estimation import Estimation
 from ..fit.likelihood import residuals
-from .refit import Explanation, Refit, as_described, largest_shift, parameters_as_start, refit
+from .refit import Explanation, Refit, as_described, parameters_as_start, refit, shift_between
 
 _SUSPECTED = 4
 """Channels that are left out in turn."""
@@ -81,7 +81,7 @@ def _left_out(estimation: Estimation, before: Refit, name: str) -> Explanation:
     gain = measured / predicted if predicted > 0.0 else float("nan")
     sizes = f"it shows {gain:.3g} times what the other channels predict"
     explained = 1.0 - others.excess / before.excess
-    shift = largest_shift(before, others)
+    shift = shift_between(before, others)
     return Explanation(f"gain of {name}", sizes, gain_advice(gain), explained, *shift)
 
 
@@ -117,7 +117,7 @@ def _late(estimation: Estimation, before: Refit) -> Iterator[Explanation]:
         f"{abs(mean_ms):.2g} ms",
         "state delay_s and delay_sigma_s of these channels, or correct their clock",
         1.0 - after.excess / before.excess,
-        *largest_shift(before, after),
+        *shift_between(before, after),
     )
 
 
@@ -146,7 +146,7 @@ def _slow(estimation: Estimation, before: Refit) -> Iterator[Explanation]:
         f"near {hz:.0f} Hz on {kind}",
         "state low_pass_hz of these channels from the data sheet, or switch the filter off",
         1.0 - after.excess / before.excess,
-        *largest_shift(before, after),
+        *shift_between(before, after),
     )
 
 

@@ -14,7 +14,7 @@ from daq.vehicle import Corner
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.likelihood import HOLD
-from .refit import Explanation, Refit, as_described, largest_shift, refit
+from .refit import Explanation, Refit, as_described, refit, shift_between
 
 _RATE_HZ = 125.0
 """Rate of the samples on which hypotheses are compared, Hz: ten times the fastest mode."""
@@ -77,8 +77,8 @@ def swap_explanation(estimation: Estimation) -> Explanation | None:
     cured = _runs_away(before) and not _runs_away(after)
     if explained < _CLEARS and not cured:
         return None
-    shift, shifted = largest_shift(before, after)
-    return Explanation(hypothesis.name, "", hypothesis.advice, explained, shift, shifted)
+    shift = shift_between(before, after)
+    return Explanation(hypothesis.name, "", hypothesis.advice, explained, *shift)
 
 
 def _first_repeats(decays: Sequence[FreeDecay]) -> tuple[FreeDecay, ...]:

@@ -12,14 +12,15 @@ import numpy as np
 from daq.strict_json import strict
 from dbc.finding import Finding, Severity
 from identify import Document, Estimate, Identification, ModalModel, Quality
-from identify.document import EstimateEntry, document_html
+from identify.document import EstimateEntry, document_html, survival_lines
 from identify.fit.uncertainty import Correlation, ModeEstimate
 from identify.modes.pairing import Pairing
+from identify.trust.survival import Loss, Survival
 
 KEYS = (
-    "verdict", "reasons", "findings", "chi2_per_n", "chi2_by_run", "parameters", "derived",
-    "correlation", "drivers", "modes", "paired", "swapped", "snr_db", "sensed_modes", "closed_form",
-    "closed_form_damping", "noise", "forces",
+    "verdict", "reasons", "findings", "surviving", "lost", "chi2_per_n", "chi2_by_run",
+    "parameters", "derived", "correlation", "drivers", "modes", "paired", "swapped", "snr_db",
+    "sensed_modes", "closed_form", "closed_form_damping", "noise", "forces",
 )  # fmt: skip
 
 
@@ -29,6 +30,7 @@ def _made() -> Identification:
         1.25,
         {"baseline_roll_1": {"hub": 1.5}},
         {"baseline_roll_1": (20.0, 30.0)},
+        Survival(("t_f",), {"m_s": Loss("hub sensors late", 0.07), "y_s": Loss("not determined")}),
     )
     hz, ratio = Estimate(1.0, 0.1, 0.8, 1.2, "Hz"), Estimate(0.25, 0.01, 0.23, 0.27, "1")
     one = np.ones(1)
@@ -61,6 +63,13 @@ def test_each_entry_is_that_of_the_result() -> None:
     assert (document["verdict"], document["reasons"]) == ("doubtful", ["wide intervals"])
     assert document["findings"] == [
         {"gate": "wide", "severity": "doubtful", "text": "wide intervals"}
+    ]
+    assert document["surviving"] == ["t_f"]
+    assert document["lost"]["m_s"] == {"cause": "hub sensors late", "shift": 0.07}
+    assert survival_lines(document) == [
+        "usable, moved by no cause that was sized: t_f",
+        "lost, hub sensors late: m_s +7 %",
+        "lost, not determined: y_s",
     ]
     assert document["chi2_per_n"] == 1.25
     assert document["chi2_by_run"] == {"baseline_roll_1": {"hub": 1.5}}

@@ -120,6 +120,8 @@ class Outcome:
     chi2_per_n: float
     findings: tuple[FindingRow, ...]
     """The worst first."""
+    survival: tuple[str, ...]
+    """Lines that say which parameters survive and which are lost; none where it is ok."""
     overrides: tuple[str, ...]
     """Warnings that a person answered for, with reason and name."""
     parameters: tuple[Estimated, ...]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from daq import RunStatus, Session
 from daq.remarks import overrides_of
-from identify.document import unit_text
+from identify.document import survival_lines, unit_text
 from identify.report import (
     HEADLINE,
     MEANING,
@@ -61,6 +61,7 @@ def outcome_of(
         meaning=MEANING[verdict],
         chi2_per_n=document["chi2_per_n"],
         findings=tuple(FindingRow(**finding) for finding in document["findings"]),
+        survival=tuple(survival_lines(document)),
         overrides=overrides_of(session.provenance),
         parameters=tuple(
             _estimated(

@@ -69,7 +69,8 @@ def test_an_interval_wider_than_5_per_cent_is_doubtful(linear: Estimation) -> No
         ("c_sf", 10.0, "front_ride_damping_ratio"),
         ("k_tr", 20.0, "rear_wheel_hop_frequency"),
         ("k_sr", 0.1, "rear_ride_frequency"),
-        ("I_yy", 0.4, "dynamic_index"),
+        ("I_yy", 0.4, "pitch_index"),
+        ("I_xx", 0.4, "roll_gyration_over_track"),
     ],
 )
 def test_what_no_road_vehicle_is_like_is_doubtful(
@@ -81,18 +82,51 @@ def test_what_no_road_vehicle_is_like_is_doubtful(
     assert quantity in finding.text
 
 
-def test_a_bar_that_pushes_is_implausible_unless_it_may_be_none() -> None:
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [
+        # k_x / track of the whole car: 0.9 times 0.367 and 1.1 times 0.512.  By hand: (I_xx + 171.8
+        # t^2) / 1551.8 over (2 t)^2, t = 0.74 m.
+        ("I_xx", 1551.8 * (0.3303 * 1.48) ** 2 - 94.08, 1551.8 * (0.5632 * 1.48) ** 2 - 94.08),
+        # k_y^2 / (a b): 0.9 times 0.816 and 1.1 times 1.298, the wheels' share included.
+        ("I_yy", 1824.5, 3861.4),
+    ],
+)
+def test_the_inertias_lie_by_those_of_measured_vehicles(
+    linear: Estimation, name: str, low: float, high: float
+) -> None:
+    exact = linear
+    for parameter in linear.box.names:
+        exact = _with_value(exact, parameter, float(getattr(FORD_GRANADA, parameter)))
+    for value, odd in (
+        (0.98 * low, True), (1.02 * low, False), (0.98 * high, False), (1.02 * high, True),
+    ):  # fmt: skip
+        gates = [f.code for f in parameter_findings(_with_value(exact, name, value))]
+        assert ("implausible" in gates) is odd
+
+
+def test_a_solid_axle_is_no_fault_and_an_axle_without_roll_stiffness_is() -> None:
     session = stress_session("bars", 1, vehicle=Vehicle("x", structure=Structure(True, True)))
     records = usable_records(session)
     result = estimate(grey_box(session, records), records, generic_vehicles())
     assert parameter_findings(result) == ()
-    i = result.box.parameters.index("k_af")
+    names = result.box.parameters
+    i = names.index("k_af")
     std = float(np.sqrt(result.fit.covariance[i, i]))
-    for sigmas, gates in ((-2.0, []), (-4.0, ["implausible"])):
+    k_sf = float(result.box.values(result.fit.eta)[result.box.names.index("k_sf")])
+    # The unknown is in units of 10 kN/m; in roll the front has k_s + 2 k_a.
+    for unknown, gates in (
+        (-2.0 * std, []),
+        (-4.0 * std, ["solid_axle"]),
+        (-0.49 * k_sf / 1e4, ["solid_axle"]),
+        (-0.51 * k_sf / 1e4, ["implausible"]),
+    ):
         eta = result.fit.eta.copy()
-        eta[i] = sigmas * std
+        eta[i] = unknown
         moved = replace(result, fit=replace(result.fit, eta=eta))
-        assert [f.code for f in parameter_findings(moved)] == gates
+        found = parameter_findings(moved)
+        assert [f.code for f in found] == gates
+        assert all(f.severity is Severity.NOTE for f in found if f.code == "solid_axle")
 
 
 def test_a_stated_delay_that_the_runs_contradict_is_named() -> None:

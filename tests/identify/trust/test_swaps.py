@@ -11,7 +11,7 @@ from daq.sessions import Session
 from dbc.finding import Severity
 from identify.fit.estimation import estimate, generic_vehicles
 from identify.pipeline import grey_box, usable_records
-from identify.trust.cause_texts import cause_findings
+from identify.trust.cause_texts import causes_of
 from identify.trust.swaps import swap_explanation
 
 from .campaigns import campaign, estimated, with_runs
@@ -53,7 +53,7 @@ def test_a_swap_is_named_and_refused(name: str) -> None:
     session = SWAPPED[name]
     records = usable_records(session)
     estimation = estimate(grey_box(session, records), records, generic_vehicles())
-    (finding,) = cause_findings(estimation, ())
+    (finding,) = causes_of(estimation, ()).findings
     assert finding.severity is Severity.ERROR
     assert f"likely cause: {name} " in finding.text
 

@@ -67,6 +67,7 @@ def outcome(session: str = "/bench/session_0001.h5") -> Outcome:
         "sensors, and the intervals hold.",
         1.016,
         (),
+        (),
         ("noise wheel_rr: lift in the next bay runs (MK)",),
         tuple(
             Estimated(name, words, value, value - half, value + half, unit, "baseline_bounce 40 %")
@@ -96,6 +97,10 @@ def doubtful() -> Outcome:
         verdict="doubtful",
         headline="Use the parameters with care.",
         findings=DOUBTS,
+        survival=(
+            "usable, moved by no cause that was sized: I_xx, k_tf, k_tr, t_f, t_r",
+            "lost, run baseline_bounce_2: m_s +4 %, k_sf -3 %",
+        ),
         runs=(whole.runs[0], run, *whole.runs[2:]),
     )
 

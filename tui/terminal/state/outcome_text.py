@@ -65,6 +65,10 @@ def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
         lines += finding_lines(finding.severity, finding.text, glyphs, width)
     if not outcome.findings:
         lines.append(f"{glyphs.good} nothing was found that speaks against the result")
+    if outcome.survival:
+        lines += ["", "Which parameters can be used:"]
+        for text in outcome.survival:
+            lines += wrap(f"  {printable(text, 700)}", width, subsequent_indent="    ")
     lines += ["", "Warnings of the bench check that a person answered for:"]
     if not outcome.overrides:
         lines.append("  none")

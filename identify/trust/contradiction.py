@@ -1,0 +1,153 @@
+"""Stated facts, places, delays and weights that the runs contradict, each named once.
+
+One wrong statement drags the fit along and sets others at odds with it.  So the one that explains
+most is taken out first, and only what is still at odds is named after it (data snooping, Baarda
+1968).  All weights by one common factor are a statement of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.finding import Finding, Severity
+
+from ..fit.estimation import Estimation
+from ..fit.grey_box import SIGNED, GreyBox
+
+_LIMIT_SIGMAS = 4.0
+_LEAST_REDUNDANCY = 1e-5
+"""Share of a statement's variance that other data must leave to it; the fit is no more exact."""
+_REFUSED_SHIFT = 0.1
+"""Relative change of a parameter by what is contradicted, from which on none is used."""
+_ALIKE = 0.95
+"""Correlation of two tests from which on the runs cannot say which statement is wrong."""
+ALL_WEIGHTS = "all weights by a common factor"
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """One statement that the runs contradict."""
+
+    name: str
+    """The statement; others that the runs cannot tell from it follow after "or"."""
+    sigmas: float
+    """Its misfit in its own standard deviations, those named before it taken out."""
+    direction: NDArray[np.float64]
+    """By how many of its sigmas each statement would be off, (n_stated,)."""
+
+
+def contradiction_findings(estimation: Estimation) -> tuple[Finding, ...]:
+    """Name what is stated and contradicted by the runs.
+
+    Parameters
+    ----------
+    estimation : Estimation
+        At its optimum.
+    """
+    found = contradictions(estimation)
+    if not found:
+        return ()
+    moved = float(np.max(np.abs(contradicted_shift(estimation, found))))
+    named = [f"{one.name} by {one.sigmas:.1f} sigma" for one in found]
+    text = (
+        f"the runs contradict what is stated: {'; '.join(named)} (limit {_LIMIT_SIGMAS:g}; moves a "
+        f"parameter by about {min(moved, 1.0) * 100:.1f} %): measure it again"
+    )
+    severity = Severity.ERROR if moved > _REFUSED_SHIFT else Severity.WARNING
+    return (Finding("contradiction", severity, text),)
+
+
+def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
+    """Return the statements that the runs contradict, the worst first.
+
+    Where the model leaves more than noise, a misfit counts in units of what it leaves.
+    """
+    rows, left = _stated(estimation)
+    spread = 1.0 if estimation.holds else float(np.sqrt(max(1.0, estimation.chi2_per_n)))
+    return _snooped(estimation.box, _redundancy(estimation, rows), left / spread)
+
+
+def contradicted_shift(
+    estimation: Estimation, found: tuple[Contradiction, ...]
+) -> NDArray[np.float64]:
+    """Return by how much each parameter moves without the contradicted statements, (n,).
+
+    Relative to its value, with its sign; zero for parameters that may be zero.
+    """
+    C = _finite(estimation.fit.covariance)
+    rows, left = _stated(estimation)
+    D = np.array([one.direction for one in found]).T
+    Q = _redundancy(estimation, rows)
+    off = D @ np.linalg.solve(D.T @ Q @ D, D.T @ left)
+    names = estimation.box.parameters
+    moved = -C[: len(names)] @ (rows.T @ off)
+    moved[[name in SIGNED for name in names]] = 0.0
+    return np.asarray(moved)
+
+
+def _finite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a covariance in which unknowns that were not released have none."""
+    return np.where(np.isfinite(covariance), covariance, 0.0)
+
+
+def _redundancy(estimation: Estimation, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the covariance of the misfits of what is stated, (n_stated, n_stated)."""
+    return np.asarray(np.eye(len(rows)) - rows @ _finite(estimation.fit.covariance) @ rows.T)
+
+
+def _stated(estimation: Estimation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return slopes, (n_stated, P), and misfits of facts and stated values, in their sigmas."""
+    box, eta = estimation.box, estimation.fit.eta
+    misfits, slopes = box.fact_misfits(eta)
+    n, pulls = len(box.parameters), box.pulls(eta)
+    stated = np.zeros((len(pulls), len(eta)))  # elements may follow the unknowns of the grey box
+    stated[np.arange(len(pulls)), n + np.arange(len(pulls))] = (
+        1.0 / box.prior_sigma[n : n + len(pulls)]
+    )
+    return np.vstack([slopes, stated]), np.concatenate([misfits, -pulls])
+
+
+def _directions(box: GreyBox) -> tuple[tuple[str, ...], NDArray[np.float64]]:
+    """Return the suspects: each statement alone, and all weights together, (n_stated, k)."""
+    labels = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
+    names = [*labels, *box.corrections]
+    columns = list(np.eye(len(names)))
+    together = np.zeros(len(names))
+    for state in box.mass_states:
+        for i, weight in enumerate(state.added.weights, start=1):
+            if weight.sigma_kg > 0.0:
+                at = names.index(f"weight {i} of state {state.name}")
+                together[at] = weight.mass_kg / weight.sigma_kg
+    if np.count_nonzero(together) > 1:
+        columns.append(together)
+        return (*names, ALL_WEIGHTS), np.array(columns).T
+    return tuple(names), np.eye(len(names))
+
+
+def _snooped(
+    box: GreyBox, Q: NDArray[np.float64], left: NDArray[np.float64]
+) -> tuple[Contradiction, ...]:
+    """Name the worst suspect, take it out, and go on until none is at odds."""
+    names, D = _directions(box)
+    first = np.einsum("ik,ij,jk->k", D, Q, D)
+    scale = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)
+    found: list[Contradiction] = []
+    while names:
+        power = np.einsum("ik,ij,jk->k", D, Q, D)
+        testable = (first > _LEAST_REDUNDANCY * scale) & (power > 1e-3 * first)
+        sigmas = np.where(testable, (D.T @ left) / np.sqrt(np.where(testable, power, 1.0)), 0.0)
+        worst = int(np.argmax(np.abs(sigmas)))
+        if not abs(sigmas[worst]) > _LIMIT_SIGMAS:
+            break
+        d = D[:, worst]
+        alike = np.abs(D.T @ Q @ d) / np.sqrt(np.where(testable, power, np.inf) * power[worst])
+        same = [names[k] for k in np.flatnonzero(alike > _ALIKE).tolist() if k != worst]
+        name = " or ".join([names[worst], *same])
+        found.append(Contradiction(name, float(abs(sigmas[worst])), d))
+        out = Q @ d / power[worst]
+        left = left - out * (d @ left)
+        Q = Q - np.outer(out, Q @ d)
+    return tuple(found)

@@ -1,0 +1,113 @@
+"""What the scale rests on, and weights that are off by one common factor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from daq.runs import ADDED
+from daq.sessions import Session
+from daq.vehicle import FORD_GRANADA, Fact, Vehicle
+from dbc.finding import Severity
+from identify.fit.estimation import Estimation, estimate, generic_vehicles
+from identify.fit.uncertainty import estimates
+from identify.pipeline import grey_box, usable_records
+from identify.trust.contradiction import contradictions
+from identify.trust.finding import Verdict
+from identify.trust.judge import judge
+from identify.trust.scale import scale_findings
+
+from ..stress import stress_session
+from .campaigns import by_gate, estimated
+
+CAR = FORD_GRANADA
+AXLES_KG = (
+    CAR.m_s * CAR.b / (CAR.a + CAR.b) + 2 * CAR.m_uf,
+    CAR.m_s * CAR.a / (CAR.a + CAR.b) + 2 * CAR.m_ur,
+)
+
+
+def _session(facts: tuple[Fact, ...], factor: float, sigma_kg: float) -> Session:
+    """Return runs of the linear car whose stated weights are `factor` times the true ones."""
+    session = stress_session("linear", 1, 100.0, vehicle=Vehicle("x", facts=facts))
+    states = []
+    for state in session.mass_states:
+        weights = tuple(
+            replace(w, mass_kg=factor * w.mass_kg, sigma_kg=sigma_kg) for w in state.added.weights
+        )
+        states.append(replace(state, added=replace(state.added, weights=weights)))
+    return replace(session, mass_states=tuple(states))
+
+
+def _estimated(session: Session) -> Estimation:
+    records = usable_records(session)
+    return estimate(grey_box(session, records), records, generic_vehicles())
+
+
+def _with_facts(estimation: Estimation, *facts: Fact) -> Estimation:
+    box = estimation.box
+    made = type(box)(box.groups, box.mass_states, box.geometry, box.structure, facts)
+    return replace(estimation, box=made)
+
+
+def test_the_scale_rests_on_weights_unless_a_load_or_spring_is_stated() -> None:
+    linear = estimated("linear", 1)
+    (note,) = scale_findings(linear.box)
+    assert (note.code, note.severity) == ("scale", Severity.NOTE)
+    assert "10 % off" in note.text
+    assert "\n" not in note.text
+    for quantity in ("total_mass_kg", "front_axle_kg", "corner_rr_kg", "k_sf"):
+        assert scale_findings(_with_facts(linear, Fact(quantity, 500.0, 1.0)).box) == ()
+    for quantity in ("wheelbase_m", "rear_track_m", "a"):
+        assert len(scale_findings(_with_facts(linear, Fact(quantity, 1.0, 0.1)).box)) == 1
+
+
+@pytest.mark.parametrize("sigma_kg", [0.0, 0.1])
+def test_weights_that_are_all_ten_per_cent_off_are_named_where_scales_are_there(
+    sigma_kg: float,
+) -> None:
+    front, rear = AXLES_KG
+    facts = (Fact("front_axle_kg", front, 2.0), Fact("rear_axle_kg", rear, 2.0))
+    session = _session(facts, 1.1, sigma_kg)
+    result = _estimated(session)
+    if sigma_kg:
+        (wrong,) = contradictions(result)
+        assert "all weights by a common factor" in wrong.name
+    quality = judge(session, result)
+    named = by_gate(quality.findings)
+    assert "scale" not in named
+    assert "contradiction" not in named  # the cause is named once, not each load beside it
+    finding = named["added_weights_off_by_a_common_factor"]
+    assert "front_axle_kg and rear_axle_kg" in finding.text
+    size = float(finding.text.split("all weights ")[1].split(" ")[0])
+    assert abs(size - -9.1) < 1.5  # per cent of what is stated: 1 / 1.1 - 1
+    assert quality.verdict is not Verdict.OK
+
+
+def test_right_weights_beside_scales_are_no_finding() -> None:
+    front, rear = AXLES_KG
+    facts = (Fact("front_axle_kg", front, 2.0), Fact("rear_axle_kg", rear, 2.0))
+    session = _session(facts, 1.0, 0.1)
+    quality = judge(session, _estimated(session))
+    assert quality.verdict is Verdict.OK
+    assert quality.survival.surviving == tuple(estimates_names(session))
+    assert ADDED in {state.name for state in session.mass_states}
+
+
+def estimates_names(session: Session) -> tuple[str, ...]:
+    """Return the names of the parameters that a session has."""
+    return grey_box(session, usable_records(session)).names
+
+
+def test_one_wrong_load_is_named_alone() -> None:
+    front, rear = AXLES_KG
+    facts = (
+        Fact("front_axle_kg", front, 0.5),
+        Fact("rear_axle_kg", rear + 60.0, 0.5),
+        Fact("total_mass_kg", front + rear, 0.5),
+    )
+    result = _estimated(_session(facts, 1.0, 0.1))
+    assert estimates(result.box, result.fit)["m_s"].std < 3.0
+    (wrong,) = contradictions(result)
+    assert wrong.name.startswith("rear_axle_kg")

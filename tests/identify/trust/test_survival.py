@@ -1,0 +1,87 @@
+"""Which parameters of a result that is not ok survive: each limit from both sides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf, isnan
+
+import numpy as np
+import pytest
+
+from identify.fit.estimation import Estimation
+from identify.trust.survival import Hypothesis, survival
+
+from .campaigns import estimated
+
+
+@pytest.fixture(scope="module")
+def linear() -> Estimation:
+    return estimated("linear", 1)
+
+
+def _moves(
+    estimation: Estimation, sigmas: float, explained: float = inf, name: str = "k_sf"
+) -> Hypothesis:
+    names = estimation.box.parameters
+    std = float(np.sqrt(estimation.fit.covariance[names.index(name), names.index(name)]))
+    moved = dict.fromkeys(names, 0.0) | {name: sigmas * std}
+    return Hypothesis("hub sensors late", explained, moved)
+
+
+def test_what_no_cause_moves_survives(linear: Estimation) -> None:
+    found = survival(linear, ())
+    assert found.surviving == linear.box.names
+    assert not found.lost
+
+
+def test_a_parameter_is_lost_to_what_moves_it_out_of_its_interval(linear: Estimation) -> None:
+    assert not survival(linear, [_moves(linear, 1.95)]).lost
+    found = survival(linear, [_moves(linear, -1.97), _moves(linear, 1.0)])
+    assert list(found.lost) == ["k_sf"]
+    assert found.lost["k_sf"].cause == "hub sensors late"
+    assert found.lost["k_sf"].shift < 0.0
+    assert "k_sf" not in found.surviving
+    assert len(found.surviving) == 14
+
+
+def test_nothing_survives_where_no_cause_explains_a_third(linear: Estimation) -> None:
+    broken = replace(linear, chi2_per_n=1.4)
+    assert len(survival(broken, [_moves(linear, 3.0, 0.36)]).surviving) == 14
+    found = survival(broken, [_moves(linear, 3.0, 0.34)])
+    assert found.surviving == ()
+    assert set(found.lost) == set(linear.box.names)
+    assert "no cause that was tried explains" in found.lost["m_s"].cause
+    assert isnan(found.lost["m_s"].shift)
+
+
+def test_nothing_survives_where_the_best_cause_leaves_more_than_a_result_may(
+    linear: Estimation,
+) -> None:
+    broken = replace(linear, chi2_per_n=3.0)  # 1 + 2 (1 - 0.75) = 1.5
+    assert survival(broken, [_moves(linear, 3.0, 0.74)]).surviving == ()
+    assert len(survival(broken, [_moves(linear, 3.0, 0.76)]).surviving) == 14
+
+
+def test_a_cause_that_explains_half_as_much_as_the_best_may_be_the_true_one(
+    linear: Estimation,
+) -> None:
+    broken = replace(linear, chi2_per_n=1.4)
+    best = _moves(linear, 0.0, 0.9)
+    assert survival(broken, [best, _moves(linear, 9.0, 0.44)]).surviving == linear.box.names
+    assert list(survival(broken, [best, _moves(linear, 9.0, 0.46)]).lost) == ["k_sf"]
+
+
+def test_what_is_not_determined_is_lost_and_a_fit_astray_loses_all(linear: Estimation) -> None:
+    covariance = linear.fit.covariance.copy()
+    i = linear.box.parameters.index("I_xx")
+    for std, lost in ((0.24, []), (0.26, ["I_xx"]), (np.inf, ["I_xx"])):
+        covariance[i, i] = std**2
+        vague = replace(linear, fit=replace(linear.fit, covariance=covariance))
+        assert list(survival(vague, ()).lost) == lost
+    astray = replace(linear, fit=replace(linear.fit, converged=False))
+    assert survival(astray, ()).surviving == ()
+
+
+def test_the_size_of_a_factor_beyond_twenty_is_not_told(linear: Estimation) -> None:
+    far = Hypothesis("mass states swapped", inf, dict.fromkeys(linear.box.parameters, 50.0))
+    assert survival(linear, [far]).lost["m_s"].shift == pytest.approx(np.exp(3.0) - 1.0)
