@@ -206,32 +206,58 @@ def _printed(curve: Digressive) -> Table:
     )
 
 
-def elements(fleet_car: FleetCar, simulated: Simulated) -> frozenset[str]:
-    """Return the force elements that this car really has and that its runs really met."""
-    i, found = fleet_car.car.imperfections, {"friction", "damper curve", "bars"}
-    if np.isfinite(i.mount_n_m).any():
-        found.add("mounts")
-    if any(i.quadratic_n_m2) or any(i.cubic_n_m3):
-        found.add("progressive springs")
-    if any(i.tyre_progression_per_m):
-        found.add("progressive tyres")
-    if _met_stop(fleet_car, simulated):
-        found.add("bump stops")
-    return frozenset(found)
+def elements(fleet_car: FleetCar, simulated: Simulated) -> dict[str, dict[str, float]]:
+    """Return the force elements that this car has and its runs met, with their true sizes, SI.
+
+    Names are those of `[vehicle.structure]`, with `damper_curve` for both elements of the dampers;
+    sizes have the names under which an identification reports them (`F_cf`: friction of a front
+    corner, N; `s_mf`: compliance of a front mount, m/N).  A damper curve has no single size.
+    """
+    i = fleet_car.car.imperfections
+    friction = (i.friction.front_n, i.friction.rear_n)
+    stops = zip(i.stop_n_m, _met_stops(fleet_car, simulated), strict=True)
+    sizes = {
+        "anti_roll_bars": _both("k_a", (i.bar_front_n_m, i.bar_rear_n_m)),
+        "cg_offset": {"y_s": i.cg_offset_m},
+        "progressive_springs": _both("k_2", i.quadratic_n_m2) | _both("k_3", i.cubic_n_m3),
+        "friction": _both("F_c", friction),
+        "damper_mounts": _both("s_m", tuple(1.0 / k for k in i.mount_n_m)),
+        "tyre_damping": _both("c_t", (i.tyre_damping_front_ns_m, i.tyre_damping_rear_ns_m)),
+        "progressive_tyres": _both("b_t", i.tyre_progression_per_m),
+        "friction_left_right": _both(
+            "dF_c", tuple(n * d for n, d in zip(friction, _unequal(i.friction.sides), strict=True))
+        ),
+        "dampers_left_right": _both("s_c", _unequal(i.damper)),
+        "bump_stops": _both("k_b", tuple(k * met for k, met in stops)),
+    }
+    found = {name: size for name, size in sizes.items() if any(size.values())}
+    if i.damper_front is not None or i.damper_rear is not None:
+        found["damper_curve"] = {}
+    return found
 
 
-def _met_stop(fleet_car: FleetCar, simulated: Simulated) -> bool:
-    """Return whether a bump stop was touched after the wheels had left the bump."""
+def _both(kind: str, sizes: Sequence[float]) -> dict[str, float]:
+    front, rear = sizes
+    return {f"{kind}f": front, f"{kind}r": rear}
+
+
+def _unequal(sides: PerCorner) -> tuple[float, float]:
+    """Return half of what the left has more than the right, front and rear."""
+    return 0.5 * (sides[0] - sides[1]), 0.5 * (sides[2] - sides[3])
+
+
+def _met_stops(fleet_car: FleetCar, simulated: Simulated) -> tuple[bool, bool]:
+    """Return whether a front and a rear stop were touched after the wheels had left the bump."""
     i, p = fleet_car.car.imperfections, fleet_car.car.parameters
     bare = load_car(p, AddedMass(), i).progression
+    met = np.zeros(4, dtype=bool)
     if bare is None or not np.isfinite(i.stop_gap_m).any():
-        return False
+        return False, False
     plan = fleet_car.plan
     begin = plan.rest_s + plan.bump_s
     t_s = np.arange(begin, begin + 0.5, 1e-3)
     for motion in simulated.motions:
         pose = motion.at(t_s).pose
         body = pose[0] - motion.plant.corner_x_m * pose[1] + motion.plant.corner_y_m * pose[2]
-        if np.any(pose[3:] - body - bare.ride_m > bare.stop_gap_m):
-            return True
-    return False
+        met |= (pose[3:] - body - bare.ride_m > bare.stop_gap_m).any(axis=1)
+    return bool(met[:2].any()), bool(met[2:].any())

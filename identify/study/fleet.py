@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite, nan
+from math import inf, isfinite, nan
 
 import numpy as np
 
 from ..identification import Identification
+from ..nonlinear.forces import Forces
 from ..trust.finding import Verdict
 from .result import Column, Study
 
@@ -19,6 +20,8 @@ JUDGED = (
     "m_s", "I_yy", "I_xx", "m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "a", "b", "t_f", "t_r",
 )  # fmt: skip
 """Masses, inertias, stiffnesses and lengths: what the fractions are of."""
+_DAMPER = ("one_sided_dampers", "damper_knees")
+"""Groups of unknowns that make a damper's curve together."""
 GOOD_PERCENT, FAIR_PERCENT = 3.0, 5.0
 """Errors of the worst parameter of a car within which it counts as good, and as fair."""
 
@@ -46,20 +49,33 @@ class FleetCase:
     there: tuple[str, ...]
     """Force elements that the car has and its runs met."""
     named: tuple[str, ...]
-    """Codes of the findings of its identification."""
+    """Force elements that its identification says are there."""
+    expected: tuple[str, ...] = ()
+    """Those of `there` whose true size is above half of its 95 % interval: they can be named."""
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Elements that could be named and are not."""
+        return tuple(name for name in self.expected if name not in self.named)
+
+    @property
+    def false(self) -> tuple[str, ...]:
+        """Elements that are named and that the car has not."""
+        return tuple(name for name in self.named if name not in self.there)
 
 
 def fleet_case(
     name: str,
     result: Identification,
     truth: Mapping[str, float],
-    there: Sequence[str],
+    there: Mapping[str, Mapping[str, float]],
     cpu_s: float,
 ) -> FleetCase:
     """Compare an identification with the car that it is of.
 
     `name`: of the car.  `result`: what was found.  `truth`: its true parameters.  `there`: its
-    force elements.  `cpu_s`: processor time that it took, s.
+    force elements with their true sizes (`daq.sim.fleet.elements`).  `cpu_s`: processor time that
+    it took, s.
     """
     found = {p: result.parameters[p] for p in JUDGED if p in result.parameters}
     errors = {p: 100.0 * abs(e.value / truth[p] - 1.0) for p, e in found.items()}
@@ -74,7 +90,34 @@ def fleet_case(
         judged=len(found),
         cpu_s=cpu_s,
         there=tuple(sorted(there)),
-        named=tuple(dict.fromkeys(finding.code for finding in result.quality.findings)),
+        named=_named(result.forces),
+        expected=_expected(result.forces, there),
+    )
+
+
+def _element(name: str) -> str:
+    """Return the element that a group of unknowns belongs to."""
+    return "damper_curve" if name in _DAMPER else name
+
+
+def _named(forces: Forces | None) -> tuple[str, ...]:
+    choices = forces.choices if forces else ()
+    return tuple(dict.fromkeys(_element(one.name) for one in choices if one.kept))
+
+
+def _expected(forces: Forces | None, there: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
+    """Return the elements whose true size is above half of its interval; a curve always is."""
+    halves = {
+        name: (e.high - e.low) / 2.0
+        for one in (forces.choices if forces else ())
+        for name, e in one.values.items()
+    }
+    tried = {_element(one.name) for one in (forces.choices if forces else ())}
+    return tuple(
+        name
+        for name, sizes in there.items()
+        if name in tried
+        and (not sizes or any(abs(size) > halves.get(n, inf) for n, size in sizes.items()))
     )
 
 
@@ -89,8 +132,9 @@ def fleet_study(title: str, cases: Sequence[FleetCase]) -> Study:
         Column("covered", "covered", ".0f"),
         Column("judged", "of", ".0f"),
         Column("cpu_s", "CPU s", ".1f"),
-        Column("there", "elements"),
-        Column("named", "findings"),
+        Column("named", "named"),
+        Column("missed", "missed"),
+        Column("false", "false"),
     )
     rows = tuple(
         (
@@ -102,8 +146,9 @@ def fleet_study(title: str, cases: Sequence[FleetCase]) -> Study:
             float(case.covered),
             float(case.judged),
             case.cpu_s,
-            ", ".join(case.there),
             ", ".join(case.named),
+            ", ".join(case.missed),
+            ", ".join(case.false),
         )
         for case in cases
     )
@@ -115,8 +160,9 @@ def fractions(cases: Sequence[FleetCase]) -> dict[str, float]:
 
     `usable` ended ok or doubtful; of these `good` and `fair` have no error above 3 and 5 %;
     `false_ok` ended ok with an error above 5 %; `coverage_ok` and `coverage_doubtful` are the
-    shares of intervals that hold the truth; `median_cpu_s` is of the usable, `median_refused_cpu_s`
-    of the others.
+    shares of intervals that hold the truth; `elements_named` is the share of the force elements
+    with an effect above its interval that are named, `elements_false` that of the named ones that
+    are not there; `median_cpu_s` is of the usable, `median_refused_cpu_s` of the others.
     """
     usable = [case for case in cases if case.verdict != Verdict.REFUSED]
     refused = [case for case in cases if case.verdict == Verdict.REFUSED]
@@ -131,6 +177,8 @@ def fractions(cases: Sequence[FleetCase]) -> dict[str, float]:
         "false_ok": float(sum(case.worst_percent > FAIR_PERCENT for case in ok)),
         "coverage_ok": _coverage(ok),
         "coverage_doubtful": _coverage(doubtful),
+        "elements_named": _share([n in c.named for c in usable for n in c.expected]),
+        "elements_false": _share([n not in c.there for c in usable for n in c.named]),
         "median_cpu_s": _median([case.cpu_s for case in usable]),
         "median_refused_cpu_s": _median([case.cpu_s for case in refused]),
     }
@@ -165,6 +213,12 @@ def _notes(cases: Sequence[FleetCase]) -> list[str]:
         held = of[f"coverage_{verdict.value}"]
         if isfinite(held):
             lines.append(f"95 % intervals hold {100 * held:.1f} % for {verdict.value}")
+    if isfinite(of["elements_named"]):
+        lines.append(
+            f"{100 * of['elements_named']:.1f} % of the force elements with an effect above its"
+            f" 95 % interval are named; of the named ones {100 * of['elements_false']:.1f} % are"
+            " not there"
+        )
     for name, whose in (("median_cpu_s", "usable"), ("median_refused_cpu_s", "refused")):
         if isfinite(of[name]):
             lines.append(f"median {of[name]:.1f} CPU s for the {whose} ones")

@@ -26,4 +26,4 @@ def identified_car(seed: int, facts: bool, travels: bool, number: int) -> FleetC
     result = identify.identify(simulated.session)
     cpu_s = process_time() - began
     truth, there = true_parameters(drawn.car), elements(drawn, simulated)
-    return fleet_case(f"{number} {drawn.kind}", result, truth, sorted(there), cpu_s)
+    return fleet_case(f"{number} {drawn.kind}", result, truth, there, cpu_s)

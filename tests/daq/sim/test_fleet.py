@@ -12,7 +12,7 @@ from daq.sim.fleet import FleetCar, elements, fleet_car
 from daq.sim.load import load_car
 from daq.sim.motion import standing
 from daq.sim.reported import true_parameters
-from daq.vehicle import AddedMass, BodyWeight, FactQuantity
+from daq.vehicle import ELEMENTS, AddedMass, BodyWeight, FactQuantity
 
 CARS = tuple(fleet_car(number, 1) for number in range(100))
 
@@ -108,8 +108,15 @@ def test_a_simulated_car_has_the_elements_that_it_met() -> None:
     car = CARS[1]
     simulated = car.simulate()
     found = elements(car, simulated)
-    assert {"friction", "damper curve", "bars", "mounts", "progressive tyres"} <= found
     i = car.car.imperfections
+    assert found["friction"] == {"F_cf": i.friction.front_n, "F_cr": i.friction.rear_n}
+    assert found["anti_roll_bars"] == {"k_af": i.bar_front_n_m, "k_ar": i.bar_rear_n_m}
+    assert found["damper_mounts"]["s_mr"] == pytest.approx(1.0 / i.mount_n_m[1])
+    assert found["damper_curve"] == {}
+    left, right = i.friction.sides[:2]
+    unequal = i.friction.front_n * (left - right) / 2.0
+    assert found["friction_left_right"]["dF_cf"] == pytest.approx(unequal)
+    assert set(found) - {"damper_curve"} <= set(ELEMENTS)
     squeezed = []
     for motion in simulated.motions:
         pose = motion.at(np.arange(0.8, 1.3, 1e-3)).pose
@@ -118,5 +125,7 @@ def test_a_simulated_car_has_the_elements_that_it_met() -> None:
         x, y = motion.plant.corner_x_m, motion.plant.corner_y_m
         squeezed.append((pose[3:] - (pose[0] - x * pose[1] + y * pose[2]) - bent.ride_m).max(1))
     met = np.max(squeezed, axis=0) > np.repeat(i.stop_gap_m, 2)
-    assert ("bump stops" in found) == met.any()
+    touched = [bool(met[:2].any()), bool(met[2:].any())]
+    stops = found.get("bump_stops", {"k_bf": 0.0, "k_br": 0.0})
+    assert [size > 0.0 for size in stops.values()] == touched
     assert len(simulated.session.runs) == len(car.plan.bumps)
