@@ -8,7 +8,7 @@ from math import isfinite
 from daq.runs import RunStatus
 from daq.sessions import Session
 
-from .document import Document
+from .document import Document, ForcesEntry
 from .pipeline import identify
 
 Cell = float | str | None
@@ -29,7 +29,10 @@ def document_row(session: Session, document: Document) -> dict[str, Cell]:
     The columns: `session` (its uuid), `vehicle`, `runs_accepted`, `verdict`, `reasons` (the three
     worst), `chi2_per_n`, the names of the `surviving` and the `lost` parameters; each parameter
     `NAME` and `NAME_std`, SI, None where it is not determined; each mode `STATE_N_name`,
-    `STATE_N_hz`, `STATE_N_hz_std`, `STATE_N_damping` and `STATE_N_damping_std`.
+    `STATE_N_hz`, `STATE_N_hz_std`, `STATE_N_damping` and `STATE_N_damping_std`.  Of a car that is
+    not linear also `elements` (those that are there), and for each axle its elements
+    (`front_friction`) and forces at speeds (`rear_damper_force_+0.10`,
+    `rear_force_with_friction_+0.10`), N, each with `_std`.
     """
     row: dict[str, Cell] = {
         "session": session.provenance.get("uuid", ""),
@@ -44,6 +47,8 @@ def document_row(session: Session, document: Document) -> dict[str, Cell]:
     for name, estimate in document["parameters"].items():
         row[name] = _finite(estimate["value"])
         row[f"{name}_std"] = _finite(estimate["std"])
+    if document["forces"]:
+        row |= _forces(document["forces"])
     for state, modes in document["modes"].items():
         for number, mode in enumerate(modes, start=1):
             key = f"{state}_{number}"
@@ -52,6 +57,21 @@ def document_row(session: Session, document: Document) -> dict[str, Cell]:
             row[f"{key}_hz_std"] = _finite(mode["frequency_std_hz"])
             row[f"{key}_damping"] = _finite(mode["damping_ratio"])
             row[f"{key}_damping_std"] = _finite(mode["damping_ratio_std"])
+    return row
+
+
+def _forces(forces: ForcesEntry) -> dict[str, Cell]:
+    """Return elements and forces at standard speeds of both axles, and which elements are there."""
+    kept = (one["name"] for one in forces["elements"] if one["kept"])
+    row: dict[str, Cell] = {"elements": " ".join(kept)}
+    for axle, one in forces["axles"].items():
+        known = {f"{axle}_{name}": e for name, e in one["elements"].items()}
+        for at in one["at_speeds"]:
+            speed = f"{at['speed_m_s']:+.2f}"
+            known[f"{axle}_damper_force_{speed}"] = at["damper"]
+            known[f"{axle}_force_with_friction_{speed}"] = at["with_friction"]
+        for name, e in known.items():
+            row[name], row[f"{name}_std"] = _finite(e["value"]), _finite(e["std"])
     return row
 
 

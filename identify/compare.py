@@ -14,6 +14,7 @@ from dbc.errors import InputError
 
 from .fit.uncertainty import Estimate
 from .identification import Identification
+from .nonlinear.at_speeds import force_quantities
 
 LEVEL = 0.05
 """Chance of even one false alarm among all tests of a kind."""
@@ -80,6 +81,9 @@ class Comparison:
     parameters: tuple[Compared, ...]
     modes: tuple[Compared, ...]
     """`parameters`, `modes`: every quantity that was identified in all sessions."""
+    forces: tuple[Compared, ...]
+    """Friction, other elements and damper forces at standard speeds, where all sessions have
+    them."""
     common: tuple[str, ...]
     """Facts and weights with uncertainties that all sessions state alike."""
     open: tuple[str, ...] = ()
@@ -87,8 +91,8 @@ class Comparison:
 
     @property
     def quantities(self) -> tuple[Compared, ...]:
-        """Parameters, then modes."""
-        return self.parameters + self.modes
+        """Parameters, then forces, then modes."""
+        return self.parameters + self.forces + self.modes
 
     def document(self) -> dict[str, Any]:
         """Return the comparison as JSON, the form of `compare --json`."""
@@ -113,7 +117,8 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
             raise InputError(label, f"not identified: {reason}", "leave it out")
     parameters = _in_all([_parameters(result) for result in results])
     modes = _in_all([_modes(result) for result in results])
-    rows = {**parameters, **modes}
+    forces = _in_all([_forces(result) for result in results])
+    rows = {**parameters, **forces, **modes}
     pairs = [(e[0], other) for e in rows.values() for other in e[1:]]
     plain = [_difference(*pair) for pair in pairs]
     found = iter(_holm([d.p for d in plain]))
@@ -128,6 +133,7 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
         tuple(str(result.quality.verdict) for result in results),
         tuple(compared[name] for name in parameters),
         tuple(compared[name] for name in modes),
+        tuple(compared[name] for name in forces),
         _common(results),
         _open(results),
     )
@@ -135,6 +141,11 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
 
 def _parameters(result: Identification) -> dict[str, Estimate]:
     return {n: e for n, e in result.parameters.items() if e.std > 0.0 and e.determined}
+
+
+def _forces(result: Identification) -> dict[str, Estimate]:
+    found = force_quantities(result.forces) if result.forces else {}
+    return {n: e for n, e in found.items() if e.std > 0.0 and e.determined}
 
 
 def _open(results: Sequence[Identification]) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from dbc.finding import Finding
 from .fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Correlation, Estimate, ModeEstimate
 from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
+from .nonlinear.at_speeds import forces_at_speeds
 from .nonlinear.forces import DamperCurve, Forces
 from .trust.finding import Verdict
 from .trust.survival import Loss
@@ -110,10 +111,20 @@ class DamperEntry(TypedDict):
     """Upper end of its 95 % band."""
 
 
+class SpeedEntry(TypedDict):
+    """Force of one corner at a speed at which tables give it."""
+
+    speed_m_s: float
+    damper: EstimateEntry
+    with_friction: EstimateEntry
+
+
 class AxleEntry(TypedDict):
     """The forces of one corner of an axle beyond springs and tyres."""
 
     damper: DamperEntry
+    at_speeds: list[SpeedEntry]
+    """Of the standard speeds those that occurred, from rebound to compression."""
     elements: dict[str, EstimateEntry]
     """Friction, bump stop, mount and the like, where they are there."""
     notes: list[str]
@@ -294,6 +305,14 @@ def forces_entry(forces: Forces) -> ForcesEntry:
         "axles": {
             one.axle: {
                 "damper": _damper_entry(one.damper),
+                "at_speeds": [
+                    {
+                        "speed_m_s": at.speed_m_s,
+                        "damper": _estimate_entry(at.damper),
+                        "with_friction": _estimate_entry(at.total),
+                    }
+                    for at in forces_at_speeds(one.damper)
+                ],
                 "elements": estimate_entries(one.values),
                 "notes": list(one.notes),
             }
@@ -348,6 +367,18 @@ def document_html(document: Document) -> str:
         ]
         columns = ["parameter", "estimate", "95 % interval", "unit"]
         parts.append(html_table("Parameters", columns, rows))
+    for axle, one in (document["forces"]["axles"] if document["forces"] else {}).items():
+        known = [(name.replace("_", " "), e) for name, e in one["elements"].items()]
+        for at in one["at_speeds"]:
+            v = f"{at['speed_m_s']:+.2f} m/s"
+            known.append((f"damper force at {v}", at["damper"]))
+            known.append((f"with friction at {v}", at["with_friction"]))
+        rows = [
+            [name, _digits(e["value"]), _interval(e["low"], e["high"]), unit_text(e["unit"])]
+            for name, e in known
+        ]
+        columns = ["force of one corner", "estimate", "95 % interval", "unit"]
+        parts.append(html_table(f"Forces, {axle}", columns, rows))
     for state, modes in document["modes"].items():
         rows = [
             [

@@ -15,6 +15,7 @@ from dbc.errors import InputError
 from .identification import Identification
 from .modes.stabilisation import StabilisationDiagram
 from .report.blocks import Gallery, Picture
+from .report.dampers import damper_picture
 from .report.decays import decay_section
 from .report.figures.panels import draw, figure_of, look, size_in
 from .report.modes import mode_text
@@ -56,6 +57,21 @@ def parameters(result: Identification) -> Figure:
     """
     blocks = parameter_section(_fitted(result).document()).blocks
     return figure_of(next(block.panel for block in blocks if isinstance(block, Picture)))
+
+
+def dampers(result: Identification) -> Figure:
+    """Draw the force of each axle's damper over its speed, with its 95 % band and with friction.
+
+    Raises
+    ------
+    InputError
+        If the session was refused before a fit, or the linear model explains its decays.
+    """
+    forces = _fitted(result).document()["forces"]
+    if forces is None:
+        what = "there is no damper curve: the linear model explains the decays"
+        raise InputError("plot", what, "take c_sf and c_sr, or bump higher")
+    return figure_of(damper_picture(forces).panel)
 
 
 def correlation(result: Identification) -> Figure:

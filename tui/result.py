@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from daq.vehicle import parameter_unit
 from identify.document import NOT_DETERMINED, survival_lines
 from identify.report import (
+    damper_columns,
     damper_rows,
     element_answer,
     half_width_percent,
@@ -92,8 +93,8 @@ def _print_forces(forces: ForcesEntry) -> None:
     columns = ["element", "estimate", "95 % interval", "unit"]
     print_table("Force elements, each of one corner", columns, rows)
     print_line()
-    columns = ["speed, m/s, compression positive", *forces["axles"]]
-    print_table("Damper force, N, with 95 % interval", columns, damper_rows(forces))
+    title = "Force of one corner, N, damper alone and with friction; compression positive"
+    print_table(title, ["m/s", *damper_columns(forces)], damper_rows(forces))
     for axle, one in forces["axles"].items():
         for note in one["notes"]:
             print_line(f"{axle} {note}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from dbc.frames import read_only
 
 from ..elements.damper import knee
+from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, Estimate
 from .car import F_C, GAP, KNEE_M_S, KNEES, C, Car
 from .fit import Optimum
@@ -114,14 +116,15 @@ def element_estimates(best: Optimum, covariance: NDArray[np.float64]) -> dict[st
             e = by_name[name]
             value = e.value(float(best.eta[i]))
             std *= abs(value) if e.logarithmic else e.scale
-            unit = e.unit
+            unit, size = e.unit, 0.0 if e.logarithmic else e.scale
         elif name in known:
+            size = SIGNED.get(name, 0.0)
             value, unit = float(known[name]), {"k": "N/m", "c": "N s/m", "y": "m"}.get(name[0], "")
             std *= slopes[name]
         else:
             continue
         half = COVERAGE_95 * std
-        result[name] = Estimate(value, std, value - half, value + half, unit)
+        result[name] = Estimate(value, std, value - half, value + half, unit, size)
     return result
 
 
@@ -178,9 +181,11 @@ def _axle(
             notes.append(f"damper mount rigid: at least {least:.1e} N/m")
         else:
             k = 1.0 / mount.value
-            std = mount.std * k**2
-            half = COVERAGE_95 * std
-            shown["mount"] = Estimate(k, std, k - half, k + half, "N/m")
+            # The interval is that of the compliance, turned over: it is not symmetric.
+            low, high = 1.0 / mount.high, 1.0 / mount.low if mount.low > 0.0 else inf
+            shown["mount"] = found = Estimate(k, mount.std * k**2, low, high, "N/m")
+            if not found.determined:
+                notes.append(f"damper mount: at least {low:.1e} N/m")
     return AxleForces(_AXLES[axle], curve, shown, tuple(notes))
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .blocks import Report as Report
     from .blocks import Source as Source
     from .content import report_of as report_of
+    from .dampers import damper_columns as damper_columns
     from .dampers import damper_rows as damper_rows
     from .dampers import element_answer as element_answer
     from .decays import decay_section as decay_section

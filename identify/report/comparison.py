@@ -31,6 +31,7 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
             blocks.append(_picture(comparison, number_))
         for title, part, rows in (
             ("Parameters", "parameters", comparison.parameters),
+            ("Forces of one corner", "forces", comparison.forces),
             ("Modes", "modes", comparison.modes),
         ):
             if rows:
@@ -101,7 +102,11 @@ def _picture(comparison: Comparison, which: int) -> Picture:
 def _trends(comparison: Comparison, document: dict[str, Any]) -> Section:
     cells = []
     pictures: list[Picture] = []
-    for part, rows in (("parameters", comparison.parameters), ("modes", comparison.modes)):
+    for part, rows in (
+        ("parameters", comparison.parameters),
+        ("forces", comparison.forces),
+        ("modes", comparison.modes),
+    ):
         for i, row in enumerate(rows):
             t = row.trend
             if t is None:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..document import AxleEntry, Document, ElementEntry, ForcesEntry, unit_text
+from ..document import (
+    NOT_DETERMINED,
+    Document,
+    ElementEntry,
+    EstimateEntry,
+    ForcesEntry,
+    unit_text,
+)
 from .blocks import Block, Cell, Picture, Section, Table, cited
 from .numbers import number
 from .panels import AxleCurve, DamperPanel
 from .words import plain
-
-_SPEEDS_M_S = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)
-"""Speeds at which tables give the force; a curve is printed where these speeds occurred."""
 
 
 def damper_section(document: Document) -> Section | None:
@@ -19,29 +23,43 @@ def damper_section(document: Document) -> Section | None:
     forces = document["forces"]
     if forces is None:
         return None
-    blocks: list[Block] = [_curves(forces), _forces_at_speeds(forces)]
+    blocks: list[Block] = [damper_picture(forces), _forces_at_speeds(forces)]
     if any(one["elements"] for one in forces["axles"].values()):
         blocks.append(_elements(document, forces))
     blocks.append(_tried(document, forces))
     return Section(
         "dampers",
-        "Dampers and friction",
-        "Forces of one corner of each axle, identified from the decays with the damper in the car. "
-        "The band is the 95 % interval. A curve is shown for the speeds that occurred in 1 to 99 % "
-        "of the time. c_s among the parameters is the secant of this curve between -0.1 and "
-        "0.1 m/s.",
+        "Damper dynamometer",
+        "A damper dynamometer that takes nothing off the car: forces of one corner of each axle, "
+        "at the wheel, identified from the decays. The band is the 95 % interval. A curve is shown "
+        "for the speeds that occurred in 1 to 99 % of the time. c_s among the parameters is the "
+        "secant of this curve between -0.1 and 0.1 m/s. Speeds and forces are those of the wheel: "
+        "on a test rig a damper of lever ratio i shows 1/i of the force at i times the speed.",
         tuple(blocks),
     )
 
 
 def damper_rows(forces: ForcesEntry) -> list[list[str]]:
-    """Return the damper force of each axle at some speeds, with half of its 95 % interval."""
+    """Return, for each standard speed, the force of each axle's damper and that with friction.
+
+    Each with half of its 95 % interval; empty where an axle did not reach the speed.
+    """
+    axles = [{at["speed_m_s"]: at for at in one["at_speeds"]} for one in forces["axles"].values()]
     rows = []
-    for speed in _SPEEDS_M_S:
-        texts = [_force_at(one, speed) for one in forces["axles"].values()]
-        if any(texts):
-            rows.append([f"{speed:+.2f}", *texts])
+    for speed in sorted({speed for one in axles for speed in one}):
+        texts = []
+        for one in axles:
+            known = one.get(speed)
+            texts += (
+                [_force(known["damper"]), _force(known["with_friction"])] if known else ["", ""]
+            )
+        rows.append([f"{speed:+.2f}", *texts])
     return rows
+
+
+def damper_columns(forces: ForcesEntry) -> list[str]:
+    """Return the heads of `damper_rows` after the speed."""
+    return [name for axle in forces["axles"] for name in (axle, f"{axle} with friction")]
 
 
 def element_answer(one: ElementEntry) -> str:
@@ -51,19 +69,14 @@ def element_answer(one: ElementEntry) -> str:
     return "there" if one["kept"] else "not needed"
 
 
-def _force_at(one: AxleEntry, speed_m_s: float) -> str:
-    damper = one["damper"]
-    x = damper["speed_m_s"]
-    if not x[0] <= speed_m_s <= x[-1]:
-        return ""
-    force, low, high = (
-        float(np.interp(speed_m_s, x, y))
-        for y in (damper["force_n"], damper["force_low_n"], damper["force_high_n"])
-    )
-    return f"{force:,.0f} ± {(high - low) / 2.0:,.0f}"
+def _force(e: EstimateEntry) -> str:
+    if e["reason"]:
+        return NOT_DETERMINED
+    return f"{e['value']:,.0f} ± {(e['high'] - e['low']) / 2.0:,.0f}"
 
 
-def _curves(forces: ForcesEntry) -> Picture:
+def damper_picture(forces: ForcesEntry) -> Picture:
+    """Return the curves of both axles with their bands."""
     curves = tuple(
         AxleCurve(
             axle,
@@ -92,10 +105,11 @@ def _curves(forces: ForcesEntry) -> Picture:
 def _forces_at_speeds(forces: ForcesEntry) -> Table:
     rows = tuple(tuple(Cell(text) for text in row) for row in damper_rows(forces))
     return Table(
-        "Damper force, N",
-        ("#speed, m/s", *(f"#{axle}" for axle in forces["axles"])),
+        "Force of one corner at a speed, N",
+        ("#speed, m/s", *(f"#{name}" for name in damper_columns(forces))),
         rows,
-        "From the curves, with half of the 95 % interval; empty where the speed did not occur.",
+        "Of the damper, and with friction; each with half of its 95 % interval. Empty where the "
+        "speed did not occur. The split rests on the law of the friction, the sum does not.",
     )
 
 
@@ -104,7 +118,8 @@ def _elements(document: Document, forces: ForcesEntry) -> Table:
     for axle, one in forces["axles"].items():
         for name, e in one["elements"].items():
             place = ("forces", "axles", axle, "elements", name)
-            cells = (cited(document, *place, end) for end in ("value", "low", "high"))
+            ends = [cited(document, *place, end) for end in ("low", "high")]
+            cells = (cited(document, *place, "value"), *([Cell("")] * 2 if e["reason"] else ends))
             rows.append((Cell(axle), Cell(plain(name)), *cells, Cell(unit_text(e["unit"]))))
     return Table(
         "Force elements of one corner",

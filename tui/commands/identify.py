@@ -13,7 +13,7 @@ from ..diagnostics import ExitCode
 def identify(
     session: Annotated[Path, typer.Argument(help="Session file (HDF5).")],
     dampers: Annotated[
-        Path | None, typer.Option(help="Write the damper curves to this CSV file.")
+        Path | None, typer.Option(help="Write the damper curves: .csv, .txt (Modelica) or .mat.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> int:
@@ -21,7 +21,7 @@ def identify(
     import daq
     import identify as method
 
-    from ..damper_csv import write_damper_csv
+    from ..damper_table import write_damper_table
     from ..jobs.helpers import helpers
     from ..output import print_json, progress
     from ..result import print_identification
@@ -33,7 +33,7 @@ def identify(
             result = method.identify(recorded, stage, pool)
     document = result.document()
     if dampers is not None:
-        write_damper_csv(document, dampers)
+        write_damper_table(document, dampers)
     if json:
         print_json(document)
     else:

@@ -37,7 +37,13 @@ def print_comparison(comparison: Comparison) -> None:
     """Write every difference from the first session, then trends where there are some."""
     first = comparison.labels[0]
     for which, label in enumerate(comparison.labels[1:]):
-        for title, rows in (("Parameters", comparison.parameters), ("Modes", comparison.modes)):
+        for title, rows in (
+            ("Parameters", comparison.parameters),
+            ("Forces of one corner (damper; corner: with friction)", comparison.forces),
+            ("Modes", comparison.modes),
+        ):
+            if not rows:
+                continue
             _print_differences(f"{title}: {label} less {first}", rows, which)
             print_line()
     if len(comparison.labels) > 2:

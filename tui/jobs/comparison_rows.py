@@ -20,9 +20,15 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
         yield f"  {', '.join(differing)}"
     else:
         yield "Nothing differs beyond what noise alone would give."
-    for title, rows in (("Parameters", comparison.parameters), ("Modes", comparison.modes)):
+    for title, rows in (
+        ("Parameters", comparison.parameters),
+        ("Forces, N", comparison.forces),
+        ("Modes", comparison.modes),
+    ):
+        if not rows:
+            continue
         yield ""
-        yield f"{title:<24}{'1':>12}{'2':>12}{'2 less 1':>11}{'z':>8}"
+        yield f"{title:<26}{'1':>12}{'2':>12}{'2 less 1':>11}{'z':>8}"
         yield from (_row(row) for row in rows)
     yield ""
     if comparison.open:
@@ -36,4 +42,4 @@ def _row(row: Compared) -> str:
     value, difference = row.estimates[0].value, row.differences[0]
     share = f"{difference.value / abs(value) * 100:+.2f} %" if value else ""
     word = "  differs" if difference.significant else ""
-    return f"{row.name:<24}{a:>12}{b:>12}{share:>11}{difference.z:>+8.2f}{word}"
+    return f"{row.name:<26}{a:>12}{b:>12}{share:>11}{difference.z:>+8.2f}{word}"

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from math import isnan
 
 import numpy as np
 import pytest
 
-from identify import Estimate, Identification, Quality
+from daq import InputError, session_from_arrays
+from identify import Estimate, Identification, Quality, plots
+from identify.batch import document_row
+from identify.compare import compare
 from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
-from identify.report.blocks import Picture
+from identify.report.blocks import Picture, Table
 from identify.report.dampers import damper_rows, damper_section
 from identify.report.figures.panels import panel_svg
 from identify.report.panels import DamperPanel
+from tui.jobs.comparison_rows import comparison_lines
 
 SPEED = np.array([-0.3, -0.1, 0.0, 0.1, 0.3])
 
@@ -49,8 +54,71 @@ def test_forces_are_given_where_the_speed_occurred_and_nowhere_else() -> None:
     forces = _result().document()["forces"]
     assert forces is not None
     rows = {row[0]: row[1:] for row in damper_rows(forces)}
-    assert rows["+0.20"] == ["300 ± 20", "400 ± 20"]
+    assert rows["+0.20"] == ["300 ± 20", "350 ± 39", "400 ± 20", "450 ± 39"]
     assert "-0.40" not in rows
+
+
+def test_what_is_not_determined_is_a_word_in_row_table_and_json() -> None:
+    result = _result()
+    assert result.forces is not None
+    front, rear = result.forces.axles
+    vague = Estimate(3e4, 2e4, -9e3, 7e4, "N/m")
+    # The front gives 150 N at 0.1 m/s: 51 N are more than a quarter, and than the 50 N that matter.
+    curve = replace(front.damper, std_n=np.full(5, 51.0), total_std_n=np.full(5, 49.0))
+    front = replace(front, values={"bump_stop": vague}, damper=curve)
+    document = replace(result, forces=replace(result.forces, axles=(front, rear))).document()
+    forces = document["forces"]
+    assert forces is not None
+    at = {one["speed_m_s"]: one for one in forces["axles"]["front"]["at_speeds"]}
+    assert isnan(at[0.1]["damper"]["value"])
+    assert at[0.1]["with_friction"]["value"] == 200.0
+    assert isnan(forces["axles"]["front"]["elements"]["bump_stop"]["value"])
+    section = damper_section(document)
+    assert section is not None
+    cells = [
+        cell.text for b in section.blocks if isinstance(b, Table) for r in b.rows for cell in r
+    ]
+    assert cells.count("not determined") == 5  # the stop, and 4 speeds within 0.1 m/s
+    assert not [text for text in cells if "nan" in text or "30,000" in text]
+
+
+def test_a_batch_row_has_forces_with_their_sigma_and_what_is_there() -> None:
+    row = document_row(session_from_arrays([]), _result().document())
+    assert row["elements"] == "friction"
+    assert (row["front_friction"], row["front_friction_std"]) == (50.0, 1.0)
+    assert row["rear_damper_force_+0.20"] == pytest.approx(400.0)
+    assert row["rear_damper_force_+0.20_std"] == pytest.approx(10.0)
+    assert row["rear_force_with_friction_-0.20"] == pytest.approx(-450.0)
+    assert "rear_damper_force_+0.40" not in row
+
+
+def test_compare_names_the_friction_that_changed() -> None:
+    first = replace(_result(), parameters={"m_s": Estimate(1e3, 1.0, 998.0, 1002.0, "kg")})
+    assert first.forces is not None
+    front, rear = first.forces.axles
+    worn = replace(rear, values={"friction": Estimate(60.0, 1.0, 58.04, 61.96, "N")})
+    other = replace(first, forces=replace(first.forces, axles=(front, worn)))
+    two = compare(["new", "worn"], [first, other])
+    by_name = {row.name: row.differences[0] for row in two.forces}
+    friction = by_name["rear friction"]
+    assert (friction.value, friction.significant) == (10.0, True)
+    assert friction.std == pytest.approx(2.0**0.5)
+    assert by_name["front damper +0.20 m/s"].std == pytest.approx(10.0 * 2.0**0.5)
+    assert not any(d.significant for name, d in by_name.items() if name != "rear friction")
+    assert [len(line) for line in comparison_lines(two) if len(line) > 80] == []
+    linear = replace(first, forces=None)
+    assert compare(["new", "linear"], [first, linear]).forces == ()
+
+
+def test_the_public_plot_is_the_curve_of_the_report() -> None:
+    result = replace(_result(), parameters={"m_s": Estimate(1e3, 1.0, 998.0, 1002.0, "kg")})
+    figure = plots.dampers(result)
+    front, rear = figure.axes
+    assert (front.get_title(loc="left"), rear.get_title(loc="left")) == ("front", "rear")
+    curve = next(line for line in rear.lines if line.get_label() == "damper, 95 % band")
+    np.testing.assert_allclose(np.asarray(curve.get_ydata()), 2000.0 * SPEED)
+    with pytest.raises(InputError, match="the linear model explains the decays"):
+        plots.dampers(replace(result, forces=None))
 
 
 def test_the_section_shows_curves_elements_and_what_was_tried() -> None:

@@ -1,0 +1,107 @@
+"""Damper curves as tables that people and simulation programs read: CSV, Modelica, MATLAB."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from daq.files import write_bytes
+from dbc import InputError
+
+if TYPE_CHECKING:
+    from identify import Document
+    from identify.document import ForcesEntry
+
+Columns = Mapping[str, list[float]]
+"""A table by its columns; the first is the speed, m/s, and ascends."""
+
+
+def write_damper_table(document: Document, path: Path) -> None:
+    """Write the damper curves of both axles, compression positive, SI, by the ending of the path.
+
+    `.csv` has a row for each axle and speed.  `.txt` is the text form of Modelica's tables: `front`
+    and `rear` for `CombiTable1Ds`, column 2 the force of the damper.  `.mat` (MATLAB v5) has the
+    same matrices, the names of their columns, and the other force elements of each axle.
+
+    Raises
+    ------
+    InputError
+        If the identification has no damper curves, the ending is another, or the file cannot be
+        written.
+    """
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        known = ", ".join(_WRITERS)
+        raise InputError(str(path), "is a table of no known form", f"end its name in {known}")
+    forces = document["forces"]
+    if forces is None:
+        what = "not written: the linear model explains the decays, so there is no damper curve"
+        raise InputError(str(path), what, "take c_sf and c_sr, or bump higher")
+    data = writer(forces)
+    try:
+        write_bytes(path, data)
+    except OSError as error:
+        raise InputError(
+            str(path), f"cannot be written: {error.strerror}", "choose another place"
+        ) from error
+
+
+def _curves(forces: ForcesEntry) -> dict[str, Columns]:
+    return {
+        axle: {name: list(column) for name, column in one["damper"].items()}
+        for axle, one in forces["axles"].items()
+    }
+
+
+def _csv(forces: ForcesEntry) -> bytes:
+    lines: list[str] = []
+    for axle, columns in _curves(forces).items():
+        lines = lines or [",".join(["axle", *columns])]
+        rows = zip(*columns.values(), strict=True)
+        lines += [",".join([axle, *(f"{value:.6g}" for value in row)]) for row in rows]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _modelica(forces: ForcesEntry) -> bytes:
+    """Return a text that begins with ``#1``; comments state columns and other elements."""
+    lines = [
+        "#1",
+        "# force of one corner, N, over the speed of the wheel against the body, m/s;",
+        "# compression positive; friction is an element of its own and not in column 2",
+    ]
+    for axle, columns in _curves(forces).items():
+        lines.append(f"# columns: {', '.join(columns)}")
+        for name, e in forces["axles"][axle]["elements"].items():
+            if not e["reason"]:
+                lines.append(f"# {axle} {name} = {e['value']:.6g} {e['unit']}")
+        rows = list(zip(*columns.values(), strict=True))
+        lines.append(f"double {axle}({len(rows)},{len(columns)})")
+        lines += [" ".join(f"{value:.9g}" for value in row) for row in rows]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _matlab(forces: ForcesEntry) -> bytes:
+    import numpy as np
+    from scipy.io import savemat
+
+    variables: dict[str, object] = {}
+    for axle, columns in _curves(forces).items():
+        variables[axle] = np.array(list(columns.values())).T
+        variables["columns"] = np.array(list(columns), dtype=object)
+        variables[f"{axle}_elements"] = {
+            name: e["value"]
+            for name, e in forces["axles"][axle]["elements"].items()
+            if not e["reason"]
+        }
+    data = BytesIO()
+    savemat(data, variables, long_field_names=True, oned_as="column")
+    return data.getvalue()
+
+
+_WRITERS: dict[str, Callable[[ForcesEntry], bytes]] = {
+    ".csv": _csv,
+    ".txt": _modelica,
+    ".mat": _matlab,
+}
