@@ -162,7 +162,8 @@ class Document(TypedDict):
     reasons: list[str]
     findings: list[FindingEntry]
     surviving: list[str]
-    """Parameters that no sized cause moves out of their interval; all of them where it is ok."""
+    """Parameters that no sized cause moves by more than their standard deviation; all of them where
+    the verdict is ok."""
     lost: dict[str, LossEntry]
     """The other parameters."""
     chi2_per_n: float

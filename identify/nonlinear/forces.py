@@ -183,8 +183,8 @@ def _axle(
             k = 1.0 / mount.value
             # The interval is that of the compliance, turned over: it is not symmetric.
             low, high = 1.0 / mount.high, 1.0 / mount.low if mount.low > 0.0 else inf
-            shown["mount"] = found = Estimate(k, mount.std * k**2, low, high, "N/m")
-            if not found.determined:
+            shown["mount"] = stiffness = Estimate(k, mount.std * k**2, low, high, "N/m")
+            if not stiffness.determined:
                 notes.append(f"damper mount: at least {low:.1e} N/m")
     return AxleForces(_AXLES[axle], curve, shown, tuple(notes))
 

@@ -1,7 +1,9 @@
 """Which parameters of a result that is not ok can still be used, and which are lost to what.
 
 Every cause that was sized says by how much it would move each parameter.  A parameter survives if
-none of the causes that may still be true moves it out of its interval.
+none of the causes that may still be true moves it by more than its standard deviation: with noise
+and cause together it then still lies within three of them.  (Half of the 95 % interval as the limit
+left errors of four standard deviations among the survivors of the stress list.)
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import numpy as np
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED
-from ..fit.uncertainty import COVERAGE_95, determined
+from ..fit.uncertainty import determined
 from .misfit import CHI2_LIMIT
 
 _EXPLAINS = 0.35
@@ -54,7 +56,7 @@ class Survival:
     """The parameters of a result, divided."""
 
     surviving: tuple[str, ...] = ()
-    """Those that nothing moves out of their interval."""
+    """Those that no cause moves by more than their standard deviation."""
     lost: Mapping[str, Loss] = field(default_factory=dict)
     """The others."""
 
@@ -85,8 +87,8 @@ def survival(estimation: Estimation, hypotheses: Sequence[Hypothesis]) -> Surviv
         if best < _EXPLAINS or left > CHI2_LIMIT:
             return Survival((), dict.fromkeys(box.names, Loss(_UNEXPLAINED)) | lost)
         rivals = [h for h in hypotheses if h.explained >= _RIVAL * best]
-    half = COVERAGE_95 * np.sqrt(np.diag(fit.covariance)[: len(names)])
-    for name, within in zip(names, half.tolist(), strict=True):
+    std = np.sqrt(np.diag(fit.covariance)[: len(names)])
+    for name, within in zip(names, std.tolist(), strict=True):
         worst = max(rivals, key=lambda h: abs(h.moved[name]), default=None)
         if name not in lost and worst is not None and abs(worst.moved[name]) > within:
             by = float(np.expm1(np.clip(worst.moved[name], -_MOST, _MOST)))

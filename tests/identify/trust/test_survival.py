@@ -34,9 +34,11 @@ def test_what_no_cause_moves_survives(linear: Estimation) -> None:
     assert not found.lost
 
 
-def test_a_parameter_is_lost_to_what_moves_it_out_of_its_interval(linear: Estimation) -> None:
-    assert not survival(linear, [_moves(linear, 1.95)]).lost
-    found = survival(linear, [_moves(linear, -1.97), _moves(linear, 1.0)])
+def test_a_parameter_is_lost_to_what_moves_it_by_its_standard_deviation(
+    linear: Estimation,
+) -> None:
+    assert not survival(linear, [_moves(linear, 0.98)]).lost
+    found = survival(linear, [_moves(linear, -1.02), _moves(linear, 0.5)])
     assert list(found.lost) == ["k_sf"]
     assert found.lost["k_sf"].cause == "hub sensors late"
     assert found.lost["k_sf"].shift < 0.0
