@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from math import isfinite, nan
 from typing import TypedDict
 
-from daq.html_tables import html_line, html_table
 from dbc.finding import Finding
 
 from .fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Correlation, Estimate, ModeEstimate
@@ -347,63 +346,6 @@ def _damper_entry(curve: DamperCurve) -> DamperEntry:
     }
 
 
-def document_html(document: Document) -> str:
-    """Return verdict, findings, parameters and modes as HTML for a notebook."""
-    head = f"Verdict: {document['verdict']}"
-    if isfinite(document["chi2_per_n"]):
-        head += f"; chi2/n {document['chi2_per_n']:.3f}"
-    parts = [html_line(head)]
-    if document["findings"]:
-        rows = [[f["text"], f["severity"]] for f in document["findings"]]
-        parts.append(html_table("Findings", ["finding", "severity"], rows))
-    if document["parameters"]:
-        rows = [
-            [
-                name,
-                _digits(e["value"]),
-                _interval(e["low"], e["high"]) if e["std"] else "given",
-                unit_text(e["unit"]),
-            ]
-            for name, e in document["parameters"].items()
-        ]
-        columns = ["parameter", "estimate", "95 % interval", "unit"]
-        parts.append(html_table("Parameters", columns, rows))
-    for axle, one in (document["forces"]["axles"] if document["forces"] else {}).items():
-        known = [(name.replace("_", " "), e) for name, e in one["elements"].items()]
-        for at in one["at_speeds"]:
-            v = f"{at['speed_m_s']:+.2f} m/s"
-            known.append((f"damper force at {v}", at["damper"]))
-            known.append((f"with friction at {v}", at["with_friction"]))
-        rows = [
-            [name, _digits(e["value"]), _interval(e["low"], e["high"]), unit_text(e["unit"])]
-            for name, e in known
-        ]
-        columns = ["force of one corner", "estimate", "95 % interval", "unit"]
-        parts.append(html_table(f"Forces, {axle}", columns, rows))
-    for state, modes in document["modes"].items():
-        rows = [
-            [
-                mode["name"],
-                _digits(mode["frequency_hz"]),
-                _interval(mode["frequency_low_hz"], mode["frequency_high_hz"]),
-                _digits(mode["damping_ratio"]),
-                _interval(mode["damping_ratio_low"], mode["damping_ratio_high"]),
-            ]
-            for mode in modes
-        ]
-        columns = ["mode", "frequency, Hz", "95 % interval", "damping ratio", "95 % interval"]
-        parts.append(html_table(f"Modes, {state}", columns, rows))
-    return "".join(parts)
-
-
 def unit_text(unit: str) -> str:
     """Return a unit as it is printed; nothing for a ratio."""
     return "" if unit == "1" else unit
-
-
-def _digits(value: float) -> str:
-    return f"{value:.6g}" if isfinite(value) else NOT_DETERMINED
-
-
-def _interval(low: float, high: float) -> str:
-    return f"{low:.6g} .. {high:.6g}" if isfinite(high) else ""

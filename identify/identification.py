@@ -10,7 +10,6 @@ import numpy as np
 from .document import (
     Document,
     correlation_entry,
-    document_html,
     estimate_entries,
     finding_entries,
     forces_entry,
@@ -20,6 +19,7 @@ from .document import (
     sensed_mode_entries,
     swapped_entries,
 )
+from .document_html import document_html
 from .fit.estimation import Estimation
 from .fit.likelihood import Residuals
 from .fit.uncertainty import Correlation, Estimate, ModeEstimate

@@ -12,7 +12,8 @@ import numpy as np
 from daq.strict_json import strict
 from dbc.finding import Finding, Severity
 from identify import Document, Estimate, Identification, ModalModel, Quality
-from identify.document import EstimateEntry, document_html, survival_lines
+from identify.document import EstimateEntry, survival_lines
+from identify.document_html import document_html
 from identify.fit.uncertainty import Correlation, ModeEstimate
 from identify.modes.pairing import Pairing
 from identify.trust.survival import Loss, Survival
