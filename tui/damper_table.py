@@ -12,7 +12,7 @@ from dbc import InputError
 
 if TYPE_CHECKING:
     from identify import Document
-    from identify.document import ForcesEntry
+    from identify.document import DamperEntry, ForcesEntry
 
 Columns = Mapping[str, list[float]]
 """A table by its columns; the first is the speed, m/s, and ascends."""
@@ -48,16 +48,22 @@ def write_damper_table(document: Document, path: Path) -> None:
         ) from error
 
 
-def _curves(forces: ForcesEntry) -> dict[str, Columns]:
+def _columns(damper: DamperEntry) -> Columns:
     return {
-        axle: {name: list(column) for name, column in one["damper"].items()}
-        for axle, one in forces["axles"].items()
+        "speed_m_s": damper["speed_m_s"],
+        "force_n": damper["force_n"],
+        "force_low_n": damper["force_low_n"],
+        "force_high_n": damper["force_high_n"],
+        "total_n": damper["total_n"],
+        "total_low_n": damper["total_low_n"],
+        "total_high_n": damper["total_high_n"],
     }
 
 
 def _csv(forces: ForcesEntry) -> bytes:
     lines: list[str] = []
-    for axle, columns in _curves(forces).items():
+    for axle, one in forces["axles"].items():
+        columns = _columns(one["damper"])
         lines = lines or [",".join(["axle", *columns])]
         rows = zip(*columns.values(), strict=True)
         lines += [",".join([axle, *(f"{value:.6g}" for value in row)]) for row in rows]
@@ -71,9 +77,10 @@ def _modelica(forces: ForcesEntry) -> bytes:
         "# force of one corner, N, over the speed of the wheel against the body, m/s;",
         "# compression positive; friction is an element of its own and not in column 2",
     ]
-    for axle, columns in _curves(forces).items():
+    for axle, one in forces["axles"].items():
+        columns = _columns(one["damper"])
         lines.append(f"# columns: {', '.join(columns)}")
-        for name, e in forces["axles"][axle]["elements"].items():
+        for name, e in one["elements"].items():
             if not e["reason"]:
                 lines.append(f"# {axle} {name} = {e['value']:.6g} {e['unit']}")
         rows = list(zip(*columns.values(), strict=True))
@@ -87,13 +94,12 @@ def _matlab(forces: ForcesEntry) -> bytes:
     from scipy.io import savemat
 
     variables: dict[str, object] = {}
-    for axle, columns in _curves(forces).items():
+    for axle, one in forces["axles"].items():
+        columns = _columns(one["damper"])
         variables[axle] = np.array(list(columns.values())).T
         variables["columns"] = np.array(list(columns), dtype=object)
         variables[f"{axle}_elements"] = {
-            name: e["value"]
-            for name, e in forces["axles"][axle]["elements"].items()
-            if not e["reason"]
+            name: e["value"] for name, e in one["elements"].items() if not e["reason"]
         }
     data = BytesIO()
     savemat(data, variables, long_field_names=True, oned_as="column")

@@ -90,5 +90,5 @@ def _hypotheses(estimation: Estimation, causes: Causes, at_odds: bool) -> Iterat
     if found:
         moved = contradicted_shift(estimation, found).tolist()
         names = estimation.box.parameters
-        cause = "; ".join(one.name for one in found)
-        yield Hypothesis(cause, inf, dict(zip(names, moved, strict=True)))
+        wrong = "; ".join(one.name for one in found)
+        yield Hypothesis(wrong, inf, dict(zip(names, moved, strict=True)))
