@@ -59,7 +59,7 @@ def damper_rows(forces: ForcesEntry) -> list[list[str]]:
 
 def damper_columns(forces: ForcesEntry) -> list[str]:
     """Return the heads of `damper_rows` after the speed."""
-    return [name for axle in forces["axles"] for name in (axle, f"{axle} with friction")]
+    return [name for axle in forces["axles"] for name in (axle, f"{axle} + friction")]
 
 
 def element_answer(one: ElementEntry) -> str:

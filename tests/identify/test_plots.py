@@ -80,7 +80,9 @@ def test_stabilisation_puts_poles_over_their_rank() -> None:
     assert {(1.0, 1.0), (1.0, 2.0), (3.0, 2.0), (10.0, 2.0)} <= drawn
 
 
-@pytest.mark.parametrize("plot", [plots.decays, plots.parameters, plots.modes, plots.correlation])
+@pytest.mark.parametrize(
+    "plot", [plots.decays, plots.parameters, plots.modes, plots.dampers, plots.correlation]
+)
 def test_a_refused_session_has_no_figures(plot: Callable[[Identification], Figure]) -> None:
     with pytest.raises(InputError, match=r"no fit.*added mass"):
         plot(identify(refused_session(1)))

@@ -128,6 +128,8 @@ class Outcome:
     derived: tuple[Estimated, ...]
     states: tuple[StateOutcome, ...]
     runs: tuple[RunOutcome, ...]
+    dampers: tuple[str, ...] = ()
+    """Lines on damper curves and force elements; none where the linear model is enough."""
 
     @property
     def used(self) -> int:

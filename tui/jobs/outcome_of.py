@@ -22,6 +22,7 @@ from identify.report import (
     plain,
 )
 
+from .damper_lines import damper_lines
 from .outcome import Curve, Estimated, FindingRow, ModeRow, Outcome, Row, RunOutcome, StateOutcome
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def outcome_of(
         derived=tuple(_estimated(n, plain(n), e, "") for n, e in document["derived"].items()),
         states=_states(document, result),
         runs=_runs(session, document, result),
+        dampers=tuple(damper_lines(document["forces"])) if document["forces"] else (),
     )
 
 

@@ -19,6 +19,7 @@ from identify.report.dampers import damper_rows, damper_section
 from identify.report.figures.panels import panel_svg
 from identify.report.panels import DamperPanel
 from tui.jobs.comparison_rows import comparison_lines
+from tui.jobs.damper_lines import damper_lines
 
 SPEED = np.array([-0.3, -0.1, 0.0, 0.1, 0.3])
 
@@ -108,6 +109,20 @@ def test_compare_names_the_friction_that_changed() -> None:
     assert [len(line) for line in comparison_lines(two) if len(line) > 80] == []
     linear = replace(first, forces=None)
     assert compare(["new", "linear"], [first, linear]).forces == ()
+
+
+def test_the_terminal_shows_it_within_its_frame_of_80_columns() -> None:
+    forces = _result().document()["forces"]
+    assert forces is not None
+    lines = list(damper_lines(forces))
+    assert [line for line in lines if len(line) > 78] == []
+    (at_02,) = (line.split() for line in lines if line.startswith(" +0.20"))
+    assert at_02[:7] == ["+0.20", "300", "±", "20", "350", "±", "39"]
+    assert any(line.startswith("front friction") and "48.04" in line for line in lines)
+    assert lines[-2:] == [
+        "  friction                      there",
+        "  bump stops                    not needed",
+    ]
 
 
 def test_the_public_plot_is_the_curve_of_the_report() -> None:

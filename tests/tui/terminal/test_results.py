@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 
 import pytest
 from textual.app import App
@@ -147,3 +148,44 @@ def test_space_goes_on_to_the_report_of_this_session(make_app: MakeApp) -> None:
         assert Mark("step identify done") in recorder.orders
 
     in_front(app, (80, 24), play, outcome())
+
+
+def test_a_car_with_damper_curves_has_a_page_of_them(make_app: MakeApp) -> None:
+    app = make_app(measured())
+    shown = replace(outcome(), dampers=("Force of one corner", " +0.20  300 ± 20"))
+
+    async def play(pilot: Pilot[None]) -> None:
+        assert "Dampers" in screen_text(app)
+        await pilot.press("shift+tab")
+        await pilot.pause()
+        assert "[Dampers]" in screen_text(app)
+        assert "+0.20  300 ± 20" in screen_text(app)
+        await pilot.press("tab")
+        await pilot.pause()
+        assert "[Parameters]" in screen_text(app)
+
+    in_front(app, (80, 24), play, shown)
+
+
+def test_a_linear_car_has_no_page_of_dampers(make_app: MakeApp) -> None:
+    app = make_app(measured())
+
+    async def play(pilot: Pilot[None]) -> None:
+        assert "Dampers" not in screen_text(app)
+        await pilot.pause()
+
+    in_front(app, (80, 24), play, outcome())
+
+
+def test_findings_say_which_parameters_can_be_used(make_app: MakeApp) -> None:
+    app = make_app(measured())
+
+    async def play(pilot: Pilot[None]) -> None:
+        for _ in range(4):
+            await pilot.press("tab")
+        await pilot.pause()
+        text = screen_text(app)
+        assert "usable, moved by no cause that was sized: I_xx" in text
+        assert "lost, run baseline_bounce_2: m_s +4 %" in text
+
+    in_front(app, (140, 40), play, doubtful())

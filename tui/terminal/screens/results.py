@@ -114,6 +114,11 @@ class ResultsScreen(BenchScreen):
         return status is not None and self._is_current(status) and status.outdated
 
     @property
+    def _pages(self) -> tuple[str, ...]:
+        """The pages; that of the dampers where the car has curves."""
+        return (*_PAGES, "Dampers") if self.outcome and self.outcome.dampers else _PAGES
+
+    @property
     def ready(self) -> bool:
         """True while `--auto` may press SPACE."""
         return self.outcome is not None
@@ -143,7 +148,7 @@ class ResultsScreen(BenchScreen):
 
     def action_page(self, step: int) -> None:
         """Show the next page."""
-        self._page = (self._page + step) % len(_PAGES)
+        self._page = (self._page + step) % len(self._pages)
         self._draw()
 
     def action_decays(self) -> None:
@@ -240,7 +245,7 @@ class ResultsScreen(BenchScreen):
         lines += verdict_lines(outcome, glyphs, size.width - 2, most - len(lines))
         verdict.update("\n".join(lines))
         verdict.set_classes(outcome.verdict)
-        names = [f"[{n}]" if i == self._page else f" {n} " for i, n in enumerate(_PAGES)]
+        names = [f"[{n}]" if i == self._page else f" {n} " for i, n in enumerate(self._pages)]
         name = printable(Path(outcome.session).name, 60)
         tail = f"  {name}" if size.width >= _WIDE else ""
         step = f"step {BenchStep.REPORT.title}" if self.step_shown else f"report of {name}"
@@ -255,7 +260,7 @@ class ResultsScreen(BenchScreen):
 
     def _page_lines(self, outcome: Outcome, width: int) -> list[str]:
         glyphs = self.bench_app.glyphs
-        match _PAGES[self._page]:
+        match self._pages[self._page]:
             case "Parameters":
                 return parameter_lines(outcome.parameters, "parameter", glyphs, width)
             case "Derived":
@@ -266,6 +271,8 @@ class ResultsScreen(BenchScreen):
                 return matrix_lines(outcome.states, width)
             case "Findings":
                 return findings_lines(outcome, glyphs, width)
+            case "Dampers":
+                return [line[:width] for line in outcome.dampers]
         return []
 
     def _draw_run(self) -> None:
