@@ -79,9 +79,8 @@ def sag_stiffness(
 
     Weights on hubs do not load the springs of the suspension.
 
-    `weights`: what was put on.  `before_m` and `after_m`: suspension travel at rest, positive in
-    compression, without and with the weights.  None where a corner has no travel, or did not sink
-    under a load.
+    `before_m` and `after_m`: suspension travel at rest, positive in compression, without and with
+    the weights.  None where a corner has no travel, or did not sink under a load.
     """
     body = [w for w in weights if isinstance(w, BodyWeight)]
     found: list[float | None] = []

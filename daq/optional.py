@@ -11,8 +11,7 @@ from .errors import InputError
 def optional(module: str, extra: str) -> ModuleType:
     """Import a library of one of the extras of pyproject.toml.
 
-    `module`: what to import.  `extra`: the extra that brings it.  Raises InputError if it is not
-    installed.
+    Raises InputError if it is not installed.
     """
     try:
         return import_module(module)

@@ -106,8 +106,8 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
     have errors in common, which move both results the same way: then the standard deviation of a
     difference is too large, and a significant one is so all the more.
 
-    `labels`: names of the sessions.  `results`: in the same order, which is that of time for a
-    trend.  Raises InputError if there are fewer than two sessions, or one has no parameters.
+    `results`: in the same order, which is that of time for a trend.  Raises InputError if there are
+    fewer than two sessions, or one has no parameters.
     """
     if len(results) < 2:
         raise InputError("compare", "one session alone", "name two sessions or more")

@@ -86,8 +86,8 @@ def correlation(result: Identification) -> Figure:
 def modes(result: Identification, mass_state: str = "baseline") -> Figure:
     """Draw the mode shapes of the identified vehicle.
 
-    `result`: with a fit.  `mass_state`: whose.  Raises InputError if the session was refused before
-    a fit, or has no such mass state.
+    `result`: with a fit.  Raises InputError if the session was refused before a fit, or has no such
+    mass state.
     """
     if mass_state not in _fitted(result).modal:
         raise InputError("plot", f"no mass state {mass_state}", f"choose {', '.join(result.modal)}")

@@ -13,8 +13,8 @@ from .diagnostics import ExitCode, report, report_usage
 def invoke(arguments: list[str], commands: typer.Typer) -> int:
     """Run one command.
 
-    `arguments`: as after `bumpbench` in a shell.  `commands`: what there is to run.  Returns the
-    exit code (`tui.diagnostics.ExitCode`).
+    `arguments`: as after `bumpbench` in a shell.  Returns the exit code
+    (`tui.diagnostics.ExitCode`).
     """
     try:
         code = commands(arguments, standalone_mode=False, prog_name="bumpbench")

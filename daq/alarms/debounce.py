@@ -60,8 +60,7 @@ class Ledger:
     ) -> tuple[Ledger, tuple[Event, ...]]:
         """Take in the symptoms of a turn.
 
-        `symptoms`: of one code and subject the first counts.  `now`: the host's clocks.  `t_ns`:
-        time stamp for the events.
+        `symptoms`: of one code and subject the first counts.  `t_ns`: time stamp for the events.
         """
         entries, events = dict(self.entries), []
         present: dict[Key, Symptom] = {}

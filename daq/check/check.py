@@ -55,10 +55,9 @@ class CheckReport:
 def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> CheckReport:
     """Check a bench at rest.
 
-    `bench`: the map.  `codec`: its DBC (`config.bench_codec`).  `frames`: a few seconds of traffic,
-    in order of arrival, the car standing still.  Of traffic with pauses the longest stretch is
-    checked.  `today`: for the age of calibrations.  Raises InputError if a channel does not fit the
-    DBC.
+    `codec`: its DBC (`config.bench_codec`).  `frames`: a few seconds of traffic, in order of
+    arrival, the car standing still.  Of traffic with pauses the longest stretch is checked.
+    `today`: for the age of calibrations.  Raises InputError if a channel does not fit the DBC.
     """
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     if not len(frames):

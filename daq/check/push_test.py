@@ -90,10 +90,9 @@ def judge_wiggle(
 ) -> Wiggle:
     """Judge the push on one corner as far as it has come.
 
-    `corner`: which is to be pushed.  `channels`: of the bench.  `lanes`: the last seconds as an
-    envelope, NaN where there is no sample; all on the same bins, and most of them at rest.
-    `begin`: the first bin that counts: before it another corner may have been pushed.  `bin_s`:
-    width of a bin, s.
+    `lanes`: the last seconds as an envelope, NaN where there is no sample; all on the same bins,
+    and most of them at rest.  `begin`: the first bin that counts: before it another corner may have
+    been pushed.  `bin_s`: width of a bin, s.
     """
     asked = Wiggle(corner, False, False, f"push DOWN at the {spoken(corner)}, let go")
     deviations = {

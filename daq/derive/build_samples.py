@@ -87,12 +87,11 @@ def build_session(
     channels are not taken off the times: that is the identification's business, which also knows
     how uncertain they are.
 
-    `bench`: channels, campaign and trigger times.  `codec`: the bench's DBC (`config.bench_codec`).
-    `frames`: all frames in order of arrival.  `events`: as the recorder stored them.  `hops`:
-    losses between wire and journal.  `provenance`: taken over.  Returns one run for each bump, with
-    what was decided on it.  It is rejected in any case if the recording, or a message that the
-    identification needs, does not cover it.  Raises InputError if a channel does not fit the DBC,
-    or a bump is of no mass state of the bench.
+    `codec`: the bench's DBC (`config.bench_codec`).  `frames`: all frames in order of arrival.
+    `events`: as the recorder stored them.  `hops`: losses between wire and journal.  `provenance`:
+    taken over.  Returns one run for each bump, with what was decided on it.  It is rejected in any
+    case if the recording, or a message that the identification needs, does not cover it.  Raises
+    InputError if a channel does not fit the DBC, or a bump is of no mass state of the bench.
     """
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     run_log = fold(events)

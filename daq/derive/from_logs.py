@@ -60,8 +60,7 @@ class LogPart:
 class Intake:
     """Takes in one stretch of log block by block, then returns what was in it.
 
-    `bench`: channels and trigger.  `codec`: the bench's DBC.  Raises InputError as
-    `daq.samples.bench_mapping`.
+    Raises InputError as `daq.samples.bench_mapping`.
     """
 
     def __init__(self, bench: Bench, codec: Codec) -> None:
@@ -257,9 +256,9 @@ def session_from_parts(
 ) -> Session:
     """Build the session of labelled parts; each has its own time.
 
-    `bench`: with all steps that occur (`with_steps`).  `codec`: the bench's DBC.  `parts`, sequence
-    of LogPart, not empty: from `labelled`.  `provenance`: software and sources; uuid, date, DBC and
-    bench.toml are added.  Raises InputError as `build_session`.
+    `bench`: with all steps that occur (`with_steps`).  `parts`, sequence of LogPart, not empty:
+    from `labelled`.  `provenance`: software and sources; uuid, date, DBC and bench.toml are added.
+    Raises InputError as `build_session`.
     """
     digest = hashlib.sha256()
     for part in parts:

@@ -28,7 +28,7 @@ def read_blf(file: BinaryIO, where: str, size: int, ledger: Ledger) -> Iterator[
     """Read a BLF block by block.
 
     `file`: at its beginning.  `where`: its name, for messages.  `size`: its length in bytes.
-    `ledger`: takes the losses.  Raises InputError if it is no BLF.
+    Raises InputError if it is no BLF.
     """
     start = file.read(_FILE.size)
     if start[:4] != b"LOGG":

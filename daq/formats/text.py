@@ -175,8 +175,7 @@ def read_lines(
     """Read a text log block by block.
 
     `file`: at its beginning.  `where`: its name, for messages.  `parse`: takes whole lines, block
-    by block.  `ledger`: takes the losses.  Raises InputError if it is no text, or nothing in its
-    first block is of that format.
+    by block.  Raises InputError if it is no text, or nothing in its first block is of that format.
     """
     tail, before, known, more = b"", 0, False, True
     while more:

@@ -65,7 +65,7 @@ def place_of(folder: Path) -> tuple[int, int] | None:
 def taken_away(path: Path, opened: os.stat_result, size: int) -> str:
     """Return what another process did to the open file; empty if nothing.
 
-    `path`: name of the file.  `opened`: state of the open file.  `size`: bytes written to it.
+    `opened`: state of the open file.  `size`: bytes written to it.
     """
     try:
         named = path.stat()
@@ -79,8 +79,7 @@ def taken_away(path: Path, opened: os.stat_result, size: int) -> str:
 class DiskWatch:
     """The disk of a journal: its room, and whether folder and open file are still there.
 
-    `room_on`: returns the room on the disk of a folder.  `room`: as measured last.  `stopped`: True
-    while there is too little room to record.
+    `room`: as measured last.  `stopped`: True while there is too little room to record.
     """
 
     def __init__(self, folder: Path, room_on: Callable[[Path], Room]) -> None:

@@ -84,8 +84,7 @@ class Segment:
     """A file of the journal.
 
     `file`: new and empty; closed here.  `path`: its name; deleted again if the head cannot be
-    written.  `record`: from `head_record`.  `head`: texts for the attachments.  Raises OSError if
-    the head cannot be written.
+    written.  `record`: from `head_record`.  Raises OSError if the head cannot be written.
     """
 
     def __init__(

@@ -51,8 +51,7 @@ class JournalWriter:
     `folder`: created if it is not there.  Segment numbers go on from those in it: a wrong clock
     must not decide on names.  `head`: written into every segment.  With `resume`, its `recording`
     is that of the tail.  `limits`: when segments end, when old ones are deleted, room left free;
-    may be changed at any time.  `create`: creates a file for writing.  `resume`: state of the
-    recording that is resumed.  `room`: returns the room on the disk of a folder.  Raises
+    may be changed at any time.  `resume`: state of the recording that is resumed.  Raises
     JournalError if the folder cannot be written at all.  For a disk that is full or fails, blocks
     wait.
     """

@@ -48,8 +48,7 @@ class Derivation:
     def begin(self, target: Path, segments: Sequence[Path], recording: str, revision: int) -> None:
         """Start building the session file of a recording; never raises.
 
-        `target`: the session file.  `segments`: segments of the recording.  `recording`: its
-        identity.  `revision`: present revision of its run log.
+        `recording`: its identity.  `revision`: present revision of its run log.
         """
         waiting = [job for job in self._jobs if job.target != target]  # the new one has all
         job = _Job(target, tuple(segments), recording, revision)

@@ -27,8 +27,7 @@ LOOK_NS = 300_000_000
 class Judge:
     """Keeps the data for a verdict, and judges a run that has ended.
 
-    `bench`: channels, trigger and procedure.  `codec`: the bench's DBC.  `measures`: measures of
-    the earlier runs; later ones are added.
+    `measures`: measures of the earlier runs; later ones are added.
     """
 
     def __init__(self, bench: Bench, codec: Codec, measures: dict[str, RunMeasure]) -> None:

@@ -28,8 +28,7 @@ class OrderError(Exception):
 def order_event(order: Order, by: str, t_ns: int, run_log: RunLog, bench: Bench) -> Event | None:
     """Return the event of an order for the run log; None if it makes none.
 
-    `by`: name of its sender.  `t_ns`: data time.  `run_log` and `bench`: at present.  Raises
-    OrderError if it makes no sense now.
+    `by`: name of its sender.  `t_ns`: data time.  Raises OrderError if it makes no sense now.
     """
     match order:
         case Accept():

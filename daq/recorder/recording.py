@@ -46,9 +46,8 @@ RESTAMPED = "restamped"
 class Recording:
     """One recording of a campaign.
 
-    `codec`: the bench's DBC.  `store`: for frames and events; the caller closes it.  `run_log`: of
-    a recording that is resumed.  `barrier`: runs the consumers.  Raises InputError if a channel and
-    the DBC do not fit, or no channel can trigger.
+    `store`: for frames and events; the caller closes it.  `run_log`: of a recording that is
+    resumed.  Raises InputError if a channel and the DBC do not fit, or no channel can trigger.
     """
 
     def __init__(
@@ -134,9 +133,9 @@ class Recording:
         """Process one block of frames; called without frames, too, for the alarms.
 
         `batch`: in order of arrival; may be empty.  `hops`: cumulative counts up to this block,
-        since this recorder was started.  `now`: the host's clocks.  `links`, `disk`, `queue`: their
-        present state.  Returns the events stored: `bump` and `run_end` have the label of their run.
-        Raises JournalError if the store raises it; nothing else is done with the block then.
+        since this recorder was started.  `links`, `disk`, `queue`: their present state.  Returns
+        the events stored: `bump` and `run_end` have the label of their run.  Raises JournalError if
+        the store raises it; nothing else is done with the block then.
         """
         if len(batch) or hops != self._hops:
             self._store.append(batch, hops)
@@ -164,8 +163,8 @@ class Recording:
     def carry_out(self, order: Order, by: str, now: Now) -> None:
         """Carry out an order of the run loop or of the run log; its event is stored first.
 
-        `order`: not one that begins or ends a recording.  `by`: name of its sender.  `now`: the
-        host's clocks.  Raises OrderError if it makes no sense now; nothing has changed then.
+        `order`: not one that begins or ends a recording.  `by`: name of its sender.  Raises
+        OrderError if it makes no sense now; nothing has changed then.
         """
         t_ns = self._t_ns or now.wall_ns
         event = order_event(order, by, t_ns, self._run_log, self._bench)

@@ -39,8 +39,7 @@ def sample_groups(
 
     Multiplexed ones stand alone, for they come less often.
 
-    `decoded`: the frames of a run.  `keeping`: of the bench.  `t0_ns`: origin of the times.  None
-    of them is empty.
+    `t0_ns`: origin of the times.  No group is empty.
     """
     set_of = {message: each for each in keeping.sets for message in each.messages}
     members: dict[str, list[MappedChannel]] = {}

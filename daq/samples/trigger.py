@@ -104,12 +104,12 @@ def advance(
 ) -> tuple[TriggerState, tuple[Event, ...]]:
     """Take in one block of samples.
 
-    `config`: level and times.  `state`: what the previous call returned; `TriggerState()` at first.
-    `block`: new samples of each channel in order of arrival, SI.  Values that are not finite are
-    skipped; the channels may have different clocks and any of them may be absent.  Returns the
-    state after the block, and events: `bump` at the first of two samples running that leave rest on
-    the same side; `run_end` at ``t_bump + post_s`` once the data have passed it; `trigger_restless`
-    with the name of a channel that is left out; `clock_step` if the time stamps fell back.
+    `state`: what the previous call returned; `TriggerState()` at first.  `block`: new samples of
+    each channel in order of arrival, SI.  Values that are not finite are skipped; the channels may
+    have different clocks and any of them may be absent.  Returns the state after the block, and
+    events: `bump` at the first of two samples running that leave rest on the same side; `run_end`
+    at ``t_bump + post_s`` once the data have passed it; `trigger_restless` with the name of a
+    channel that is left out; `clock_step` if the time stamps fell back.
     """
     finite = {name: _finite(t_ns, value) for name, (t_ns, value) in block.items()}
     pieces = {name: piece for name, piece in finite.items() if len(piece[0])}
@@ -137,8 +137,8 @@ def advance(
 def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
     """Return the trigger channels that keep the fold from being armed now.
 
-    `config`: times.  `state`: from `advance`.  Returns names; empty in the other phases, and for
-    channels that are left out.
+    `state`: from `advance`.  Returns names; empty in the other phases, and for channels that are
+    left out.
     """
     if state.phase is not TriggerPhase.WAITING:
         return ()

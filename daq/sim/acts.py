@@ -50,10 +50,7 @@ class Act:
 
 
 class Acts:
-    """The acts of one bench; each is computed once, in a thread of its own, before it is due.
-
-    `bench`: channels, bump and trigger.  `rig`: the car on it.
-    """
+    """The acts of one bench; each is computed once, in a thread of its own, before it is due."""
 
     def __init__(self, bench: Bench, rig: Rig) -> None:
         self._bench = bench

@@ -38,10 +38,9 @@ def contact(
 ) -> Contact:
     """Return the forces of springs, stops, dampers, bars, friction and tyres.
 
-    `plant`: the car.  `pose` and `velocity`, (7, n) float64: state, from the free length of all
-    springs.  `road`, (4, n) float64: height of the road under each wheel, m.  `road_speed`, (4, n)
-    float64 or 0: how fast it rises there, m/s; only tyre damping feels it.  `memory`: state of
-    friction and mounts.
+    `pose` and `velocity`, (7, n) float64: state, from the free length of all springs.  `road`, (4,
+    n) float64: height of the road under each wheel, m.  `road_speed`, (4, n) float64 or 0: how fast
+    it rises there, m/s; only tyre damping feels it.  `memory`: state of friction and mounts.
     """
     compression = pose[3:] - corner_motion(plant, pose)
     damper_n = damping(plant, velocity, memory)
@@ -91,9 +90,8 @@ def forces(
 def static_pose(plant: Plant, memory: Memory | None = None) -> Array:
     """Return where a car stands on a flat road, (7, 1), from the free length of all springs.
 
-    `plant`: one car.  `memory`: what its friction carries; without it the car has settled free of
-    friction.  Raises ValueError if it does not stand on all four wheels (the weights would tip it
-    over).
+    `memory`: what its friction carries; without it the car has settled free of friction.  Raises
+    ValueError if it does not stand on all four wheels (the weights would tip it over).
     """
     still, flat = np.zeros((7, 1)), np.zeros((4, 1))
     straight = plant.progression is None

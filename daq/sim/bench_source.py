@@ -40,12 +40,12 @@ class SimulatedBench:
     Frames carry the car's own time, which runs `speed` times as fast as the host's.  Counters,
     clocks and noise run on through everything that happens, also between reads.
 
-    `bench`: campaign, weights, channels, trigger and bit rate.  `codec`: the bench's DBC.  `car`:
-    what is bumped.  `seed`: decides every draw and all noise.  `speed`: of the car's time;
-    infinite: `read` waits for nothing and returns piece after piece.  `wish`: returns the
-    recorder's status: the car is bumped when it is armed, as the step that is due says.  None
-    leaves the car alone.  `fault`: spoils the second bump, and none after it.  `start_ns`: time
-    stamp of the start, ns since 1970 UTC.  Raises InputError as `daq.sim.ecu.campaign_frames`.
+    `bench`: campaign, weights, channels, trigger and bit rate.  `seed`: decides every draw and all
+    noise.  `speed`: of the car's time; infinite: `read` waits for nothing and returns piece after
+    piece.  `wish`: returns the recorder's status: the car is bumped when it is armed, as the step
+    that is due says.  None leaves the car alone.  `fault`: spoils the second bump, and none after
+    it.  `start_ns`: time stamp of the start, ns since 1970 UTC.  Raises InputError as
+    `daq.sim.ecu.campaign_frames`.
     """
 
     def __init__(

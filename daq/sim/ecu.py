@@ -90,14 +90,13 @@ def campaign_frames(
 ) -> Iterator[FrameBatch]:
     """Simulate a campaign, as a recorder would see it on the bus.
 
-    `bench`: campaign, weights, channels and bit rate.  `codec`: the bench's DBC.  `car`: what is
-    driven over the bumps.  `seed`: decides every draw (`car.truth`) and all noise.  `start_ns`:
-    time stamp of the start, ns since 1970 UTC.  Yields one block a run, in the order of
-    `bench.campaign.steps`: `car.lead_s` of rest, the bump and the free decay.  Time and counters
-    run on from run to run; stamps are taken at the end of each transmission.  Messages that carry
-    no channel are not sent.  Raises InputError if a channel's signal is not in the DBC, its message
-    has no cycle time or is too long for classic CAN, its unit does not fit, a fault has no channel,
-    or the weights would tip the car over.
+    `seed`: decides every draw (`car.truth`) and all noise.  `start_ns`: time stamp of the start, ns
+    since 1970 UTC.  Yields one block a run, in the order of `bench.campaign.steps`: `car.lead_s` of
+    rest, the bump and the free decay.  Time and counters run on from run to run; stamps are taken
+    at the end of each transmission.  Messages that carry no channel are not sent.  Raises
+    InputError if a channel's signal is not in the DBC, its message has no cycle time or is too long
+    for classic CAN, its unit does not fit, a fault has no channel, or the weights would tip the car
+    over.
     """
     rig = rig_of(bench, codec, car, seed)
     motions = _motions(bench, rig)
@@ -206,8 +205,8 @@ def sample(
     """Sample, encode and release the frames of one message in a span of time.
 
     `rig`, `sender`, `scene`: who samples what.  `span_s`: begin and end, s since the start of the
-    campaign; spans that meet lose and repeat nothing.  `rng`: source of the noise.  `limits`: where
-    a sensor saturates, if not where its truth says.
+    campaign; spans that meet lose and repeat nothing.  `limits`: where a sensor saturates, if not
+    where its truth says.
     """
     counter, tick_s = sender.ticks(*span_s)
     sensors = {

@@ -41,8 +41,7 @@ class Bump:
 def road_height(bump: Bump, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the height of the road under each wheel (Eq. 34).
 
-    `bump`: what the wheels drive over.  `t_s`, (n,) float64: time, s.  Returns (4, n) float64: m,
-    zero before and after the bump.
+    `t_s`, (n,) float64: time, s.  Returns (4, n) float64: m, zero before and after the bump.
     """
     # Limiting the phase to 0..1 makes the road flat outside the bump without a mask.
     phase = np.minimum(np.maximum((t_s - bump.start_s) / bump.duration_s, 0.0), 1.0)

@@ -58,8 +58,8 @@ def fitted_plan(
 ) -> Plan:
     """Draw sensors and runs for a car: six to eight, half of them with weights where there are any.
 
-    `p`: the car.  `ranges`: of `fleet.toml`.  `rng`: source of the draws.  `messages`: devices that
-    are fitted.  `weights`: runs with added mass, too.
+    `p`: the car.  `ranges`: of `fleet.toml`.  `messages`: devices that are fitted.  `weights`: runs
+    with added mass, too.
     """
     sensors = ranges["sensors"]
     fitting = Fitting(

@@ -184,9 +184,9 @@ class TwoBumps:
 def standing(plant: Plant, stuck: Array | None = None) -> State:
     """Return the state of a car at rest.
 
-    `plant`: one car.  `stuck`, (4, 1) float64: share of its friction that each corner carries;
-    without it the car has settled free of friction.  Raises ValueError if the car does not stand on
-    four wheels (`static_pose`).
+    `stuck`, (4, 1) float64: share of its friction that each corner carries; without it the car has
+    settled free of friction.  Raises ValueError if the car does not stand on four wheels
+    (`static_pose`).
     """
     memory = blank_memory(1)
     if stuck is not None:
@@ -197,9 +197,9 @@ def standing(plant: Plant, stuck: Array | None = None) -> State:
 def drive(plant: Plant, bump: Bump, end_s: float, start: State | None = None) -> Motion:
     """Drive a car over a bump.
 
-    `plant`: the car.  `bump`: the road; it must begin at or after time 0.  `end_s`: until when the
-    free decay is followed, s.  `start`: at the beginning of the bump; without it the car stands
-    still.  Raises ValueError if the car does not stand on four wheels (`static_pose`).
+    `bump`: the road; it must begin at or after time 0.  `end_s`: until when the free decay is
+    followed, s.  `start`: at the beginning of the bump; without it the car stands still.  Raises
+    ValueError if the car does not stand on four wheels (`static_pose`).
     """
     return drive_all([plant], [bump], end_s, [start])[0]
 

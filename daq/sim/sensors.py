@@ -83,9 +83,8 @@ def true_reading(
     Rotations are small, as in the plant: an accelerometer's share of gravity is 1 g on z, and
     the tilt angle times 1 g on x and y.
 
-    `channel`: what is measured.  `sensor`: where the sensor really sits.  `car`: the car it sits
-    on.  `motion`: n instants.  Returns (n,) float64: in the channel's SI unit.  An unused channel
-    that the simulator does not know reads 0.
+    `sensor`: where the sensor really sits.  `motion`: n instants.  Returns (n,) float64: in the
+    channel's SI unit.  An unused channel that the simulator does not know reads 0.
     """
     moved = motion.pose - car.design_pose
     x_m, y_m = sensor.x_m + car.a_m, sensor.y_m - car.cg_y_m
@@ -129,10 +128,9 @@ def low_passed(
 ) -> tuple[Array, Array]:
     """Return what the electronics of a sensor with a low-pass make of a motion.
 
-    `channel`, `sensor`, `car`: as in `true_reading`.  `motion`: what the car does.  `span_s`: the
-    part that is asked for; it begins at rest, and so does the filter.  Returns times and values,
-    (n,): close enough to be read in between by straight lines; later by the filter but not by the
-    sensor's delay.
+    `channel`, `sensor`, `car`: as in `true_reading`.  `span_s`: the part that is asked for; it
+    begins at rest, and so does the filter.  Returns times and values, (n,): close enough to be read
+    in between by straight lines; later by the filter but not by the sensor's delay.
     """
     fine_s = np.arange(span_s[0], span_s[1] + _FINE_S, _FINE_S)
     reading = true_reading(channel, sensor, car, motion.at(fine_s))
@@ -168,9 +166,9 @@ def signal_values(
     `channel`: sign, gain and tare: the recorder computes ``sign * gain * SI(signal) - tare``.
     `signal`: unit and range of the signal.  `sensor`: its bias and whatever else is wrong with it.
     `noise`: standard deviation of the white noise.  `reading`, (n,) float64: from `true_reading` or
-    `low_passed`.  `rng`: source of the noise.  Returns (n,) float64: in the DBC's unit, limited to
-    what the signal's bits can express, as a sensor saturates.  Raises InputError if the signal's
-    unit does not measure the channel's quantity.
+    `low_passed`.  Returns (n,) float64: in the DBC's unit, limited to what the signal's bits can
+    express, as a sensor saturates.  Raises InputError if the signal's unit does not measure the
+    channel's quantity.
     """
     value = measured(channel, sensor, noise, reading, rng) + channel.tare
     value = value / (channel.sign * channel.gain)

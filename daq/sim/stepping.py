@@ -98,9 +98,9 @@ def step_all(
 ) -> Steps:
     """Drive the cars of a plant over their bumps.
 
-    `plant`: one column for each run (`plant.side_by_side`).  `bumps`: the road of each run.
-    `end_s`: until when the decays are followed, s.  `start`: of each run as the first bump begins,
-    with its memory.  `step_s`: length of a step, s.
+    `plant`: one column for each run (`plant.side_by_side`).  `end_s`: until when the decays are
+    followed, s.  `start`: of each run as the first bump begins, with its memory.  `step_s`: length
+    of a step, s.
     """
     begin_s = min(bump.start_s for bump in bumps)
     m = int(np.ceil((end_s - begin_s) / step_s)) + 1

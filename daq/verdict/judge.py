@@ -33,11 +33,11 @@ def judge(
 ) -> tuple[tuple[Finding, ...], RunMeasure]:
     """Judge one run.
 
-    `bench`: channels, trigger, procedure.  `step`: the mass state and the kind of bump that were
-    due.  `window`: the samples and losses of the run.  `accepted`: of the accepted runs of the same
-    mass state and excitation, so far.  Returns every check with value and limit, also those that
-    passed, and the measures, to judge later runs by; the run is good if all passed. The first that
-    failed is the likeliest cause of the others.  A check that the sensors do not allow is left out.
+    `step`: the mass state and the kind of bump that were due.  `accepted`: of the accepted runs of
+    the same mass state and excitation, so far.  Returns every check with value and limit, also
+    those that passed, and the measures, to judge later runs by; the run is good if all passed. The
+    first that failed is the likeliest cause of the others.  A check that the sensors do not allow
+    is left out.
     """
     seen = traces(bench.channels, window)
     if not seen:

@@ -226,9 +226,8 @@ def peak_left(
 ) -> float | None:
     """Return the share of the motion's peak that is left now.
 
-    `channels`: of the bench.  `bump_ns` and `now_ns`: time stamps of the bump and of the latest
-    frame.  `columns`: samples from before the bump until now, SI.  Returns 0..1; None as long as it
-    is not known.
+    `bump_ns` and `now_ns`: time stamps of the bump and of the latest frame.  `columns`: samples
+    from before the bump until now, SI.  Returns 0..1; None as long as it is not known.
     """
     seen = traces(channels, RunWindow(bump_ns, columns))
     left = _left(seen, (now_ns - bump_ns) * 1e-9) if seen else None

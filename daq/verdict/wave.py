@@ -20,9 +20,8 @@ _CLEAR = 5.0
 def body_wave(seen: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
     """Fit a damped wave to the strongest motion of the body after the bump.
 
-    `seen`: of one run.  `bump_s`: duration of the bump; the wave begins when the wheels are at rest
-    again.  Returns the undamped natural frequency, Hz, and the damping ratio; None if nothing shows
-    the body.
+    `bump_s`: duration of the bump; the wave begins when the wheels are at rest again.  Returns the
+    undamped natural frequency, Hz, and the damping ratio; None if nothing shows the body.
     """
     record = _record(seen, bump_s + 0.2)
     if record is None:

@@ -48,9 +48,8 @@ class Witness:
     def __init__(self, text: str, name: str, codec: Codec, used: Iterable[str]) -> None:
         """Start.
 
-        `text`: the DBC.  `name`: its name.  KCD and SYM are read by cantools alone, so that nothing
-        is compared.  `codec`: the same, as our reader has it.  `used`: the messages whose values
-        are compared.
+        KCD and SYM are read by cantools alone, so that nothing is compared.  `codec`: the same, as
+        our reader has it.  `used`: the messages whose values are compared.
         """
         self._codec = codec
         self._sample = {name: payloads(codec.message(name)) for name in dict.fromkeys(used)}

@@ -49,7 +49,7 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
     The optimum without a run is one Gauss-Newton step from the optimum of all: what is left out
     moves the unknowns by a fraction of their standard deviation, over which the problem is linear.
 
-    `estimation`: at its optimum.  One prediction for each run; none if there is but one run.
+    One prediction for each run; none if there is but one run.
     """
     box, fit, sigma = estimation.box, estimation.fit, estimation.sigma
     noise = estimation.noise

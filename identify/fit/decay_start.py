@@ -61,8 +61,8 @@ def earliest_start_s(
     """Return the earliest start from which the samples are free decay, s.
 
     `at`: the fitted model for the record's mass state.  `covariance`, (P, P) float64: of the
-    unknowns of the fit.  `record`: the run.  `start_s`: a start that is late enough.  `lower_s`: no
-    start before this time is considered.
+    unknowns of the fit.  `start_s`: a start that is late enough.  `lower_s`: no start before this
+    time is considered.
     """
     early = _early(at, covariance, record, start_s, lower_s)
     if len(early.time_s) == 0:

@@ -116,9 +116,8 @@ def estimate(
     The decays start where the stated bump ends; if the model does not fit from there on, a later
     start is tried.  Once it fits, the samples before the start show how far back a decay reaches.
 
-    `box`: structure of the problem.  `records`: all runs.  `starts`, sequence of (15,) float64:
-    parameters to begin from, the most trusted first; the next are tried only where the first lead
-    to nothing.
+    `starts`, sequence of (15,) float64: parameters to begin from, the most trusted first; the next
+    are tried only where the first lead to nothing.
     """
     first = first_estimate(box, records, starts)
     return first if first.holds else later_estimate(first, starts)

@@ -72,12 +72,12 @@ def fit(
 ) -> Fit:
     """Find the most likely unknowns.
 
-    `box`: structure.  `decays`: all runs of all mass states.  `sigma`: standard deviation of the
-    noise, SI.  `start`, (P,) float64: where to begin.  `tolerance`: stop when a step changes no
-    unknown by more than this share of its standard deviation (that with all others known, the
-    smallest one there is).  `max_iterations`: give up after so many steps.  `hold`: how strongly
-    the unknowns are held near the start in the first steps, in units of the misfit.  Without it a
-    parameter that is far off may run to zero before the others have come near (`HOLD`).
+    `sigma`: standard deviation of the noise, SI.  `start`, (P,) float64: where to begin.
+    `tolerance`: stop when a step changes no unknown by more than this share of its standard
+    deviation (that with all others known, the smallest one there is).  `max_iterations`: give up
+    after so many steps.  `hold`: how strongly the unknowns are held near the start in the first
+    steps, in units of the misfit.  Without it a parameter that is far off may run to zero before
+    the others have come near (`HOLD`).
     """
     eta = start.copy()
     parts = normal_blocks(box, decays, sigma, eta)

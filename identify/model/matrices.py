@@ -152,7 +152,7 @@ def state_matrix(M: NDArray[Any], C: NDArray[Any], K: NDArray[Any]) -> NDArray[A
 def loaded_model(full: NDArray[np.float64], added: AddedMass) -> PhysicalModel:
     """Return M, C and K of a vehicle with its added mass.
 
-    `full`, (28,) float64: in the order of `FULL_NAMES`.  `added`: what it carries.
+    `full`, (28,) float64: in the order of `FULL_NAMES`.
     """
     M, C, K = full_matrices(full.astype(complex))
     total = M + delta_mass(added, full[19], y_s=full[27])

@@ -53,9 +53,9 @@ def real_car(
 ) -> RealCar | None:
     """Fit the rich model to the decays of an estimation that does not hold.
 
-    `linear`: the linear fit.  `vehicles`, sequence of (15,) float64: generic vehicles to start
-    from.  `decided`: elements that `[vehicle.structure]` forces or forbids.  `log`: receives a line
-    for each stage.  Returns None where the search finds no finite path.
+    `vehicles`, sequence of (15,) float64: generic vehicles to start from.  `decided`: elements that
+    `[vehicle.structure]` forces or forbids.  `log`: receives a line for each stage.  Returns None
+    where the search finds no finite path.
     """
     records, rest = linear.records, linear.rest
     start_s = np.array([decay_start_s(record) for record in records])

@@ -45,9 +45,8 @@ def release(
 ) -> tuple[Optimum, tuple[str, ...]] | None:
     """Return the optimum of the rich model and the groups in it; None without a finite path.
 
-    `model`: what there may be.  `eta`, (P,) float64: linear start, elements at rest.  `owns`: how
-    each run begins by it.  `allowed`: whether a group may be released.  `log`: receives a line for
-    each stage.
+    `eta`, (P,) float64: linear start, elements at rest.  `owns`: how each run begins by it.
+    `allowed`: whether a group may be released.  `log`: receives a line for each stage.
     """
     centre, prior = weak_priors(model, eta)
     problem = Problem(model, runs, centre, prior, np.zeros(0, dtype=np.intp))

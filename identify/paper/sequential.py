@@ -58,9 +58,8 @@ def _solved(
 ) -> NDArray[np.float64]:
     """Return the unknown parameters, which enter the masked elements linearly, by least squares.
 
-    `theta`, (15,) float64: the other parameters.  `unknown`: which parameters are sought.  `which`:
-    1 for C, 2 for K, as `matrices` returns them.  `mask`, (7, 7) bool: the elements used.
-    `identified`, (7, 7) float64: the matrix found.
+    `theta`, (15,) float64: the other parameters.  `which`: 1 for C, 2 for K, as `matrices` returns
+    them.  `mask`, (7, 7) bool: the elements used.  `identified`, (7, 7) float64: the matrix found.
     """
     n = len(theta[unknown])
     base = theta.copy()

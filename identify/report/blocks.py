@@ -32,7 +32,7 @@ def cited(
 
     Text and place come from one look-up, so a page cannot show a number that is not in its JSON.
 
-    `document`: the JSON.  `*keys`: way to the entry.  `form`: how the entry is written.
+    `*keys`: way to the entry.  `form`: how the entry is written.
     """
     value: Any = document
     for key in keys:

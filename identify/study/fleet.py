@@ -73,9 +73,8 @@ def fleet_case(
 ) -> FleetCase:
     """Compare an identification with the car that it is of.
 
-    `name`: of the car.  `result`: what was found.  `truth`: its true parameters.  `there`: its
-    force elements with their true sizes (`daq.sim.fleet.elements`).  `cpu_s`: processor time that
-    it took, s.
+    `truth`: its true parameters.  `there`: its force elements with their true sizes
+    (`daq.sim.fleet.elements`).  `cpu_s`: processor time that it took, s.
     """
     found = {p: result.parameters[p] for p in JUDGED if p in result.parameters}
     errors = {p: 100.0 * abs(e.value / truth[p] - 1.0) for p, e in found.items()}

@@ -103,8 +103,7 @@ def noise_study(
 ) -> Study:
     """Return the statistics of many campaigns.
 
-    `campaign`: what was simulated.  `bound`, (15,) float64: as `bound_percent` has it.  `outcomes`:
-    one for each seed.
+    `bound`, (15,) float64: as `bound_percent` has it.
     """
     names = PARAMETER_NAMES if campaign.geometry is None else PARAMETER_NAMES[:11]
     n = len(names)

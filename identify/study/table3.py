@@ -120,7 +120,7 @@ def _modes(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> ModalModel:
 def table3(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
     """Return the table of many attempts beside the paper's single one.
 
-    `campaign`: as made by `table3_campaign`.  `attempts`: one for each seed.
+    `campaign`: as made by `table3_campaign`.
     """
     names = PARAMETER_NAMES[:_N]
     printed = np.abs([TABLE3_PERCENT[name] for name in names])

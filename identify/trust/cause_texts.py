@@ -55,7 +55,7 @@ class Causes:
 def causes_of(estimation: Estimation, suspects: Sequence[Suspect]) -> Causes:
     """Name the likely cause of a misfit, or an effect that hides below it and matters.
 
-    `estimation`: at its optimum.  `suspects`: its causes as `rank_causes` has them.
+    `suspects`: its causes as `rank_causes` has them.
     """
     ranked = [suspect for suspect in suspects if suspect.strength > 1.0]
     tried = tuple(_explanation(estimation, suspect) for suspect in ranked)

@@ -44,8 +44,7 @@ class Pull:
 def repeat_findings(estimation: Estimation, rival: float) -> tuple[Finding, ...]:
     """Name runs that disagree with the others, and a dependence on amplitude.
 
-    `estimation`: at its optimum.  `rival`: strength of the likeliest cause that all runs share: it
-    may set them at odds too.
+    `rival`: strength of the likeliest cause that all runs share: it may set them at odds too.
     """
     parts = normal_blocks(estimation.box, estimation.decays, estimation.noise, estimation.fit.eta)
     runs = {decay.label: parts[decay.label] for decay in estimation.decays}

@@ -39,8 +39,7 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
     units of the noise, summed over all channels, as far as no other mode could show the same.  A
     run that does not excite a mode has some 3 dB by the noise alone.
 
-    `estimation`: the fit.  Returns dB, in the order of `identify.modes.modal_model.modes_of` for
-    the run's mass state.
+    Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
     """
     points = _points(estimation)
     return {

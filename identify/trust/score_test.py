@@ -102,8 +102,7 @@ def scores(
 ) -> Scores:
     """Hold effects against the residuals of a fit.
 
-    `estimation`: at its optimum.  `trace_of`: what each of the effects, one unit of it, does to a
-    decay.  `q`: number of effects.
+    `trace_of`: what each of the effects, one unit of it, does to a decay.  `q`: number of effects.
     """
     eta, prior = estimation.fit.eta, estimation.box.prior_sigma**-2
     misfits, by_fact = estimation.box.fact_misfits(eta)

@@ -22,7 +22,7 @@ _PAGES = Path(__file__).with_name("templates")
 def serve(arguments: Sequence[str]) -> None:
     """Serve a command of `bumpbench` until Ctrl-C: each tab is a terminal of its own.
 
-    `arguments`: the command and its options.  Raises InputError if no port is free.
+    Raises InputError if no port is free.
     """
     # A network that swallows what is sent to the world would keep the library's own page blank: it
     # fetches a font there.

@@ -72,8 +72,8 @@ def as_finished(
     again one at a time, and only one whose worker dies while it is alone fails, with
     `BrokenProcessPool`.
 
-    `crew`: who does it.  `function`: picklable: a module's function, or a `functools.partial` of
-    one.  `items`: taken only as there is room.
+    `function`: picklable: a module's function, or a `functools.partial` of one.  `items`: taken
+    only as there is room.
     """
     source = iter(items)
     again: deque[Item] = deque()

@@ -25,7 +25,7 @@ def helpers(modules: Sequence[str]) -> Iterator[Executor]:
     Their libraries take a second to load: start them when the parent has begun a fit, which keeps
     one processor busy.
 
-    `modules`: what they load.  Raises InputError if there is no process to be had, or one dies.
+    Raises InputError if there is no process to be had, or one dies.
     """
     from dbc import InputError
 

@@ -46,9 +46,9 @@ def write_report(
 ) -> tuple[Report, Quality]:
     """Identify a session and write its report.
 
-    `session`: session file.  `html` and `pdf`: what to write; no PDF if None.  `stage`: called with
-    the share done, 0..1, and the present stage.  `written`: called with each finished file.  Raises
-    InputError if the session cannot be read or a file cannot be written.
+    `html` and `pdf`: what to write; no PDF if None.  `stage`: called with the share done, 0..1, and
+    the present stage.  `written`: called with each finished file.  Raises InputError if the session
+    cannot be read or a file cannot be written.
     """
     stage(0.02, "reading")
     with ThreadPoolExecutor(1) as reader:

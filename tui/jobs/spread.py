@@ -24,10 +24,9 @@ def over_all(
     """Return ``function(item)`` of every item, in their order.
 
     `function`: picklable: a module's function, or a `functools.partial` of one.  `items`: what to
-    call it with; each once.  `workers`: number of processes.  `stage`: called with the share done,
-    0..1.  `subject`: what the work is called where a worker dies.  `scheduler`: address of a Dask
-    scheduler, whose workers do it instead.  Raises InputError if a worker dies, most likely for
-    want of memory; as `crew_of`.
+    call it with; each once.  `stage`: called with the share done, 0..1.  `subject`: what the work
+    is called where a worker dies.  `scheduler`: address of a Dask scheduler, whose workers do it
+    instead.  Raises InputError if a worker dies, most likely for want of memory; as `crew_of`.
     """
     from dbc import InputError  # with NumPy behind it: not for --help
 

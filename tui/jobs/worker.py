@@ -20,8 +20,7 @@ async def lines_of(task: Task, where: str) -> AsyncGenerator[Line, None]:
     The process ends with the iteration, and with this process however that ends: it watches its
     standard input.
 
-    `task`: what to do.  `where`: what a process that ended without an answer was about, for the
-    operator.
+    `where`: what a process that ended without an answer was about, for the operator.
     """
     try:
         child = subprocess.Popen(

@@ -59,7 +59,7 @@ def record_campaign(
     `open_source`: opens a bus, given its description and its number.  `out`: folder.  The journal
     goes to a folder in it, and a session file carries the number of the journal's first segment.
     `habits`: when to begin and when to end.  `log`: alarms, verdicts and what else is worth a line.
-    `stage`: shows how far it is.  Returns the last one of the recorder.
+    Returns the last one of the recorder.
     """
     from importlib.metadata import version
 

@@ -138,9 +138,9 @@ class SlcanSource:
 def open_slcan(channel: str, bitrate: int, bus: int) -> SlcanSource:
     """Open an adapter.
 
-    `channel`: serial device, with `@BAUD` if that is not 115200.  `bitrate`: bit rate of the CAN
-    bus.  `bus`: number of the bus in its frames.  Raises BusError if the protocol has no such bit
-    rate.  Raises OSError or ValueError if there is no such line or it cannot be opened.
+    `channel`: serial device, with `@BAUD` if that is not 115200.  `bus`: number of the bus in its
+    frames.  Raises BusError if the protocol has no such bit rate.  Raises OSError or ValueError if
+    there is no such line or it cannot be opened.
     """
     import serial
 

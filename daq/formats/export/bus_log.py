@@ -22,8 +22,8 @@ _NS_PER_MS = 1_000_000
 def write_blf(frames: FrameBatch, path: Path) -> tuple[str, ...]:
     """Write a BLF log; time stamps exact to 1 ns.
 
-    `frames`, FrameBatch, not empty: in order of time.  `path`: where to.  Returns what the format
-    cannot hold, of what there is in `frames`.
+    `frames`, FrameBatch, not empty: in order of time.  Returns what the format cannot hold, of what
+    there is in `frames`.
     """
     start_ns = int(frames.t_ns[0]) // _NS_PER_MS * _NS_PER_MS
     with can.BLFWriter(path) as writer:

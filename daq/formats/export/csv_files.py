@@ -44,9 +44,6 @@ def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvS
 
     The columns are ``time_s``, the channels as ``name [unit]``, and ``quality``
     (`dbc.samples.Quality`).  Numbers have as many digits as it takes to read them back exactly.
-
-    `group`: what to write.  `units`: their units.  `path`: where to.  `style`: comma or semicolon,
-    point or comma.
     """
     columns = [_cells(group.time_s, style)]
     columns += [_cells(values, style) for values in group.values.values()]

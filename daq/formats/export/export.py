@@ -89,10 +89,9 @@ def export_session(
 ) -> Exported:
     """Write a session as other tools have it; files are complete or absent.
 
-    `session`: what to write.  `path`: where to.  CSV is one file a run and sample clock:
-    ``car.csv`` becomes ``car_RUN_GROUP.csv``.  `form`: in which format.  `modes`: for UFF.
-    `force`: whether files that are there may be replaced.  Raises InputError if there is nothing to
-    write in this format, a file is there already or cannot be written, or a library is missing.
+    CSV is one file a run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.  `force`:
+    whether files that are there may be replaced.  Raises InputError if there is nothing to write in
+    this format, a file is there already or cannot be written, or a library is missing.
     """
     try:
         return _exported(session, path, form, style, modes, force)

@@ -19,9 +19,9 @@ _LETTERS = "dva"
 def sep005_channels(session: Session) -> list[dict[str, Any]]:
     """Return every channel of every run as SEP005 has it.
 
-    `session`: what to give.  Each has `name` (``run/channel``), `data` (n,), `unit_str`, `time`
-    (list, s from the start of the run), `start_timestamp` (of the run, ISO 8601), `group`
-    (``run/group``) and, where SEP005 has a letter for it, `quantity`.
+    Each has `name` (``run/channel``), `data` (n,), `unit_str`, `time` (list, s from the start of
+    the run), `start_timestamp` (of the run, ISO 8601), `group` (``run/group``) and, where SEP005
+    has a letter for it, `quantity`.
     """
     channels = {channel.name: channel for channel in session.channels}
     result = []

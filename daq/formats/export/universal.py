@@ -46,8 +46,7 @@ class ModeShapes:
 def write_uff(session: Session, modes: Sequence[ModeShapes], path: Path) -> tuple[str, ...]:
     """Write datasets 164, 15, 82, one 58 a channel and run, and one 55 a mode.
 
-    `session`: what to write.  `modes`: may be empty.  `path`: where to.  Returns what the format
-    cannot hold, of what there is in the session.
+    Returns what the format cannot hold, of what there is in the session.
     """
     notes = []
     vehicle = session.vehicle

@@ -22,8 +22,7 @@ _ITEM_IN = 0.3
 def svg(study: Study) -> str:
     """Draw the panels of a study.
 
-    `study`: any study.  Returns an SVG document; its text is text, in DejaVu Sans where there is
-    that font.
+    Returns an SVG document; its text is text, in DejaVu Sans where there is that font.
     """
     with matplotlib.rc_context(dict(SETTINGS)):
         text = StringIO()

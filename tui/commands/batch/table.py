@@ -41,8 +41,8 @@ def check_table_file(path: Path) -> None:
 def write_table(path: Path, journal: Path) -> None:
     """Write the newest row of each session, in the order in which they were first seen.
 
-    `path`: ``.csv`` or ``.parquet``; complete or as it was before.  `journal`: the rows.  Raises
-    InputError if it cannot be written.
+    `path`: ``.csv`` or ``.parquet``; complete or as it was before.  Raises InputError if it cannot
+    be written.
     """
     places, columns, texts = _index(journal)
     try:

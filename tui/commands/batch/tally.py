@@ -40,9 +40,8 @@ def work_off(
 ) -> Tally:
     """Identify what the journal does not know yet.
 
-    `crew`: who does it.  `files`: session files.  `journal`: takes the rows.  `out`: the table,
-    brought up to date every minute.  `stage`: receives the progress.  Raises InputError if rows
-    cannot be kept, or the cluster has gone.
+    `files`: session files.  `out`: the table, brought up to date every minute.  Raises InputError
+    if rows cannot be kept, or the cluster has gone.
     """
     verdicts: Counter[str] = Counter()
     bad: list[dict[str, str]] = []

@@ -22,8 +22,7 @@ from ..widgets.line import Line
 class ChoiceScreen(ModalScreen[str | None]):
     """Returns the chosen entry; None after Esc.
 
-    `title`: what is asked.  `options`, sequence of (str, str): what is returned, and what the
-    operator reads.
+    `options`, sequence of (str, str): what is returned, and what the operator reads.
     """
 
     DEFAULT_CSS = """

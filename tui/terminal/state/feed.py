@@ -87,8 +87,8 @@ class Feed(Protocol):
 class RecorderFeed:
     """The recorder of a folder, over `daq.control.client`; it may go and come back.
 
-    `folder`: the recorder's.  `name`: the person.  `start_recorder`: starts a recorder in the
-    folder; called when the operator asks for it.
+    `name`: the person.  `start_recorder`: starts a recorder in the folder; called when the operator
+    asks for it.
     """
 
     def __init__(self, folder: Path, name: str, start_recorder: Callable[[], object]) -> None:

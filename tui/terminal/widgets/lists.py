@@ -170,8 +170,7 @@ def run_figures(run: LoggedRun) -> str:
 def _frequency(status: Status, tally: Tally, wide: bool) -> str:
     """Return the mean frequency of the accepted runs of a kind, with its scatter if there is room.
 
-    `status` and `tally`: the recording, and the kind of bump.  `wide`: whether there is room for
-    the scatter.
+    `status` and `tally`: the recording, and the kind of bump.
     """
     kind = (tally.mass_state, tally.excitation)
     found = [
