@@ -1,38 +1,31 @@
 """The paper's tables and figures, reproduced."""
 
-from .added_mass import fig2, mass_error_study
-from .campaign import PAPER_MASS_STATES, Campaign
-from .fig9 import fig9
-from .figures import svg
-from .fleet import FleetCase, fleet_case, fleet_study, fractions
-from .geometry_error import fig8
-from .noise import bound_percent, noise_study, outcome
-from .result import Cell, Column, Study
-from .sensor_sets import SENSOR_SETS
-from .table2 import table2
-from .table3 import attempt, table3, table3_campaign
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "PAPER_MASS_STATES",
-    "SENSOR_SETS",
-    "Campaign",
-    "Cell",
-    "Column",
-    "FleetCase",
-    "Study",
-    "attempt",
-    "bound_percent",
-    "fig2",
-    "fig8",
-    "fig9",
-    "fleet_case",
-    "fleet_study",
-    "fractions",
-    "mass_error_study",
-    "noise_study",
-    "outcome",
-    "svg",
-    "table2",
-    "table3",
-    "table3_campaign",
-]
+from dbc.lazy import lazy
+
+if TYPE_CHECKING:
+    from .added_mass import fig2_study as fig2_study
+    from .added_mass import mass_error_study as mass_error_study
+    from .campaign import PAPER_MASS_STATES as PAPER_MASS_STATES
+    from .campaign import Campaign as Campaign
+    from .fig9 import fig9_study as fig9_study
+    from .figures import svg as svg
+    from .fleet import FleetCase as FleetCase
+    from .fleet import fleet_case as fleet_case
+    from .fleet import fleet_study as fleet_study
+    from .fleet import fractions as fractions
+    from .geometry_error import fig8_study as fig8_study
+    from .noise import bound_percent as bound_percent
+    from .noise import noise_study as noise_study
+    from .noise import outcome as outcome
+    from .result import Cell as Cell
+    from .result import Column as Column
+    from .result import Study as Study
+    from .sensor_sets import SENSOR_SETS as SENSOR_SETS
+    from .table2 import table2_study as table2_study
+    from .table3 import attempt as attempt
+    from .table3 import table3_campaign as table3_campaign
+    from .table3 import table3_study as table3_study
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

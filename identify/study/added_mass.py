@@ -73,7 +73,7 @@ _CONVENTION = (
 )
 
 
-def fig2() -> Study:
+def fig2_study() -> Study:
     """Return how the modes shift when the mass grows by 2 to 14 % (Fig. 2).
 
     The added mass is that share of M itself, so that an undamped frequency would fall as

@@ -21,7 +21,7 @@ _TAIL_S = (0.5, 0.8)
 """Where the wheels come to rest, and the noise shows."""
 
 
-def fig9(rate_hz: float, noise_db: float, seed: int) -> Study:
+def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
     """Return what the paper's low-pass does to the accelerations of a bounce run (Fig. 9).
 
     `rate_hz`: samples a second.  `noise_db`: distance from signal to noise.  `seed`: draws the

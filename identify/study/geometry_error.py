@@ -18,7 +18,7 @@ _DYNAMIC = PARAMETER_NAMES[5:11]
 _LENGTHS = ("a", "b", "t_f", "t_r")
 
 
-def fig8() -> Study:
+def fig8_study() -> Study:
     """Return the errors of the dynamic parameters by an error in a, b, t_f or t_r (Fig. 8).
 
     M, C and K are exact, as the chain leaves them without noise, and do not depend on the

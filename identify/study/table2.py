@@ -53,7 +53,7 @@ _NOTES: Mapping[ResponseName, tuple[str, ...]] = MappingProxyType(
 )
 
 
-def table2(response: ResponseName) -> Study:
+def table2_study(response: ResponseName) -> Study:
     """Identify the paper's vehicle from its accelerations, in the paper's order of estimation.
 
     The Wilson-theta method (theta 1.4, 1 ms) is what the paper used, and its error is the error

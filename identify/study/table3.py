@@ -117,7 +117,7 @@ def _modes(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> ModalModel:
     return ModalModel(poles[modes], (shapes * size[:, None])[:, modes])
 
 
-def table3(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
+def table3_study(campaign: Campaign, attempts: Sequence[Attempt]) -> Study:
     """Return the table of many attempts beside the paper's single one.
 
     `campaign`: as made by `table3_campaign`.

@@ -8,10 +8,10 @@ import pytest
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from dbc.errors import InputError
 from identify.model.matrices import physical_model
-from identify.study.added_mass import MASS_ERRORS, fig2, mass_error_study
-from identify.study.fig9 import fig9
+from identify.study.added_mass import MASS_ERRORS, fig2_study, mass_error_study
+from identify.study.fig9 import fig9_study
 from identify.study.fir import filtered, taps
-from identify.study.geometry_error import fig8
+from identify.study.geometry_error import fig8_study
 from identify.study.measured_geometry import vehicle_of_geometry
 from identify.study.result import CurvePanel, Study
 
@@ -26,7 +26,7 @@ def _ends(figure: str) -> dict[str, tuple[float, float]]:
 
 
 def test_added_mass_lowers_every_mode_as_in_fig2() -> None:
-    study = fig2()
+    study = fig2_study()
     at_2 = [float(x) for x in study.column("at_2_percent")]
     at_14 = [float(x) for x in study.column("at_14_percent")]
     assert len(at_2) == len(at_14) == 7
@@ -108,7 +108,7 @@ def test_slopes_are_those_of_the_ends() -> None:
 
 
 def _fig8() -> dict[str, dict[str, tuple[float, float]]]:
-    study = fig8()
+    study = fig8_study()
     result = {}
     for length in ("a", "b", "t_f", "t_r"):
         low = study.numbers(f"{length}_at_minus_5_percent")
@@ -168,7 +168,7 @@ def test_a_filtered_decay_is_the_same_decay() -> None:
 
 
 def test_fig9_filters_as_much_noise_as_its_weights_say() -> None:
-    study = fig9(1000.0, 30.0, 1)
+    study = fig9_study(1000.0, 30.0, 1)
     before, after = study.numbers("noise_rms"), study.numbers("noise_filtered_rms")
     share = float(np.sqrt(np.sum(taps(1000.0) ** 2)))
     for name, signal in study.numbers("signal_rms").items():
@@ -180,12 +180,12 @@ def test_fig9_filters_as_much_noise_as_its_weights_say() -> None:
 
 def test_fig9_refuses_what_it_cannot_show() -> None:
     with pytest.raises(InputError, match="16 Hz"):
-        fig9(100.0, 30.0, 1)
+        fig9_study(100.0, 30.0, 1)
     with pytest.raises(InputError, match="noise"):
-        fig9(1000.0, np.inf, 1)
+        fig9_study(1000.0, np.inf, 1)
 
 
 def test_a_study_has_a_cell_for_every_column() -> None:
-    study = fig2()
+    study = fig2_study()
     with pytest.raises(ValueError, match="cells"):
         Study(study.title, study.columns, ((1.0,),), (), ())

@@ -10,14 +10,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from identify.study.added_mass import fig2, mass_error_study
+from identify.study.added_mass import fig2_study, mass_error_study
 from identify.study.campaign import Campaign
-from identify.study.fig9 import fig9
+from identify.study.fig9 import fig9_study
 from identify.study.figures import svg
-from identify.study.geometry_error import fig8
+from identify.study.geometry_error import fig8_study
 from identify.study.noise import Outcome, noise_study
 from identify.study.result import CurvePanel, DotPanel, Study
-from identify.study.table3 import Attempt, table3
+from identify.study.table3 import Attempt, table3_study
 
 NAN = np.full(11, np.nan)
 TEXT = "{http://www.w3.org/2000/svg}text"
@@ -29,7 +29,7 @@ def _noise(n: int) -> Study:
 
 
 def _table3() -> Study:
-    return table3(Campaign(), [Attempt(NAN, np.full(11, 30.0), np.full(11, 0.3))])
+    return table3_study(Campaign(), [Attempt(NAN, np.full(11, 30.0), np.full(11, 0.3))])
 
 
 def _texts(document: str) -> list[ElementTree.Element]:
@@ -39,10 +39,10 @@ def _texts(document: str) -> list[ElementTree.Element]:
 @pytest.mark.parametrize(
     "study",
     [
-        fig2,
+        fig2_study,
         lambda: mass_error_study("fig3"),
-        fig8,
-        lambda: fig9(1000.0, 30.0, 1),
+        fig8_study,
+        lambda: fig9_study(1000.0, 30.0, 1),
         lambda: _noise(3),
         lambda: _noise(0),
         _table3,
@@ -78,14 +78,14 @@ def test_labels_of_curves_do_not_cover_each_other() -> None:
 
 
 def test_the_same_study_draws_the_same_bytes() -> None:
-    assert svg(fig2()) == svg(fig2())
+    assert svg(fig2_study()) == svg(fig2_study())
 
 
 def test_drawing_leaves_pyplot_alone() -> None:
     code = (
         "import sys; from identify.study.figures import svg;"
-        "from identify.study.added_mass import fig2;"
-        "svg(fig2()); print('matplotlib.pyplot' in sys.modules)"
+        "from identify.study.added_mass import fig2_study;"
+        "svg(fig2_study()); print('matplotlib.pyplot' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

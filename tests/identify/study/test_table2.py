@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from identify.study.table2 import table2
+from identify.study.table2 import table2_study
 
 KNOWN = {
     "m_s": 1380,
@@ -41,7 +41,7 @@ PRINTED = {"m_s": -0.011, "I_yy": -0.011, "I_xx": -0.023, "m_uf": 0.093, "m_ur":
 
 
 def test_the_exact_response_gives_every_parameter() -> None:
-    study = table2("exact")
+    study = table2_study("exact")
     known = study.numbers("known")
     assert known == KNOWN
     for name, found in study.numbers("identified").items():
@@ -50,7 +50,7 @@ def test_the_exact_response_gives_every_parameter() -> None:
 
 
 def test_wilson_theta_makes_the_errors_that_the_paper_prints() -> None:
-    study = table2("wilson")
+    study = table2_study("wilson")
     errors = study.numbers("error_percent")
     for name, printed in PRINTED.items():
         assert round(errors[name], 3) == printed

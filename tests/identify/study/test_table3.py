@@ -7,7 +7,7 @@ import pytest
 
 from dbc.errors import InputError
 from identify.study.campaign import Campaign
-from identify.study.table3 import Attempt, attempt, table3, table3_campaign
+from identify.study.table3 import Attempt, attempt, table3_campaign, table3_study
 
 NONE = np.full(11, np.nan)
 
@@ -32,7 +32,7 @@ def test_the_table_of_known_attempts() -> None:
         Attempt(np.full(11, -30.0), NONE, np.full(11, -0.3)),
         Attempt(NONE, NONE, np.full(11, 0.2)),
     ]
-    study = table3(table3_campaign(1000.0, 30.0), attempts)
+    study = table3_study(table3_campaign(1000.0, 30.0), attempts)
     assert set(study.numbers("chain_filtered_median_percent").values()) == {20.0}
     assert set(study.numbers("chain_filtered_worst_percent").values()) == {30.0}
     assert set(study.numbers("chain_unfiltered_worst_percent").values()) == {5.0}
@@ -57,14 +57,14 @@ def test_the_papers_column_is_its_known_and_identified_columns() -> None:
         "c_sf": (1500, 1445.30),
         "c_sr": (1500, 1534.06),
     }
-    column = table3(Campaign(), [Attempt(NONE, NONE, NONE)]).numbers("paper_percent")
+    column = table3_study(Campaign(), [Attempt(NONE, NONE, NONE)]).numbers("paper_percent")
     assert list(column) == list(printed)
     for name, (known, identified) in printed.items():
         assert column[name] == pytest.approx(abs(identified / known - 1) * 100, abs=0.003)
 
 
 def test_no_answer_at_all_still_makes_a_table() -> None:
-    study = table3(Campaign(), [Attempt(NONE, NONE, NONE)])
+    study = table3_study(Campaign(), [Attempt(NONE, NONE, NONE)])
     assert all(np.isnan(x) for x in study.numbers("likelihood_worst_percent").values())
 
 

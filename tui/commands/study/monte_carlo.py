@@ -45,7 +45,7 @@ def table3(
     from functools import partial
 
     from identify.study import attempt, table3_campaign
-    from identify.study import table3 as study
+    from identify.study import table3_study as study
 
     from ...jobs.spread import over_all
     from ...output import progress

@@ -26,7 +26,7 @@ def table2(
     figure: FigureFile = None,
 ) -> None:
     """Identify all parameters from noise-free simulated runs."""
-    from identify.study import table2 as study
+    from identify.study import table2_study as study
 
     from ...output import progress
 
@@ -38,7 +38,7 @@ def table2(
 
 def fig2(json: Json = False, figure: FigureFile = None) -> None:
     """Shift the modes by 2 to 14 % of added mass."""
-    from identify.study import fig2 as study
+    from identify.study import fig2_study as study
 
     check_figure_file(figure)
     deliver(study(), json, figure)
@@ -58,7 +58,7 @@ def mass_error_command(name: str) -> Callable[..., None]:
 
 def fig8(json: Json = False, figure: FigureFile = None) -> None:
     """Mistake a, b, t_f or t_r by -5 to 5 %."""
-    from identify.study import fig8 as study
+    from identify.study import fig8_study as study
 
     check_figure_file(figure)
     deliver(study(), json, figure)
@@ -72,7 +72,7 @@ def fig9(
     figure: FigureFile = None,
 ) -> None:
     """Show the noisy signal and what a 16 Hz FIR low-pass leaves of it."""
-    from identify.study import fig9 as study
+    from identify.study import fig9_study as study
 
     check_figure_file(figure)
     deliver(study(rate_hz, noise_db, seed), json, figure)
