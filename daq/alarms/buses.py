@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
 
 from ..bus.error_frames import ControllerState, ErrorTally, tally_error_frames
 from ..bus.source import LinkFacts, SourceLosses
 from ..bus.wire_bits import wire_bits
 from ..control.messages import BusState, BusStatus
-from .inputs import WINDOW_S, Count, Key, Symptom
+from .inputs import WINDOW_S, Count, Key, fault
 
 _CALM_S = 2.0
 """Time without an error, s, after which a controller that receives is taken for error-active again:
@@ -202,32 +203,32 @@ def _state(watch: BusWatch, link: LinkFacts, silent_s: float, now_s: float) -> B
 
 def bus_symptoms(
     watch: BusWatch, link: LinkFacts, status: BusStatus, silent_s: float, now_s: float
-) -> list[Symptom]:
+) -> list[Finding]:
     """Return the faulty states of a bus; faults that are counted come by the window."""
     name = link.name
     if status.state is BusState.DISCONNECTED:
         if not link.error and now_s - link.heartbeat_s < silent_s:
             return []  # it is being opened
-        return [Symptom("disconnected", name, link.error or "not connected", advice=link.advice)]
+        return [fault("disconnected", name, link.error or "not connected", advice=link.advice)]
     if status.state is BusState.BUS_OFF:
-        return [Symptom("bus_off", name, watch.error_text)]
+        return [fault("bus_off", name, watch.error_text)]
     found = []
     if link.interface_down:
         advice = f"`sudo ip link set {name.split()[-1]} up` brings it up again"
-        found.append(Symptom("interface_down", name, "the interface is down", advice=advice))
+        found.append(fault("interface_down", name, "the interface is down", advice=advice))
     elif status.state is BusState.SILENT:
         errors = sum(turn[2] for turn in watch.recent)
         waited = f"{now_s - watch.good_s:.1f} s"
         if errors:
             text = f"{errors} error frames in the last second and no good frame for {waited}"
-            found.append(Symptom("check_bitrate", name, text))
+            found.append(fault("check_bitrate", name, text))
         else:
-            found.append(Symptom("bus_silent", name, f"no frame for {waited}"))
+            found.append(fault("bus_silent", name, f"no frame for {waited}"))
     if watch.controller is ControllerState.PASSIVE:
         counted = (
             f"{watch.tx_errors} transmit and {watch.rx_errors} receive errors counted"
             if watch.tx_errors is not None
             else watch.error_text
         )
-        found.append(Symptom("error_passive", name, counted))
+        found.append(fault("error_passive", name, counted))
     return found

@@ -11,11 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
+from dbc.finding import Finding
+
 from ..clocks import Now
 from ..control.messages import Alarm
 from ..runs import Event
-from .inputs import Key, Symptom
-from .texts import EXPLAINED, GRAVITY
+from .inputs import Key, Numbers
+from .texts import GRAVITY
 
 ALARM, ALARM_END = "alarm", "alarm_end"
 """Codes of the events; the text is "CODE SUBJECT: TEXT"."""
@@ -56,21 +58,22 @@ class Ledger:
         return tuple(sorted(lasting, key=lambda a: (GRAVITY[a.code], a.subject)))
 
     def advanced(
-        self, symptoms: Sequence[Symptom], now: Now, t_ns: int
+        self, symptoms: Sequence[Finding], numbers: Numbers, now: Now, t_ns: int
     ) -> tuple[Ledger, tuple[Event, ...]]:
         """Take in the symptoms of a turn.
 
-        `symptoms`: of one code and subject the first counts.  `t_ns`: time stamp for the events.
+        Of the symptoms of one code and subject the first counts.  `t_ns`: time stamp for the
+        events.
         """
         entries, events = dict(self.entries), []
-        present: dict[Key, Symptom] = {}
+        present: dict[Key, Finding] = {}
         for symptom in symptoms:
             present.setdefault((symptom.code, symptom.subject), symptom)
         for key, symptom in present.items():
             entry = entries.get(key)
             if entry is None and len(entries) >= _MOST_ALARMS:
                 continue
-            entry = _raised(entry, symptom, now)
+            entry = _raised(entry, symptom, *numbers.get(key, (0, 0)), now)
             if not entry.is_reported and (
                 entry.reported_s is None or now.monotonic_s - entry.reported_s >= REPORT_AGAIN_S
             ):
@@ -89,15 +92,15 @@ class Ledger:
         return Ledger(MappingProxyType(entries)), tuple(events)
 
 
-def _raised(entry: _Entry | None, symptom: Symptom, now: Now) -> _Entry:
+def _raised(entry: _Entry | None, symptom: Finding, new: int, recent: int, now: Now) -> _Entry:
     lasting = entry is not None and entry.is_on
     alarm = Alarm(
         symptom.code,
         symptom.subject,
         symptom.text,
-        symptom.advice or EXPLAINED[symptom.code].advice,
+        symptom.advice,
         entry.alarm.since_ns if entry and lasting else now.wall_ns,
-        entry.alarm.count + symptom.new if entry and lasting else symptom.recent,
+        entry.alarm.count + new if entry and lasting else recent,
     )
     if entry is None:
         return _Entry(alarm, now.monotonic_s, None, True, False)

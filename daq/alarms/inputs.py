@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from dbc.finding import Finding, Severity
+
+from .texts import EXPLAINED
+
 WINDOW_S = 1.0
 """Length of the window over which rates are taken, s."""
 
@@ -12,19 +16,13 @@ Key = tuple[str, str]
 """Code and subject of an alarm."""
 
 
-@dataclass(frozen=True, slots=True)
-class Symptom:
-    """One fault at this turn; code, subject and text as in `daq.control.messages.Alarm`."""
+Numbers = Mapping[Key, tuple[int, int]]
+"""How often each counted fault happened since the last turn, and within the window."""
 
-    code: str
-    subject: str
-    text: str
-    new: int = 0
-    """Number of times it happened since the last turn, where that is counted."""
-    recent: int = 0
-    """Number of times it happened within the window, where that is counted."""
-    advice: str = ""
-    """Advice for this case; empty if that of `daq.alarms.texts` fits."""
+
+def fault(code: str, subject: str, text: str, advice: str = "") -> Finding:
+    """Return a fault that is present in this turn; its usual advice unless there is a better."""
+    return Finding(code, Severity.ERROR, text, subject, advice or EXPLAINED[code].advice)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,23 +45,27 @@ class Window:
         kept = tuple(turn for turn in self.turns if turn[0] > now_s - WINDOW_S)
         return Window((*kept, (now_s, counts)) if counts else kept)
 
-    def symptoms(self, now_s: float) -> list[Symptom]:
-        """Return a symptom for each code and subject that was counted."""
+    def numbers(self, now_s: float) -> Numbers:
+        """Return the numbers of each fault that was counted often enough to be one."""
         totals: dict[Key, int] = {}
-        details: dict[Key, str] = {}
         for _, counts in self.turns:
             for key, count in counts.items():
                 totals[key] = totals.get(key, 0) + count.number
-                details[key] = count.detail or details.get(key, "")
         current = self.turns[-1][1] if self.turns and self.turns[-1][0] == now_s else {}
+        return {
+            key: (current[key].number if key in current else 0, total)
+            for key, total in totals.items()
+            if total >= FROM_COUNT.get(key[0], 1)
+        }
+
+    def symptoms(self, numbers: Numbers) -> list[Finding]:
+        """Return a symptom for each fault that was counted."""
+        details = {k: c.detail for _, counts in self.turns for k, c in counts.items() if c.detail}
         found = []
-        for (code, subject), total in totals.items():
-            if total >= FROM_COUNT.get(code, 1):
-                text = f"{total} {COUNTED[code]} in the last second"
-                detail = details[code, subject]
-                new = current[code, subject].number if (code, subject) in current else 0
-                text = f"{text}: {detail}" if detail else text
-                found.append(Symptom(code, subject, text, new, total))
+        for (code, subject), (_, total) in numbers.items():
+            detail = details.get((code, subject), "")
+            text = f"{total} {COUNTED[code]} in the last second"
+            found.append(fault(code, subject, f"{text}: {detail}" if detail else text))
         return found
 
 

@@ -9,12 +9,13 @@ from types import MappingProxyType
 import numpy as np
 
 from dbc import Codec
+from dbc.finding import Finding
 from dbc.frames import FrameBatch, FrameFlag
 from dbc.layout import MessageLayout
 from dbc.samples import Decoded, Quality
 
 from ..samples.health import HealthState
-from .inputs import Count, Key, Symptom
+from .inputs import Count, Key, fault
 
 STALE_PERIODS = 5.0
 _LEAST_TIMEOUT_S = 0.5
@@ -197,7 +198,7 @@ def message_symptoms(
     names: Sequence[str],
     well: Sequence[bool],
     now_s: float,
-) -> list[Symptom]:
+) -> list[Finding]:
     """Return the faulty states of the traffic.
 
     `expected`: messages that carry channels of the bench.  `names`: of the buses.  `well`: whether
@@ -214,7 +215,7 @@ def message_symptoms(
     if recent and not watch.known and waited_s >= _STRANGERS_ONLY_S:
         first = ", ".join(_id_text(key) for key in list(recent)[:_SHOWN_IDS])
         text = f"no frame of a message of the DBC in {waited_s:.1f} s, but {first}"
-        return [Symptom("none_of_dbc", "", text), *found]
+        return [fault("none_of_dbc", "", text), *found]
     for name, each in watch.known.items():
         found += _known_symptoms(name, each, name in expected, names, well, now_s)
     if any(well):
@@ -222,7 +223,7 @@ def message_symptoms(
             cycle_s = codec.message(name).cycle_s or _UNKNOWN_PERIOD_S / STALE_PERIODS
             if name not in watch.known and waited_s > max(STALE_PERIODS * cycle_s, 1.0):
                 text = f"no frame since the recorder listens ({waited_s:.0f} s)"
-                found.append(Symptom("stale", name, text))
+                found.append(fault("stale", name, text))
     return found
 
 
@@ -233,8 +234,8 @@ def _known_symptoms(
     names: Sequence[str],
     well: Sequence[bool],
     now_s: float,
-) -> list[Symptom]:
-    found: list[Symptom] = []
+) -> list[Finding]:
+    found: list[Finding] = []
     away_s, timeout_s = now_s - each.seen_s, each.timeout_s
     home = max(each.buses, key=lambda bus: each.buses[bus])
     is_well = home < len(well) and well[home]
@@ -242,24 +243,24 @@ def _known_symptoms(
     if timeout_s is not None and away_s > timeout_s and is_well and not ended:
         assert each.period_s is not None  # as it has a timeout
         text = f"no frame for {away_s:.1f} s; one is due every {1e3 * each.period_s:.3g} ms"
-        found.append(Symptom("stale", name, text))
+        found.append(fault("stale", name, text))
     on = [bus for bus, seen_s in each.buses.items() if now_s - seen_s <= _RECENT_S]
     if len(on) > 1:
         where = " and ".join(names[bus] if bus < len(names) else str(bus) for bus in sorted(on))
-        found.append(Symptom("mixed_id", name, f"comes from {where} at the same time"))
+        found.append(fault("mixed_id", name, f"comes from {where} at the same time"))
     return found
 
 
 def _stranger_symptoms(
     recent: Mapping[tuple[int, int, bool], Stranger], codec: Codec, names: Sequence[str]
-) -> list[Symptom]:
-    found: list[Symptom] = []
+) -> list[Finding]:
+    found: list[Finding] = []
     for key in recent:
         twin = codec.find(key[1], not key[2])
         if twin is not None and len(found) < _SHOWN_IDS:
             bits = (29, 11) if key[2] else (11, 29)
             text = f"{key[1]:#x} comes with {bits[0]} bits; the DBC has it with {bits[1]}"
-            found.append(Symptom("mixed_id", twin.name, text))
+            found.append(fault("mixed_id", twin.name, text))
     for bus in sorted({key[0] for key in recent}):
         here = sorted(
             ((key, each) for key, each in recent.items() if key[0] == bus),
@@ -269,7 +270,7 @@ def _stranger_symptoms(
         more = f" and {len(here) - _SHOWN_IDS} more" if len(here) > _SHOWN_IDS else ""
         name = names[bus] if bus < len(names) else str(bus)
         text = f"{len(here)} identifiers are not in the DBC: {shown}{more}"
-        found.append(Symptom("unknown_id", name, text))
+        found.append(fault("unknown_id", name, text))
     return found
 
 

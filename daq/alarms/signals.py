@@ -8,12 +8,13 @@ from types import MappingProxyType
 
 import numpy as np
 
+from dbc.finding import Finding
 from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 
 from ..channels import Quantity
 from ..samples.converter import is_fine, is_stuck
 from ..samples.mapping import MappedChannel
-from .inputs import Count, Key, Symptom
+from .inputs import Count, Key, fault
 
 _STUCK_S = 0.8
 """Time without any change, s, after which a sensor of fine resolution counts as frozen."""
@@ -169,7 +170,7 @@ def _stand(
     return Standing(float(samples.value[-1]), last_ns, 1, last_ns, 0)
 
 
-def signal_symptoms(watch: SignalsWatch) -> list[Symptom]:
+def signal_symptoms(watch: SignalsWatch) -> list[Finding]:
     """Return which channels are frozen."""
     found = []
     for name, each in watch.standing.items():
@@ -178,7 +179,7 @@ def signal_symptoms(watch: SignalsWatch) -> list[Symptom]:
             continue
         says = f"{each.samples} samples in a row are {each.value:.6g}"
         if each.moving >= _STUCK_MOVING_TURNS:
-            found.append(Symptom("stuck", name, f"{says} while others move"))
+            found.append(fault("stuck", name, f"{says} while others move"))
         elif watch.limits[name].is_fine and still_s >= _STUCK_S:
-            found.append(Symptom("stuck", name, f"{says}: not even noise for {still_s:.1f} s"))
+            found.append(fault("stuck", name, f"{says}: not even noise for {still_s:.1f} s"))
     return found

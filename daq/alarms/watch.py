@@ -20,7 +20,7 @@ from ..samples.mapping import MappedChannel
 from .buses import BusWatch, advance_buses, bus_status, bus_symptoms
 from .debounce import Ledger
 from .host import CLOCK_STEP_S, dropped_since, host_symptoms
-from .inputs import Symptom, Window
+from .inputs import Window, fault
 from .messages import MessagesWatch, advance_messages, alive, message_symptoms
 from .signals import SignalsWatch, advance_signals, signal_symptoms
 
@@ -134,10 +134,11 @@ def watch(
     symptoms += signal_symptoms(signals)
     if now_s - state.clock_stepped_s <= _CLOCK_SHOWN_S:
         text = f"the host's clock was set by {state.clock_step_s:+.3f} s"
-        new = int(now_s == state.clock_stepped_s)
-        symptoms.append(Symptom("clock_step", "", text, new, 1))
-    symptoms = _merged(symptoms, window.symptoms(now_s))
-    ledger, alarm_events = state.ledger.advanced(symptoms, turn.now, t_ns)
+        symptoms.append(fault("clock_step", "", text))
+    counted = window.numbers(now_s)
+    symptoms += window.symptoms(counted)
+    numbers = {**counted, ("clock_step", ""): (int(now_s == state.clock_stepped_s), 1)}
+    ledger, alarm_events = state.ledger.advanced(symptoms, numbers, turn.now, t_ns)
     after = replace(
         state,
         buses=statuses,
@@ -165,16 +166,6 @@ def reconfigured(state: AlarmState) -> AlarmState:
     return replace(
         state, messages=messages, signals=SignalsWatch(overloaded=state.signals.overloaded)
     )
-
-
-def _merged(states: Sequence[Symptom], counted: Sequence[Symptom]) -> list[Symptom]:
-    """Give a state that is counted, too (bus-off), its count."""
-    numbers = {(each.code, each.subject): (each.new, each.recent) for each in counted}
-    kept = []
-    for state in states:
-        new, recent = numbers.get((state.code, state.subject), (state.new, state.recent))
-        kept.append(replace(state, new=new, recent=recent))
-    return [*kept, *counted]
 
 
 def _clock(state: AlarmState, now: Now, t_ns: int) -> tuple[AlarmState, tuple[Event, ...]]:
