@@ -108,12 +108,7 @@ def kinds_of(wheels: Wheels, planned: tuple[Excitation, ...]) -> tuple[Excitatio
     Either side, axle or diagonal will do, because the identification finds which it was: a mirror
     image counts as the same kind, unless the campaign plans it as a kind of its own.
 
-    Parameters
-    ----------
-    wheels : frozenset of Corner
-        The wheels that were struck.
-    planned : tuple of Excitation
-        The kinds of the campaign.
+    `wheels`: the wheels that were struck.  `planned`: the kinds of the campaign.
     """
     own = tuple(kind for kind in planned if BUMPS[kind].wheels == wheels)
     alike = (kind for kind, bump in BUMPS.items() if wheels in mirror_images(bump.wheels))

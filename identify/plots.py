@@ -62,10 +62,8 @@ def parameters(result: Identification) -> Figure:
 def dampers(result: Identification) -> Figure:
     """Draw the force of each axle's damper over its speed, with its 95 % band and with friction.
 
-    Raises
-    ------
-    InputError
-        If the session was refused before a fit, or the linear model explains its decays.
+    Raises InputError if the session was refused before a fit, or the linear model explains its
+    decays.
     """
     forces = _fitted(result).document()["forces"]
     if forces is None:

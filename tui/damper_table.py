@@ -25,11 +25,8 @@ def write_damper_table(document: Document, path: Path) -> None:
     and `rear` for `CombiTable1Ds`, column 2 the force of the damper.  `.mat` (MATLAB v5) has the
     same matrices, the names of their columns, and the other force elements of each axle.
 
-    Raises
-    ------
-    InputError
-        If the identification has no damper curves, the ending is another, or the file cannot be
-        written.
+    Raises InputError if the identification has no damper curves, the ending is another, or the file
+    cannot be written.
     """
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:

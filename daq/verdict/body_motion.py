@@ -69,16 +69,8 @@ def of_body(
     heave alone, and only what clearly belongs to another kind is refused.  Of the two axles the
     one that is struck moves more.
 
-    Parameters
-    ----------
-    planned : tuple of Excitation
-        The kinds of the campaign.
-    body : Body
-        The motion.
-    shares : mapping of str to float
-        Shares of the motion, for the text.
-    by : str
-        The sensors, in words.
+    `planned`: the kinds of the campaign.  `body`: the motion.  `shares`: shares of the motion, for
+    the text.  `by`: the sensors, in words.
     """
     turn = max(body.pitch, body.roll)
     still = 1.0 - min(turn / max(body.heave, 1e-12) / _TURN, 1.0) / 2

@@ -78,12 +78,7 @@ def likeness_of(
 ) -> Mapping[Excitation, float]:
     """Return the likeness to each kind of bump, by that to each strike.
 
-    Parameters
-    ----------
-    like : mapping of wheels to float
-        Likeness to a strike of these wheels, 0..1.
-    planned : tuple of Excitation
-        The kinds of the campaign.
+    `like`: likeness to a strike of these wheels, 0..1.  `planned`: the kinds of the campaign.
     """
     result = dict.fromkeys(Excitation, 0.0)
     for wheels, share in like.items():

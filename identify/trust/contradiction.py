@@ -40,13 +40,7 @@ class Contradiction:
 
 
 def contradiction_findings(estimation: Estimation) -> tuple[Finding, ...]:
-    """Name what is stated and contradicted by the runs.
-
-    Parameters
-    ----------
-    estimation : Estimation
-        At its optimum.
-    """
+    """Name what is stated and contradicted by the runs."""
     found = contradictions(estimation)
     if not found:
         return ()

@@ -22,10 +22,7 @@ def scale_facts(box: GreyBox) -> tuple[str, ...]:
 def scale_findings(box: GreyBox) -> tuple[Finding, ...]:
     """Say that the scale rests on the added weights alone, where it does.
 
-    Parameters
-    ----------
-    box : GreyBox
-        Structure of a problem that the runs determine.
+    `box`: structure of a problem that the runs determine.
     """
     if scale_facts(box):
         return ()

@@ -67,12 +67,7 @@ def survival(estimation: Estimation, hypotheses: Sequence[Hypothesis]) -> Surviv
     A nonlinear fit that leaves a little has intervals that hold for it.  A linear one that leaves
     something keeps a parameter only if the known causes explain nearly all of it.
 
-    Parameters
-    ----------
-    estimation : Estimation
-        At its optimum.
-    hypotheses : sequence of Hypothesis
-        All causes that were refitted or sized, and stand out of the noise.
+    `hypotheses`: all causes that were refitted or sized, and stand out of the noise.
     """
     box, fit = estimation.box, estimation.fit
     names, linear = box.parameters, estimation.nonlinear is None
