@@ -3,9 +3,13 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+from tests.mutate.blocks import Blocks
+from tests.mutate.choice import Chooser
 from tests.mutate.draw import draw, mutants
 from tests.mutate.mutant import Mutant
+from tests.mutate.records import RecordedTest, Records
 from tests.mutate.room_tests import room_tests
 from tests.mutate.sources import sources
 
@@ -35,6 +39,12 @@ def test_far_from_the_limit() -> None:
 def test_both() -> None:
     assert both_kg(20.0) == 40.0
 """
+SPOILT = """from dbc import is_heavy
+
+
+def test_spoilt() -> None:
+    assert is_heavy(0.0)
+"""
 FACE = '"""Wheels."""\n\nfrom .wheel import both_kg, is_heavy\n'
 
 
@@ -45,7 +55,7 @@ def _tree(root: Path, source: str = SOURCE) -> Path:
         "tests/dbc/test_wheel.py": TESTS,
         "tests/dbc/test_other.py": "def test_nothing() -> None:\n    assert True\n",
         "tests/dbc/conftest.py": "import pytest\n",
-        "tests/dbc/test_spoilt.py": "def test_spoilt() -> None:\n    raise ValueError\n",
+        "tests/dbc/test_spoilt.py": SPOILT,
         "pyproject.toml": "[tool.pytest.ini_options]\nfilterwarnings = ['error']\n",
     }.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
@@ -67,9 +77,88 @@ def test_the_tool_names_what_no_test_finds(tmp_path: Path) -> None:
     )  # fmt: skip
     rate, _, survivors = done.stdout.partition("\nmedian time of a mutant: ")
     assert rate.endswith("dbc     1 of    2 killed   50%\nall     1 of    2 killed   50%")
-    assert survivors.endswith("survivors: 1\ndbc/wheel.py:8  > -> >=\n    return mass_kg > 40.0\n")
-    assert "left out, it fails without a mutant: tests/dbc/test_spoilt.py" in rate
+    assert survivors.endswith(
+        "survivors: 1\ndbc/wheel.py:8  > -> >=  [1 tests pass]\n    return mass_kg > 40.0\n"
+    )
+    assert "left out, it fails without a mutant: tests/dbc/test_spoilt.py::test_spoilt" in rate
     assert (tree / "dbc" / "wheel.py").read_text("utf-8") == SOURCE
+
+
+BRANCHES = '''"""Limits."""
+
+from numpy import sign
+
+LIMIT = 3.0
+TWICE = 2 * LIMIT
+
+
+class Wheel:
+    """A wheel."""
+
+    turns: int = 0
+
+    def turn(self, by):
+        """Turn."""
+        if by > TWICE:
+            return 1
+        elif by < 0:
+            return sign(by)
+        self.turns += by
+'''
+
+
+def test_blocks_are_what_runs_together() -> None:
+    blocks = Blocks("dbc/wheel.py", BRANCHES.encode())
+    lines = BRANCHES.splitlines()
+    assert {lines[line - 1].strip(): key for line, key in blocks.of_line.items()} == {
+        "if by > TWICE:": "dbc/wheel.py:Wheel.turn:0",
+        "return 1": "dbc/wheel.py:Wheel.turn:1",
+        "elif by < 0:": "dbc/wheel.py:Wheel.turn:2",
+        "return sign(by)": "dbc/wheel.py:Wheel.turn:3",
+        "self.turns += by": "dbc/wheel.py:Wheel.turn:4",
+    }
+    ran = list[str]()
+    marked = blocks.marked().replace("from mutate_probe import mark as _mutate_mark", "")
+    space: dict[str, Any] = {"_mutate_mark": ran.append}
+    exec(marked, space)
+    space["Wheel"]().turn(1)
+    assert ran == [f"dbc/wheel.py:Wheel.turn:{n}" for n in (0, 2, 4)]
+
+
+def test_a_constant_is_tested_where_its_name_and_what_follows_from_it_occur(tmp_path: Path) -> None:
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests/a.py").write_text("from dbc import Wheel", "utf-8")
+    (tmp_path / "tests/b.py").write_text("turn_it()", "utf-8")
+    named = RecordedTest("tests/a.py::test_named", 0.1, frozenset())
+    uses = RecordedTest("tests/b.py::test_uses", 3.0, frozenset({"dbc/wheel.py:Wheel.turn:0"}))
+    long = RecordedTest("tests/b.py::test_long", 40.0, frozenset({"dbc/wheel.py:Wheel.turn:0"}))
+    chooser = Chooser(tmp_path, [Blocks("dbc/wheel.py", BRANCHES.encode())])
+    tests = [long, uses, named]
+
+    def chosen(line: int) -> tuple[list[RecordedTest], int]:
+        choice = chooser.choice(Mutant("dbc/wheel.py", line, 0, 0, ""), tests)
+        return list(choice.tests), choice.left_out
+
+    assert chosen(5) == ([uses], 1)  # LIMIT, by way of TWICE
+    assert chosen(12) == ([named, uses], 1)  # turns, by the name of its class
+    assert chosen(17) == ([], 0)  # the first branch runs in no test
+
+
+def test_a_record_holds_until_a_test_or_a_function_that_it_runs_changes(tmp_path: Path) -> None:
+    (tmp_path / "test_a.py").write_text("1", "utf-8")
+    functions = {"dbc/wheel.py:f": "1", "dbc/wheel.py:g": "1"}
+    found = {"modules": ["test_a.py"], "tests": {"test_a.py::t": [0.5, ["dbc/wheel.py:f:0"]]}}
+    Records(tmp_path, tmp_path, functions).keep("test_a.py", found)
+
+    def knows(**changed: str) -> bool:
+        now = functions | {f"dbc/wheel.py:{name}": text for name, text in changed.items()}
+        return Records(tmp_path, tmp_path, now).knows("test_a.py")
+
+    assert knows()
+    assert knows(g="2")
+    assert not knows(f="2")
+    (tmp_path / "test_a.py").write_text("2", "utf-8")
+    assert not knows()
 
 
 def test_faults_of_numbers_signs_and_terms(tmp_path: Path) -> None:
@@ -111,12 +200,13 @@ def test_a_seed_is_one_draw(tmp_path: Path) -> None:
     assert len({mutant.line for mutant in first}) == 10
 
 
-def test_tests_of_a_module_come_before_those_of_its_room(tmp_path: Path) -> None:
-    tests = room_tests(_tree(tmp_path), Mutant("dbc/wheel.py", 1, 0, 0, ""))
-    assert tests.direct == ("tests/dbc/test_wheel.py",)
-    assert tests.others == ("tests/dbc/test_other.py", "tests/dbc/test_spoilt.py")
+def test_tests_of_a_file_are_those_of_its_room(tmp_path: Path) -> None:
+    names = ("wheel", "other", "spoilt")
+    assert set(room_tests(_tree(tmp_path), "dbc/wheel.py")) == {
+        f"tests/dbc/test_{name}.py" for name in names
+    }
 
 
 def test_every_file_of_the_packages_has_tests() -> None:
     for path in sources(ROOT, ["dbc", "daq", "identify", "tui"]):
-        assert room_tests(ROOT, Mutant(path, 1, 0, 0, "")).all, path
+        assert room_tests(ROOT, path), path

@@ -43,9 +43,10 @@ def _show(text: str) -> None:
 
 def _line(root: Path, outcome: Outcome) -> str:
     mutant = outcome.mutant
-    end = "timeout " if outcome.timed_out else "killed  " if outcome.killed else "SURVIVED"
-    change = mutant.change((root / mutant.path).read_bytes())
-    return f"{end} {outcome.seconds:5.1f} s  {mutant.path}:{mutant.line}  {change[:120]}"
+    end = "killed  " if outcome.killed else "SURVIVED"
+    change = mutant.change((root / mutant.path).read_bytes())[:120]
+    place = f"{mutant.path}:{mutant.line}"
+    return f"{end} {outcome.seconds:5.1f} s  {place}  {change}  [{outcome.by}]"
 
 
 def _rates(outcomes: list[Outcome]) -> list[str]:
@@ -64,11 +65,11 @@ def _rates(outcomes: list[Outcome]) -> list[str]:
 
 
 def _survivors(root: Path, outcomes: list[Outcome]) -> list[str]:
-    left = sorted(outcome.mutant for outcome in outcomes if not outcome.killed)
+    left = {outcome.mutant: outcome.by for outcome in outcomes if not outcome.killed}
     lines = ["", f"survivors: {len(left)}"]
-    for mutant in left:
+    for mutant in sorted(left):
         source = (root / mutant.path).read_bytes()
-        lines.append(f"{mutant.path}:{mutant.line}  {mutant.change(source)}")
+        lines.append(f"{mutant.path}:{mutant.line}  {mutant.change(source)}  [{left[mutant]}]")
         lines.append(f"    {source.decode().splitlines()[mutant.line - 1].strip()}")
     return lines
 

@@ -1,27 +1,34 @@
-"""Tries mutants on private trees, as many at a time as there are trees."""
+"""Records the tests, and tries mutants on private trees, as many at a time as there are trees."""
 
 from __future__ import annotations
 
 import shutil
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import mkdtemp
 from time import sleep
+from typing import Any
 
+from .blocks import Blocks
+from .choice import Choice, Chooser
 from .mutant import Mutant
 from .private_tree import PrivateTree, snapshot
+from .reach import Reach
+from .records import Records
 from .room_tests import room_tests
-from .trial import PASSED, Report, Trial, load
+from .sources import PACKAGES, sources
+from .trial import PASSED, Chosen, Plugin, Trial, load
 
 PATIENCE = 4.0
-"""A run is stopped, and its mutant counted as killed, after this many times what its files took in
-runs before; two runs share the machine, and a loop without end never ends."""
-LEAST_S = 30.0
-"""Seconds before which no run is stopped."""
-UNKNOWN_S = 30.0
-"""Seconds that a file may take of which no run is known."""
+"""A run is stopped, and its mutant counted as killed, after this many times what its tests took
+when they were recorded; two runs share the machine, and a loop without end never ends."""
+LEAST_S = 60.0
+"""Seconds before which no run is stopped; pytest has to start, on a busy machine."""
+RECORD_S = 900.0
+"""Seconds after which the recording of one test file is stopped, and the file left out."""
 POLL_S = 0.02
 
 
@@ -31,16 +38,19 @@ class Outcome:
 
     mutant: Mutant
     killed: bool
-    timed_out: bool
+    by: str
+    """The test that failed; `timeout`, or how many tests passed."""
     seconds: float
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A mutant to try, or one test file to run without any."""
+    """A mutant to try, or a test file to record."""
 
+    files: tuple[str, ...]
+    plugin: Callable[[], Plugin]
+    limit_s: float
     mutant: Mutant | None = None
-    file: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +58,9 @@ class Done:
     """A job that has ended."""
 
     job: Job
-    report: Report | None
-    """None if the run was stopped at its limit."""
+    code: int | None
+    """Exit code; None if the run was stopped at its limit."""
+    found: dict[str, Any]
     seconds: float
     output: str
 
@@ -61,108 +72,105 @@ class Campaign:
         self._show = show
         self._folder = Path(mkdtemp(prefix="mutate"))
         self.source = snapshot(root, self._folder / "source")
-        self._trees = [PrivateTree(self.source, self._folder / str(n)) for n in range(trees)]
-        self._seconds: dict[str, float] = {}
-        self._sound: set[str] = set()
-        self._broken: set[str] = set()
-        self._jobs: deque[Job] = deque()
+        self._blocks = [
+            Blocks(path, (self.source / path).read_bytes())
+            for path in sources(self.source, [*PACKAGES])
+        ]
+        functions = {key: text for file in self._blocks for key, text in file.functions.items()}
+        self._records = Records(root, self.source, functions)
+        self._names = [str(n) for n in range(trees)]
 
     def close(self) -> None:
         """Remove the private trees."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def outcomes(self, mutants: Sequence[Mutant]) -> Iterator[Outcome]:
-        """Yield what becomes of each mutant, in the order in which they end.
-
-        A file that fails with a mutant is run once without: only then the mutant is killed.  One
-        that fails twice without is left out from then on.
-        """
-        failed_once: set[str] = set()
-        unsure: defaultdict[str, list[Outcome]] = defaultdict(list)
-        self._jobs = deque(Job(mutant) for mutant in mutants)
-        for done in self._run():
-            if done.report:
-                self._learn(done.report)
+        """Yield what becomes of each mutant, in the order in which they end."""
+        files = {mutant: room_tests(self.source, mutant.path) for mutant in mutants}
+        self._record(sorted({file for of_one in files.values() for file in of_one}))
+        chooser = Chooser(self.source, self._blocks)
+        choices: dict[Mutant, Choice] = {}
+        jobs = []
+        for mutant in mutants:
+            known = [file for file in files[mutant] if self._records.knows(file)]
+            tests = [test for file in known for test in self._records.tests(file)]
+            choice = choices[mutant] = chooser.choice(mutant, tests)
+            if not choice.tests:
+                yield Outcome(mutant, False, "no test runs it", 0.0)
+                continue
+            plugin = partial(Chosen, tuple(test.name for test in choice.tests))
+            limit_s = LEAST_S + PATIENCE * choice.seconds
+            jobs.append(Job(choice.files, plugin, limit_s, mutant))
+        trees = [PrivateTree(self.source, self._folder / name) for name in self._names]
+        for done in self._run(jobs, trees):
+            if not done.job.mutant:
+                continue
             mutant = done.job.mutant
-            if mutant is None:
-                file = done.job.file
-                again = [outcome.mutant for outcome in unsure[file]]
-                if done.report and done.report.code in PASSED:
-                    self._sound.add(file)
-                    if file in failed_once:  # by chance, so perhaps by chance with a mutant, too
-                        self._jobs.extend(map(Job, again))
-                    else:
-                        yield from unsure[file]
-                elif file not in failed_once:
-                    failed_once.add(file)
-                    self._jobs.appendleft(Job(file=file))
-                    continue
-                else:
-                    self._broken.add(file)
-                    self._show(f"left out, it fails without a mutant: {file}\n{done.output}")
-                    self._jobs.extend(map(Job, again))
-                del unsure[file]
-            elif done.report and done.report.code in PASSED:
-                yield Outcome(mutant, False, False, done.seconds)
-            elif done.report and done.report.failed not in self._sound:
-                if done.report.failed not in unsure:
-                    self._jobs.appendleft(Job(file=done.report.failed))
-                unsure[done.report.failed].append(Outcome(mutant, True, False, done.seconds))
+            if done.code in PASSED:
+                yield Outcome(mutant, False, _tried(choices[mutant]), done.seconds)
             else:
-                yield Outcome(mutant, True, done.report is None, done.seconds)
+                by = "timeout" if done.code is None else done.found.get("failed") or "on import"
+                yield Outcome(mutant, True, str(by), done.seconds)
 
-    def _learn(self, report: Report) -> None:
-        load(report.modules)
-        for file, seconds in report.seconds.items():
-            if file != report.failed:
-                self._seconds[file] = seconds
+    def _record(self, files: Sequence[str]) -> None:
+        """Record the test files of which nothing is known, or of which too much has changed."""
+        left = [file for file in files if not self._records.knows(file)]
+        if not left:
+            return
+        trees = [PrivateTree(self.source, self._folder / f"record{name}") for name in self._names]
+        for tree in trees:
+            tree.mark(self._blocks)
+        jobs = [Job((file,), Reach, RECORD_S) for file in left]
+        for n, done in enumerate(self._run(jobs, trees), start=1):
+            (file,) = done.job.files
+            tests = done.found.get("tests", {})
+            self._show(
+                f"recorded {n}/{len(left)} {done.seconds:5.1f} s  {file}: {len(tests)} tests"
+            )
+            for name in done.found.get("failed", ()):
+                self._show(f"left out, it fails without a mutant: {name}")
+            if not tests:
+                self._show(f"left out, nothing in it passes: {file}\n{done.output}")
+                continue
+            self._records.keep(file, done.found)
 
-    def _files(self, mutant: Mutant) -> tuple[str, ...]:
-        """Return the test files of a mutant, the quickest first, those of its module before all."""
-        tests = room_tests(self.source, mutant)
-        return tuple(
-            file
-            for group in (tests.direct, tests.others)
-            for file in sorted(group, key=lambda file: (self._seconds.get(file, 0.0), file))
-            if file not in self._broken
-        )
-
-    def _run(self) -> Iterator[Done]:
-        """Yield the jobs as they end; jobs may be added meanwhile."""
-        free, running = list(self._trees), list[tuple[Job, Trial]]()
+    def _run(self, jobs: Sequence[Job], trees: list[PrivateTree]) -> Iterator[Done]:
+        """Yield the jobs as they end."""
+        waiting, free, running = deque(jobs), list(trees), list[tuple[Job, Trial]]()
         try:
-            while self._jobs or running:
-                while free and self._jobs:
-                    job = self._jobs.popleft()
-                    files = self._files(job.mutant) if job.mutant else (job.file,)
-                    if not files:
-                        report = Report(PASSED[1], "", {}, ())
-                        yield Done(job, report, 0.0, "no test file is left")
-                        continue
-                    running.append((job, self._start(free.pop(), job, files)))
+            while waiting or running:
+                while free and waiting:
+                    running.append(_started(free.pop(), waiting.popleft()))
                 for job, trial in list(running):
-                    done = self._ended(job, trial)
+                    done = _ended(job, trial)
                     if done:
                         running.remove((job, trial))
                         free.append(trial.tree)
+                        load(done.found.get("foreign", ()))
                         yield done
                 sleep(POLL_S)
         finally:
             for _, trial in running:
                 trial.stop()
 
-    def _start(self, tree: PrivateTree, job: Job, files: tuple[str, ...]) -> Trial:
-        if job.mutant:
-            tree.apply(job.mutant)
-        return Trial.start(tree, files)
 
-    def _ended(self, job: Job, trial: Trial) -> Done | None:
-        ended = trial.ended()
-        if not ended:
-            known = sum(self._seconds.get(file, UNKNOWN_S) for file in trial.files)
-            if trial.seconds < LEAST_S + PATIENCE * known:
-                return None
-            trial.stop()
-        trial.tree.restore()
-        report = trial.report() if ended else None
-        return Done(job, report, trial.seconds, trial.output())
+def _started(tree: PrivateTree, job: Job) -> tuple[Job, Trial]:
+    if job.mutant:
+        tree.apply(job.mutant)
+    return job, Trial.start(tree, job.files, job.plugin, *(["-x"] if job.mutant else []))
+
+
+def _ended(job: Job, trial: Trial) -> Done | None:
+    ended = trial.ended()
+    if not ended:
+        if trial.seconds < job.limit_s:
+            return None
+        trial.stop()
+    trial.tree.restore()
+    found = trial.found() or {}
+    return Done(job, trial.code if ended else None, found, trial.seconds, trial.output())
+
+
+def _tried(choice: Choice) -> str:
+    text = f"{len(choice.tests)} tests pass"
+    return f"{text}, {choice.left_out} not tried: cap reached" if choice.left_out else text

@@ -21,11 +21,6 @@ class Mutant:
     """What takes the place of these bytes."""
 
     @property
-    def package(self) -> str:
-        """The first folder: dbc, daq, identify or tui."""
-        return self.path.split("/", maxsplit=1)[0]
-
-    @property
     def room(self) -> str:
         """Return the folder in the package, or the package for a file that lies at its root."""
         return "/".join(self.path.split("/")[:-1][:2])

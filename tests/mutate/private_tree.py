@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
+from . import probe
+from .blocks import Blocks
 from .mutant import Mutant
 
 IGNORED = shutil.ignore_patterns(".git", ".venv", "build", ".*_cache", ".hypothesis", "*.egg-info")
@@ -23,7 +26,7 @@ def snapshot(root: Path, target: Path) -> Path:
 
 
 class PrivateTree:
-    """One copy, in which one mutant at a time is tried."""
+    """One copy, in which one mutant at a time is tried, or the tests are recorded."""
 
     def __init__(self, source: Path, folder: Path) -> None:
         self.root = folder / "tree"
@@ -31,6 +34,13 @@ class PrivateTree:
         self.python = _environment(self.root, folder / "venv")
         self._stamp = 1_000_000_000
         self._original: tuple[Path, bytes] | None = None
+
+    def mark(self, blocks: Iterable[Blocks]) -> None:
+        """Put marks into all sources: from now on this tree is for recordings."""
+        shutil.copy(str(probe.__file__), self.root / "mutate_probe.py")
+        for file in blocks:
+            if file.functions:
+                self._write(self.root / file.path, file.marked().encode())
 
     def apply(self, mutant: Mutant) -> None:
         """Put a mutant into the copy, until `restore`."""

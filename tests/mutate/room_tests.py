@@ -1,50 +1,29 @@
-"""The test files of a mutant: those of its room, and those that import its module."""
+"""The test files of a source file: those of its room, and those that import it."""
 
 from __future__ import annotations
 
 import ast
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from .mutant import Mutant
 
-
-@dataclass(frozen=True, slots=True)
-class RoomTests:
-    """Test files, relative to the root of the tree."""
-
-    direct: tuple[str, ...]
-    """Those that import the module, or its names from the face of its package."""
-    others: tuple[str, ...]
-    """The rest of the room."""
-
-    @property
-    def all(self) -> tuple[str, ...]:
-        """Both, each once."""
-        return self.direct + self.others
-
-
-def room_tests(root: Path, mutant: Mutant) -> RoomTests:
-    """Return the tests of a mutant: tests/<package>/<room>/, and direct ones of the package.
+@cache
+def room_tests(root: Path, source: str) -> tuple[str, ...]:
+    """Return the files in tests/<package>/<room>/, and those of the package that import the file.
 
     A file at the root of a package, or a room without tests of its own, has the test files at
     the root of tests/<package>/.
     """
-    package = root / "tests" / mutant.package
-    room = root / "tests" / mutant.room
+    folders = source.split("/")[:-1]
+    package = Path(root, "tests", folders[0])
+    room = Path(root, "tests", *folders[:2])
     inside = room.rglob("test_*.py") if room != package and room.is_dir() else ()
     files = sorted(inside) or sorted(package.glob("test_*.py"))
-    module = mutant.path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    module = source.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     direct = [
         path for path in sorted(package.rglob("test_*.py")) if module in _imported(root, path)
     ]
-    others = [path for path in files if path not in direct]
-    return RoomTests(_names(root, direct), _names(root, others))
-
-
-def _names(root: Path, paths: list[Path]) -> tuple[str, ...]:
-    return tuple(path.relative_to(root).as_posix() for path in paths)
+    return tuple(path.relative_to(root).as_posix() for path in dict.fromkeys(direct + files))
 
 
 @cache

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 PACKAGES = ("dbc", "daq", "identify", "tui")
+OF_THE_TREE = frozenset({*PACKAGES, "tests"})
 
 
 def sources(root: Path, given: Sequence[str]) -> list[str]:

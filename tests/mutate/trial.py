@@ -12,59 +12,57 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from time import monotonic
+from typing import Any, Protocol
 
 import pytest
 from hypothesis import Phase, settings
 
+from . import probe
 from .private_tree import PrivateTree
+from .sources import OF_THE_TREE
 
 HERE = str(Path(__file__).parents[2])
-OF_THE_TREE = frozenset({"dbc", "daq", "identify", "tui", "tests"})
 PASSED = (0, 5)
 """Exit codes of pytest: all passed, nothing collected."""
 OPTIONS = (
-    *("-q", "-x", "--tb=short", "--no-header", "-p", "no:cacheprovider", "-p", "no:xdist"),
+    *("-q", "--tb=short", "--no-header", "-p", "no:cacheprovider", "-p", "no:xdist"),
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),  # plugins are loaded before the fork
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Report:
-    """What a run has left behind."""
+class Plugin(Protocol):
+    """A pytest plugin with a result."""
 
-    code: int
-    """Exit code of pytest, or of the process."""
-    failed: str
-    """The file of the first failure; empty if there is none."""
-    seconds: Mapping[str, float]
-    """How long each file took."""
-    modules: Sequence[str]
-    """Foreign modules that were loaded."""
+    def found(self) -> dict[str, Any]:
+        """Return what it has found, for JSON."""
 
 
 @dataclass(slots=True, eq=False)  # pytest keeps its plugins in sets
-class Measured:
-    """A pytest plugin: how long each file took, and which failed."""
+class Chosen:
+    """Runs chosen tests only, in their order, until one fails."""
 
-    seconds: dict[str, float] = field(default_factory=dict)
+    tests: Sequence[str]
     failed: str = ""
 
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Add a phase of a test to its file."""
-        path = report.nodeid.split("::")[0]
-        self.seconds[path] = self.seconds.get(path, 0.0) + report.duration
-        if report.failed:
-            self.failed = self.failed or path
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Keep the chosen tests."""
+        by_name = {item.nodeid: item for item in items}
+        items[:] = [by_name[name] for name in self.tests if name in by_name]
 
-    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """Note a file that cannot be loaded."""
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Keep the name of the first test that fails."""
         if report.failed:
-            self.failed = self.failed or report.nodeid.split("::")[0]
+            self.failed = self.failed or report.nodeid
+
+    def found(self) -> dict[str, Any]:
+        """Return the test that failed."""
+        return {"failed": self.failed}
 
 
 @dataclass(slots=True)
@@ -72,28 +70,29 @@ class Trial:
     """A process that runs test files on a private tree."""
 
     tree: PrivateTree
-    files: tuple[str, ...]
     pid: int
     started: float
     code: int | None = None
 
     @classmethod
-    def start(cls, tree: PrivateTree, files: tuple[str, ...]) -> Trial:
-        """Fork, and run the files in this order until one fails."""
+    def start(
+        cls, tree: PrivateTree, files: Sequence[str], plugin: Callable[[], Plugin], *options: str
+    ) -> Trial:
+        """Fork, and run the files."""
         sys.stdout.flush()
-        _record(tree).unlink(missing_ok=True)
+        _found(tree).unlink(missing_ok=True)
         pid = os.fork()
         if pid == 0:
             status = 3
             try:
-                status = _run(tree, files)
+                status = _run(tree, files, plugin, options)
             except BaseException:
                 traceback.print_exc()
             finally:
                 sys.stdout.flush()
                 sys.stderr.flush()
                 os._exit(status)
-        return cls(tree, files, pid, monotonic())
+        return cls(tree, pid, monotonic())
 
     @property
     def seconds(self) -> float:
@@ -120,19 +119,12 @@ class Trial:
         text = _output(self.tree).read_text("utf-8", errors="replace")
         return "\n".join(text.splitlines()[-4:])
 
-    def report(self) -> Report:
-        """Return what it has left behind.
-
-        A process that died leaves its code only, and pytest may fail before any test: either
-        counts as a failure of the first file.
-        """
-        assert self.code is not None
-        if not _record(self.tree).is_file():
-            return Report(self.code or 1, self.files[0], {}, ())
-        failed, seconds, modules = json.loads(_record(self.tree).read_text("utf-8"))
-        if self.code not in PASSED:
-            failed = failed or self.files[0]
-        return Report(self.code, failed, seconds, modules)
+    def found(self) -> dict[str, Any] | None:
+        """Return what its plugin has found; None if the process died before."""
+        if not _found(self.tree).is_file():
+            return None
+        found: dict[str, Any] = json.loads(_found(self.tree).read_text("utf-8"))
+        return found
 
     def _kill_group(self) -> None:
         try:
@@ -150,7 +142,9 @@ def load(modules: Sequence[str]) -> None:
             continue
 
 
-def _run(tree: PrivateTree, files: Sequence[str]) -> int:
+def _run(
+    tree: PrivateTree, files: Sequence[str], plugin: Callable[[], Plugin], options: Sequence[str]
+) -> int:
     os.setsid()
     output = os.open(_output(tree), os.O_CREAT | os.O_TRUNC | os.O_WRONLY, 0o644)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -168,19 +162,18 @@ def _run(tree: PrivateTree, files: Sequence[str]) -> int:
     os.environ["PATH"] = f"{tree.python.parent}{os.pathsep}{os.environ['PATH']}"
     settings.register_profile("mutate", phases=[Phase.explicit, Phase.reuse, Phase.generate])
     settings.load_profile("mutate")  # no search for a simpler example: the first failure kills
-    measured = Measured()
-    code = int(
-        pytest.main(
-            [*OPTIONS, f"--rootdir={tree.root}", f"--basetemp={tree.root.parent / 'tmp'}", *files],
-            plugins=[measured],
-        )
-    )
-    foreign = [
-        name
-        for name, module in sys.modules.items()
-        if "site-packages" in str(getattr(module, "__file__", ""))
-    ]
-    _record(tree).write_text(json.dumps([measured.failed, measured.seconds, foreign]), "utf-8")
+    sys.modules["mutate_probe"] = probe
+    made = plugin()
+    places = [f"--rootdir={tree.root}", f"--basetemp={tree.root.parent / 'tmp'}"]
+    code = int(pytest.main([*OPTIONS, *options, *places, *files], plugins=[made]))
+    loaded = {name: Path(str(getattr(m, "__file__", ""))) for name, m in sys.modules.items()}
+    tests = [path for path in loaded.values() if tree.root / "tests" in path.parents]
+    found = {
+        **made.found(),
+        "foreign": [name for name, path in loaded.items() if "site-packages" in path.parts],
+        "modules": sorted(path.relative_to(tree.root).as_posix() for path in tests),
+    }
+    _found(tree).write_text(json.dumps(found), "utf-8")
     sys.stdout.flush()
     return code
 
@@ -189,5 +182,5 @@ def _output(tree: PrivateTree) -> Path:
     return tree.root.parent / "output.txt"
 
 
-def _record(tree: PrivateTree) -> Path:
-    return tree.root.parent / "measured.json"
+def _found(tree: PrivateTree) -> Path:
+    return tree.root.parent / "found.json"

@@ -1,0 +1,155 @@
+"""A pytest plugin: which blocks each test runs, how long it takes, and whether it passes.
+
+What a shared fixture or a cached function runs counts for each test that uses it, as if the test
+ran alone.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections import defaultdict
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import pytest
+
+from . import probe
+from .sources import OF_THE_TREE
+
+LRU_CACHE = functools.lru_cache
+
+
+@dataclass(slots=True)
+class Cost:
+    """What something ran, and how long it took."""
+
+    seconds: float = 0.0
+    blocks: set[str] = field(default_factory=set)
+    test: str = ""
+    """The test in which it ran."""
+
+
+@dataclass(slots=True, eq=False)  # pytest keeps its plugins in sets
+class Reach:
+    """Records the tests of this process."""
+
+    folder: Path = field(default_factory=lambda: Path.cwd().parent / "reached")
+    """Where processes that a test starts leave what they have run."""
+    tests: dict[str, Cost] = field(default_factory=lambda: defaultdict(Cost))
+    failed: set[str] = field(default_factory=set)
+    fixtures: dict[str, Cost] = field(default_factory=dict)
+    imported: set[str] = field(default_factory=set)
+    """Blocks that ran before the first test, for all of them."""
+    now: str = ""
+    """The test that runs."""
+    used: list[Cost] = field(default_factory=list)
+    """What this test uses of what was made in a test before."""
+
+    def __post_init__(self) -> None:
+        self.folder.mkdir(exist_ok=True)
+        for path in self.folder.iterdir():
+            path.unlink()
+        self._start("")
+        probe.record_children(self.folder)
+        vars(functools).update(
+            lru_cache=self._lru_cache, cache=lambda function: self._lru_cache(None)(function)
+        )
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
+        """Collect what a test runs."""
+        self._start(item.nodeid)
+        result = yield
+        for name in getattr(item, "fixturenames", ()):
+            self._use(self.fixtures.get(name))
+        cost = self.tests[item.nodeid]
+        cost.blocks |= probe.seen.union(self.imported, *(used.blocks for used in self.used))
+        cost.seconds += sum(used.seconds for used in self.used)
+        return result
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(
+        self, fixturedef: pytest.FixtureDef[object]
+    ) -> Generator[None, object, object]:
+        """Collect what a fixture runs that several tests share."""
+        if fixturedef.scope == "function":
+            return (yield)
+        with self._apart() as cost:
+            result = yield
+        self.fixtures[fixturedef.argname] = cost
+        return result
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Add the time of a phase of a test."""
+        self.tests[report.nodeid].seconds += report.duration
+        if report.failed:
+            self.failed.add(report.nodeid)
+
+    def found(self) -> dict[str, Any]:
+        """Return the record of the tests that passed, with what their processes ran."""
+        for path in self.folder.glob("*.json"):
+            test, blocks = json.loads(path.read_text("utf-8"))
+            if test in self.tests:
+                self.tests[test].blocks.update(blocks)
+        return {
+            "failed": sorted(self.failed),
+            "tests": {
+                test: [round(cost.seconds, 4), sorted(cost.blocks)]
+                for test, cost in self.tests.items()
+                if test not in self.failed
+            },
+        }
+
+    def _start(self, test: str) -> None:
+        if not self.now:
+            self.imported |= probe.seen
+        probe.seen.clear()
+        self.now, self.used = test, []
+        (self.folder / probe.CURRENT).write_text(test, "utf-8")
+
+    def _use(self, cost: Cost | None) -> None:
+        if cost and cost.test != self.now and not any(cost is used for used in self.used):
+            self.used.append(cost)
+
+    @contextmanager
+    def _apart(self) -> Iterator[Cost]:
+        """Yield the cost of what runs meanwhile."""
+        before, cost, start = set(probe.seen), Cost(test=self.now), monotonic()
+        probe.seen.clear()
+        yield cost
+        cost.blocks, cost.seconds = set(probe.seen), monotonic() - start
+        probe.seen.update(before)
+
+    def _lru_cache(self, *options: Any, **named: Any) -> Any:
+        """Return what `lru_cache` does; in the tree, with what each result has cost."""
+        if options and callable(options[0]):
+            return self._lru_cache()(options[0])
+
+        def decorate(function: Callable[..., Any]) -> Any:
+            cache: Callable[[Any], Any] = LRU_CACHE(*options, **named)
+            if function.__module__.split(".")[0] not in OF_THE_TREE:
+                return cache(function)
+            costs: dict[object, Cost] = {}
+
+            def made(*given: Any, **by_name: Any) -> Any:
+                with self._apart() as costs[given, tuple(by_name.items())]:
+                    return function(*given, **by_name)
+
+            kept = cache(made)
+
+            @functools.wraps(function)
+            def looked_up(*given: Any, **by_name: Any) -> Any:
+                result = kept(*given, **by_name)
+                self._use(costs.get((given, tuple(by_name.items()))))
+                return result
+
+            for name in ("cache_info", "cache_clear", "cache_parameters"):
+                setattr(looked_up, name, getattr(kept, name))
+            return looked_up
+
+        return decorate

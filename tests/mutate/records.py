@@ -1,0 +1,93 @@
+"""What is known of the tests: read from and written to build/mutate/, one file for a test file.
+
+A record holds as long as the test file, the modules of `tests` that it loads, and the functions of
+the sources that it runs are what they were.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha1
+from pathlib import Path
+from typing import Any
+
+FOLDER = Path("build", "mutate")
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTest:
+    """One test that passed."""
+
+    name: str
+    """Node of pytest."""
+    seconds: float
+    """What it took, with all that it shares with other tests."""
+    blocks: frozenset[str]
+
+    @property
+    def file(self) -> str:
+        """The file in which it is."""
+        return self.name.split("::")[0]
+
+
+class Records:
+    """The recorded tests of a tree."""
+
+    def __init__(self, root: Path, source: Path, functions: Mapping[str, str]) -> None:
+        self._folder = root / FOLDER
+        self._source = source
+        self._functions = functions
+        self._known: dict[str, tuple[RecordedTest, ...]] = {}
+
+    def tests(self, file: str) -> tuple[RecordedTest, ...]:
+        """Return the tests of a file that is known."""
+        return self._known[file]
+
+    def knows(self, file: str) -> bool:
+        """Return whether there is a record of a test file that still holds."""
+        if file not in self._known and self._path(file).is_file():
+            record = json.loads(self._path(file).read_text("utf-8"))
+            if record["state"] == self._state(record["modules"], record["functions"]):
+                self._keep(file, record)
+        return file in self._known
+
+    def keep(self, file: str, found: Mapping[str, Any]) -> None:
+        """Keep what a recording has found, here and on disk."""
+        keys = sorted({key for _, keys in found["tests"].values() for key in keys})
+        number = {key: n for n, key in enumerate(keys)}
+        functions = sorted({key.rpartition(":")[0] for key in keys})
+        record = {
+            "state": self._state(found["modules"], functions),
+            "modules": found["modules"],
+            "functions": functions,
+            "blocks": keys,
+            "tests": {
+                name: [seconds, [number[key] for key in used]]
+                for name, (seconds, used) in found["tests"].items()
+            },
+        }
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._path(file).write_text(json.dumps(record), "utf-8")
+        self._keep(file, record)
+
+    def _keep(self, file: str, record: Mapping[str, Any]) -> None:
+        keys = record["blocks"]
+        self._known[file] = tuple(
+            RecordedTest(name, seconds, frozenset(keys[n] for n in used))
+            for name, (seconds, used) in record["tests"].items()
+        )
+
+    def _path(self, file: str) -> Path:
+        return self._folder / f"{file.replace('/', '.')}.json"
+
+    def _state(self, modules: list[str], functions: list[str]) -> str:
+        digest = sha1(sys.version.encode())
+        for name in modules:
+            path = self._source / name
+            digest.update(path.read_bytes() if path.is_file() else b"-")
+        for name in functions:
+            digest.update(self._functions.get(name, "-").encode())
+        return digest.hexdigest()
