@@ -1,0 +1,260 @@
+"""The kind of a bump in numbers worked out by hand: wheels that go together, body that turns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.bench.config import Bench, load_bench
+from daq.bench.procedure import Method
+from daq.channels import Channel, Quantity
+from daq.runs import Excitation
+from daq.vehicle import Corner
+from daq.verdict import RunWindow
+from daq.verdict.pattern import Pattern, patterns, wrong_mode
+from daq.verdict.window import traces
+
+Array = NDArray[np.float64]
+BUMP_NS = 1_800_000_000_000_000_000
+T_S: Array = np.arange(-1000.0, 2700.0) / 1000.0
+BOUNCE, PITCH, ROLL, WARP = Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.WARP
+
+
+def bench_of(channels: tuple[Channel, ...], method: Method = Method.ROLL_OVER) -> Bench:
+    bench = load_bench(None)
+    return replace(bench, channels=channels, procedure=replace(bench.procedure, method=method))
+
+
+def found(
+    records: Mapping[Channel, Array], method: Method = Method.ROLL_OVER
+) -> tuple[Pattern, ...]:
+    bench = bench_of(tuple(records), method)
+    t_ns = BUMP_NS + np.rint(T_S * 1e9).astype(np.int64)
+    run = RunWindow(BUMP_NS, {c.name: (t_ns, value) for c, value in records.items()})
+    return patterns(bench, traces(bench.channels, run))
+
+
+def corners(quantity: Quantity, unit: str, shapes: Mapping[Corner, Array]) -> dict[Channel, Array]:
+    return {
+        Channel(f"{quantity}_{c}", quantity, unit, f"W_{c}.v", corner=c): shape
+        for c, shape in shapes.items()
+    }
+
+
+def hubs(sizes: tuple[float, ...]) -> dict[Channel, Array]:
+    hop = np.where((T_S > 0.0) & (T_S < 0.5), np.sin(2 * np.pi * 10.0 * T_S), 0.0)
+    shapes = {c: 20.0 * size * hop for c, size in zip(Corner, sizes, strict=True)}
+    return corners(Quantity.HUB_ACCELERATION, "m/s2", shapes)
+
+
+def travels(sizes: tuple[float, ...]) -> dict[Channel, Array]:
+    """Return travels that rise to a size while the wheels are on the board, and fall below."""
+    rise = np.where((T_S > 0.0) & (T_S < 0.19), np.sin(np.pi * T_S / 0.19), 0.0)
+    after = np.where((T_S > 0.2) & (T_S < 0.6), np.sin(2 * np.pi * T_S / 0.4), 0.0)
+    shapes = {c: 0.03 * size * rise + 0.06 * after for c, size in zip(Corner, sizes, strict=True)}
+    return corners(Quantity.SUSPENSION_TRAVEL, "m", shapes)
+
+
+# Likeness to bounce, pitch, roll and warp: of each, the best of its patterns.
+STRUCK = [
+    ((1, 1, 1, 1), "bounce: all four wheels", (1, 1 / 2, 1 / 2, 1 / 2)),
+    ((1, 1, 0, 0), "pitch: front wheels only", (1 / 2, 1, 1 / 4, 1 / 4)),
+    ((0, 0, 1, 1), "pitch: rear wheels only", (1 / 2, 1, 1 / 4, 1 / 4)),
+    ((1, 0, 1, 0), "roll: left wheels only", (1 / 2, 1 / 4, 1, 1 / 4)),
+    ((0, 1, 0, 1), "roll: right wheels only", (1 / 2, 1 / 4, 1, 1 / 4)),
+    ((1, 0, 0, 1), "warp: front left and rear right", (1 / 2, 1 / 4, 1 / 4, 1)),
+    ((0, 1, 1, 0), "warp: front right and rear left", (1 / 2, 1 / 4, 1 / 4, 1)),
+    ((1, 0, 0, 0), "none of the four: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
+    ((0, 1, 0, 0), "none of the four: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
+    ((0, 0, 1, 0), "none of the four: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
+    ((0, 0, 0, 1), "none of the four: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
+    ((1, 1, 1, 0), "none of the four: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
+    ((1, 1, 0, 1), "none of the four: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
+    ((1, 0, 1, 1), "none of the four: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
+    ((0, 1, 1, 1), "none of the four: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
+]
+
+
+@pytest.mark.parametrize(("struck", "words", "likeness"), STRUCK)
+def test_wheels_that_go_together(
+    struck: tuple[int, ...], words: str, likeness: tuple[float, ...]
+) -> None:
+    for records, by in ((hubs(struck), "hubs"), (travels(struck), "travels")):
+        (pattern,) = found(records)
+        assert (pattern.words, pattern.by, pattern.limit) == (words, by, 0.8)
+        assert [pattern.likeness[kind] for kind in (BOUNCE, PITCH, ROLL, WARP)] == pytest.approx(
+            likeness, abs=1e-3
+        )
+
+
+@pytest.mark.parametrize(
+    ("sizes", "shares"),
+    [
+        ((1, 1, 1, 1), (1, 0, 0, 0)),
+        ((1, 0, 0, 0), (1 / 4, 1 / 4, 1 / 4, 1 / 4)),
+        ((0, 0, 2, 2), (1 / 2, 1 / 2, 0, 0)),
+        ((3, 0, 3, 0), (1 / 2, 0, 1 / 2, 0)),
+        ((1, 0, 0, 1), (1 / 2, 0, 0, 1 / 2)),
+        ((2, 1, 1, 0), (4 / 6, 1 / 6, 1 / 6, 0)),
+    ],
+)
+def test_shares_of_bounce_pitch_roll_and_warp(
+    sizes: tuple[float, ...], shares: tuple[float, ...]
+) -> None:
+    (pattern,) = found(hubs(sizes))
+    assert list(pattern.shares) == ["bounce", "pitch", "roll", "warp"]
+    assert list(pattern.shares.values()) == pytest.approx(shares, abs=1e-3)
+
+
+def test_an_axle_that_follows_within_two_and_a_half_seconds_belongs_to_the_bump() -> None:
+    for late_s, likeness in ((2.3, 1.0), (2.55, 0.5)):
+        records = hubs((1, 1, 1, 1))
+        for channel in records:
+            if channel.corner in (Corner.REAR_LEFT, Corner.REAR_RIGHT):
+                late = T_S - late_s
+                hop = np.where((late > 0.0) & (late < 0.5), np.sin(20 * np.pi * late), 0.0)
+                records[channel] = 20.0 * hop
+            else:
+                records[channel] = np.where((T_S > 0.0) & (T_S < 0.1), 1.0, 0.0) * records[channel]
+        for channel in records:  # the same energy at front and rear within 2.5 s
+            part = records[channel][(T_S > -0.05) & (T_S < 2.5)]
+            size = float(np.sqrt(np.sum(part**2)))
+            records[channel] = records[channel] / (size or 1.0) * 100.0
+        (pattern,) = found(records)
+        assert pattern.likeness[BOUNCE] == pytest.approx(likeness, abs=0.01)
+
+
+def test_a_push_is_judged_by_travels_alone() -> None:
+    swing = np.where(T_S > 0.0, np.sin(2 * np.pi * 1.5 * T_S) * np.exp(-T_S), 0.0)
+    for signs, words, kind in (
+        ((1, 1, 1, 1), "bounce: the body stays level", BOUNCE),
+        ((1, 1, -1, -1), "pitch: nose and tail against each other", PITCH),
+        ((1, -1, 1, -1), "roll: left and right against each other", ROLL),
+    ):
+        shapes = {c: 0.02 * s * swing for c, s in zip(Corner, signs, strict=True)}
+        records = corners(Quantity.SUSPENSION_TRAVEL, "m", shapes) | hubs((1, 0, 0, 0))
+        (pattern,) = found(records, Method.PUSH)
+        assert (pattern.words, pattern.by, pattern.limit) == (words, "travels", 0.65)
+        assert pattern.shares[str(kind)] == pytest.approx(1.0)
+        assert pattern.likeness[kind] == pytest.approx(1.0)
+    assert found(hubs((1, 1, 1, 1)), Method.PUSH) == ()
+
+
+Z = Channel("z", Quantity.BODY_ACCELERATION, "m/s2", "IMU.z")
+RATES = (
+    Channel("p", Quantity.PITCH_RATE, "rad/s", "IMU.p"),
+    Channel("r", Quantity.ROLL_RATE, "rad/s", "IMU.r"),
+)
+TURNS = (
+    Channel("pa", Quantity.PITCH_ACCELERATION, "rad/s2", "IMU.pa"),
+    Channel("ra", Quantity.ROLL_ACCELERATION, "rad/s2", "IMU.ra"),
+)
+
+
+def jolt(speed: float, at_s: float = 0.1) -> Array:
+    """Return an acceleration that reaches a speed: a whole sine of 0.04 s and 0.02 s^-1 f.
+
+    Its integral rises to speed = a T / pi at half the period and returns to zero.
+    """
+    within = (at_s - 0.02 <= T_S) & (at_s + 0.02 > T_S)
+    return np.where(within, -speed * np.pi / 0.04 * np.sin(2 * np.pi * (T_S - at_s) / 0.04), 0.0)
+
+
+def rate(size: float, at_s: float = 0.1) -> Array:
+    return np.where(np.isclose(T_S, at_s), size, 0.0)
+
+
+# The levers of a usual car are 1.35 m and 0.75 m: rates of these sizes move a corner by 1 m/s.
+P, R = 1 / 1.35, 1 / 0.75
+
+
+@pytest.mark.parametrize(
+    ("heave", "pitch", "roll", "likeness", "words"),
+    [
+        # Not turning at all, turning as much as heaving, twice as much, and half as much.
+        (1.0, 0.0, 0.0, (1.0, 0.0, 0.0), "bounce: the body stays level"),
+        (1.0, 1.0, 0.0, (0.5, 1.0, 0.0), "pitch: nose and tail against each other"),
+        (1.0, 0.0, 2.0, (0.5, 0.0, 1.0), "roll: left and right against each other"),
+        (1.0, 0.45, 0.0, (0.75, 1.0, 0.0), "pitch: nose and tail against each other"),
+        (1.0, 0.0, 0.36, (0.8, 0.0, 0.9), "roll: left and right against each other"),
+        (1.0, 0.2, 0.0, (1 - 0.1 / 0.9, 0.5, 0.0), "bounce: the body stays level"),
+        # Turning about both axes: the share of one in both.
+        (1.0, 0.8, 0.4, (1 - 0.4 / 0.9, 0.8, 0.2), "pitch: nose and tail against each other"),
+        (1.0, 0.3, 0.9, (0.5, 0.75 * 0.1, 0.9), "roll: left and right against each other"),
+    ],
+)
+def test_a_body_that_heaves_and_turns(
+    heave: float, pitch: float, roll: float, likeness: tuple[float, float, float], words: str
+) -> None:
+    by_rates = {Z: jolt(heave), RATES[0]: rate(P * pitch), RATES[1]: rate(R * roll)}
+    by_turns = {Z: jolt(heave), TURNS[0]: jolt(P * pitch), TURNS[1]: jolt(R * roll)}
+    for records in (by_rates, by_turns):
+        (pattern,) = found(records)
+        assert (pattern.words, pattern.by, pattern.limit) == (words, "body's motion", 0.65)
+        got = [pattern.likeness[kind] for kind in (BOUNCE, PITCH, ROLL)]
+        assert got == pytest.approx(likeness, abs=0.005)
+        assert pattern.likeness[WARP] == pattern.likeness[BOUNCE]
+        power = np.array([heave, pitch, roll]) ** 2
+        assert list(pattern.shares) == ["bounce", "pitch", "roll"]
+        assert list(pattern.shares.values()) == pytest.approx(power / np.sum(power), abs=0.005)
+
+
+def test_rates_go_before_angular_accelerations_and_heave_is_the_mean_of_its_sensors() -> None:
+    second = replace(Z, name="z2", signal="IMU.z2", x_m=1.0)
+    records = {Z: jolt(0.5), second: jolt(1.5), RATES[0]: rate(P), RATES[1]: rate(0.0)}
+    records |= {TURNS[0]: jolt(0.0), TURNS[1]: jolt(5.0)}
+    (pattern,) = found(records)
+    assert pattern.shares["bounce"] == pytest.approx(0.5, abs=0.005)
+    assert pattern.shares["pitch"] == pytest.approx(0.5, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("at_s", "counts"), [(-0.045, True), (-0.055, False), (0.295, True), (0.305, False)]
+)
+def test_the_strike_is_from_50_ms_before_the_bump_to_100_ms_after_it(
+    at_s: float, counts: bool
+) -> None:
+    """The bump of the shipped bench is over after 0.2 s."""
+    (pattern,) = found({Z: jolt(1.0), RATES[0]: rate(P, at_s), RATES[1]: rate(0.0)})
+    assert (pattern.shares["pitch"] > 0.4) is counts
+
+
+def test_three_accelerometers_show_heave_pitch_and_roll() -> None:
+    """Nose up is negative pitch of a body that turns about y: z = heave - x pitch + y roll."""
+    places = {"a": (0.3, 0.6), "b": (0.3, -0.6), "c": (-2.4, 0.6), "d": (-2.4, -0.6)}
+    points = {n: replace(Z, name=n, signal=f"B.{n}", x_m=x, y_m=y) for n, (x, y) in places.items()}
+    middle_m = -1.05
+    for heave, pitch, roll in ((1.0, 0.5, 0.2), (0.6, 0.1, 0.9)):
+        records = {
+            points[n]: jolt(heave - (x - middle_m) * P * pitch + y * R * roll)
+            for n, (x, y) in places.items()
+        }
+        power = np.array([heave, pitch, roll]) ** 2
+        (pattern,) = found(records)
+        assert list(pattern.shares.values()) == pytest.approx(power / np.sum(power), abs=0.005)
+    two = {points[n]: jolt(1.0) for n in ("a", "b")}
+    assert found(two) == ()
+    in_line = {replace(Z, name=n, signal=f"B.{n}", x_m=float(x)): jolt(1.0)
+               for x, n in enumerate("abcd")}  # fmt: skip
+    assert found(in_line) == ()
+
+
+def test_travels_are_judged_with_the_body_and_hubs_without() -> None:
+    body = {Z: jolt(1.0), RATES[0]: rate(P), RATES[1]: rate(0.0)}
+    assert [p.by for p in found(travels((1, 1, 1, 1)) | body)] == ["travels", "body's motion"]
+    assert [p.by for p in found(hubs((1, 1, 1, 1)) | travels((1, 1, 1, 1)) | body)] == ["hubs"]
+    three = dict(list(hubs((1, 1, 1, 1)).items())[:3])
+    assert found(three) == ()
+
+
+@pytest.mark.parametrize(("like", "passed"), [(0.65, True), (0.64, False)])
+def test_a_kind_is_told_from_another_by_its_limit(like: float, passed: bool) -> None:
+    pattern = Pattern({"bounce": 0.6, "pitch": 0.4}, {PITCH: like}, "bounce: level", "hubs", 0.65)
+    (finding,) = wrong_mode(PITCH, pattern)
+    assert (finding.passed, finding.value, finding.limit) == (passed, like, 0.65)
+    assert ("looks like bounce: level, not pitch" in finding.text) is not passed
+    assert "bounce 60%, pitch 40%" in finding.text
