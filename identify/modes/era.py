@@ -57,8 +57,7 @@ def realised_modes(
     hankel = np.hstack([_hankel(decay / size, blocks) for decay in decays])
     directions, strength, _ = np.linalg.svd(hankel, full_matrices=False)
     if order is None:
-        floor = max(_OF_NOISE * float(np.median(strength)), _OF_ROUNDING * float(strength[0]))
-        order = int(np.sum(strength > floor))
+        order = standing_out(strength)
     n_channels = len(size)
     observability = directions[:, :order] * np.sqrt(strength[:order])
     earlier, later = observability[:-n_channels], observability[n_channels:]
@@ -67,6 +66,12 @@ def realised_modes(
     shapes = observability[:n_channels] @ vectors * size[:, None]
     modes = (poles.imag > 0.0) & (poles.real < 0.0)
     return ModalModel(poles[modes], shapes[:, modes])
+
+
+def standing_out(strength: NDArray[np.float64]) -> int:
+    """Return how many singular values, the largest first, stand out from noise and rounding."""
+    floor = max(_OF_NOISE * float(np.median(strength)), _OF_ROUNDING * float(strength[0]))
+    return int(np.sum(strength > floor))
 
 
 def _hankel(decay: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from .blocks import Blocks
 from .mutant import Mutant
 from .records import RecordedTest
 
-CAP_S = 30.0
+CAP_S = 60.0
 """Seconds of recorded time after which no further test is tried on a mutant."""
 QUICK_S = 1.0
 """Tests of up to this many seconds are tried before all others."""

@@ -74,7 +74,9 @@ def test_the_wave_has_a_level_of_its_own() -> None:
     board = np.where((T_S > 0.0) & (T_S < 0.39), 5.0, 0.0)
     value = ringing(1.3, 0.2) + np.where(T_S > 0.0, 0.7, 0.0) + board
     wave = body_wave(seen({TRAVEL: value}), 0.2)
-    assert wave == (pytest.approx(1.3, rel=0.01), pytest.approx(0.2, abs=0.012))
+    assert wave is not None
+    assert wave[0] == pytest.approx(1.3, rel=0.01)
+    assert wave[1] == pytest.approx(0.2, abs=0.012)
 
 
 def test_the_wave_is_of_what_shows_the_body_best() -> None:
@@ -124,7 +126,9 @@ def test_of_several_sensors_the_one_with_the_least_noise_counts() -> None:
 def test_travels_count_together_by_what_they_share() -> None:
     slow, quick = ringing(0.8, 0.2), ringing(2.4, 0.1)
     wave = body_wave(seen({TRAVEL: slow + 0.2 * quick, OTHER: slow - 0.2 * quick}), 0.2)
-    assert wave == (pytest.approx(0.8, rel=0.02), pytest.approx(0.2, abs=0.03))
+    assert wave is not None
+    assert wave[0] == pytest.approx(0.8, rel=0.02)
+    assert wave[1] == pytest.approx(0.2, abs=0.03)
 
 
 def test_a_trace_is_the_deviation_from_rest() -> None:
@@ -202,7 +206,8 @@ def test_a_run_is_compared_with_the_median_of_those_before() -> None:
 def test_a_course_at_right_angles_is_not_alike() -> None:
     records = {TRAVEL: np.where(np.isclose(T_S, 0.1), 1.0, 0.0)}
     _, course = not_repeatable(seen(records), measure(1.0, np.array([4.0, -3.0])), [measure(1.0)])
-    assert (course.value, course.limit, course.passed) == (pytest.approx(0.0), 0.85, False)
+    assert course.value == pytest.approx(0.0)
+    assert (course.limit, course.passed) == (0.85, False)
     still = measure(1.0, np.zeros(2))
     _, course = not_repeatable(seen(records), still, [measure(1.0)])
     assert (course.value, course.passed) == (0.0, False)
