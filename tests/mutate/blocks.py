@@ -43,11 +43,8 @@ class Blocks:
                 (n for n, node in enumerate(tree.body) if not _stays_first(node)), len(tree.body)
             )
             tree.body.insert(first, ast.parse(IMPORT_MARK).body[0])
-        self._tree = tree
-
-    def marked(self) -> str:
-        """Return the source with a call of `mark` at the start of each block."""
-        return ast.unparse(self._tree)
+        self.marked = ast.unparse(tree) if self.functions else ""
+        """The source with a call of `mark` at the start of each block; empty if there is none."""
 
     def _outside(self, body: list[ast.stmt], prefix: str, owner: frozenset[str]) -> None:
         """Note statements that run on import: of a module, or of a class with its name."""

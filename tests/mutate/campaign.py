@@ -12,13 +12,13 @@ from tempfile import mkdtemp
 from time import sleep
 from typing import Any
 
-from .blocks import Blocks
 from .choice import Choice, Chooser
 from .mutant import Mutant
 from .private_tree import PrivateTree, snapshot
 from .reach import Reach
-from .records import Records
+from .records import Records, blocks_of
 from .room_tests import room_tests
+from .served import Server, fits
 from .sources import PACKAGES, sources
 from .trial import PASSED, Chosen, Plugin, Trial, load
 
@@ -51,6 +51,8 @@ class Job:
     plugin: Callable[[], Plugin]
     limit_s: float
     mutant: Mutant | None = None
+    served_by: tuple[str, ...] = ()
+    """The test files that a process has to collect to take the mutant as it is, if any can."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +74,7 @@ class Campaign:
         self._show = show
         self._folder = Path(mkdtemp(prefix="mutate"))
         self.source = snapshot(root, self._folder / "source")
-        self._blocks = [
-            Blocks(path, (self.source / path).read_bytes())
-            for path in sources(self.source, [*PACKAGES])
-        ]
+        self._blocks = blocks_of(root, self.source, sources(self.source, [*PACKAGES]))
         functions = {key: text for file in self._blocks for key, text in file.functions.items()}
         self._records = Records(root, self.source, functions)
         self._names = [str(n) for n in range(trees)]
@@ -100,7 +99,12 @@ class Campaign:
                 continue
             plugin = partial(Chosen, tuple(test.name for test in choice.tests))
             limit_s = LEAST_S + PATIENCE * choice.seconds
-            jobs.append(Job(choice.files, plugin, limit_s, mutant))
+            source = (self.source / mutant.path).read_bytes()
+            block = chooser.block(mutant)
+            can = block and block not in self._records.imported and fits(mutant, source)
+            served_by = tuple(f for f in known if self._records.tests(f)) if can else ()
+            jobs.append(Job(choice.files, plugin, limit_s, mutant, served_by))
+        jobs.sort(key=lambda job: job.served_by)
         trees = [PrivateTree(self.source, self._folder / name) for name in self._names]
         for done in self._run(jobs, trees):
             if not done.job.mutant:
@@ -128,7 +132,7 @@ class Campaign:
                 f"recorded {n}/{len(left)} {done.seconds:5.1f} s  {file}: {len(tests)} tests"
             )
             for name in done.found.get("failed", ()):
-                self._show(f"left out, it fails without a mutant: {name}")
+                self._show(f"left out, it fails without a mutant, or takes long: {name}")
             if not tests:
                 self._show(f"left out, nothing in it passes: {file}\n{done.output}")
                 continue
@@ -137,10 +141,11 @@ class Campaign:
     def _run(self, jobs: Sequence[Job], trees: list[PrivateTree]) -> Iterator[Done]:
         """Yield the jobs as they end."""
         waiting, free, running = deque(jobs), list(trees), list[tuple[Job, Trial]]()
+        servers: dict[PrivateTree, Server | None] = {}
         try:
             while waiting or running:
                 while free and waiting:
-                    running.append(_started(free.pop(), waiting.popleft()))
+                    running.append(_started(free.pop(), waiting.popleft(), servers))
                 for job, trial in list(running):
                     done = _ended(job, trial)
                     if done:
@@ -152,9 +157,23 @@ class Campaign:
         finally:
             for _, trial in running:
                 trial.stop()
+            for server in servers.values():
+                if server:
+                    server.stop()
 
 
-def _started(tree: PrivateTree, job: Job) -> tuple[Job, Trial]:
+def _started(
+    tree: PrivateTree, job: Job, servers: dict[PrivateTree, Server | None]
+) -> tuple[Job, Trial]:
+    plugin = job.plugin()
+    if job.mutant and job.served_by and isinstance(plugin, Chosen):
+        server = servers.get(tree)
+        if not server or server.files != job.served_by:
+            if server:
+                server.stop()
+            server = servers[tree] = Server.start(tree, job.served_by)
+        if server:
+            return job, server.order(job.mutant, plugin.tests)
     if job.mutant:
         tree.apply(job.mutant)
     return job, Trial.start(tree, job.files, job.plugin, *(["-x"] if job.mutant else []))

@@ -47,6 +47,10 @@ class Chooser:
         self._mentions = _union(file.mentions for file in self._blocks.values())
         self._derived = _union(file.derived for file in self._blocks.values())
 
+    def block(self, mutant: Mutant) -> str:
+        """Return the block of a mutant; empty outside of functions."""
+        return self._blocks[mutant.path].of_line.get(mutant.line, "")
+
     def choice(self, mutant: Mutant, tests: Iterable[RecordedTest]) -> Choice:
         """Return those of the tests that can find a mutant.
 

@@ -32,6 +32,7 @@ class PrivateTree:
         self.root = folder / "tree"
         snapshot(source, self.root)
         self.python = _environment(self.root, folder / "venv")
+        self.found = folder / "found.json"
         self._stamp = 1_000_000_000
         self._original: tuple[Path, bytes] | None = None
 
@@ -39,8 +40,12 @@ class PrivateTree:
         """Put marks into all sources: from now on this tree is for recordings."""
         shutil.copy(str(probe.__file__), self.root / "mutate_probe.py")
         for file in blocks:
-            if file.functions:
-                self._write(self.root / file.path, file.marked().encode())
+            if file.marked:
+                self._write(self.root / file.path, file.marked.encode())
+
+    def forget(self) -> None:
+        """Remove what the last run has found."""
+        self.found.unlink(missing_ok=True)
 
     def apply(self, mutant: Mutant) -> None:
         """Put a mutant into the copy, until `restore`."""

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import functools
 import json
+import signal
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
@@ -22,6 +23,12 @@ from . import probe
 from .sources import OF_THE_TREE
 
 LRU_CACHE = functools.lru_cache
+LONGEST_S = 10.0
+"""CPU time after which a test is stopped and left out: within the cap it is the last to run."""
+
+
+def _too_long(number: int, frame: object) -> NoReturn:
+    raise TimeoutError
 
 
 @dataclass(slots=True)
@@ -56,6 +63,7 @@ class Reach:
             path.unlink()
         self._start("")
         probe.record_children(self.folder)
+        signal.signal(signal.SIGPROF, _too_long)
         vars(functools).update(
             lru_cache=self._lru_cache, cache=lambda function: self._lru_cache(None)(function)
         )
@@ -64,7 +72,9 @@ class Reach:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
         """Collect what a test runs."""
         self._start(item.nodeid)
+        signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
         result = yield
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
         for name in getattr(item, "fixturenames", ()):
             self._use(self.fixtures.get(name))
         cost = self.tests[item.nodeid]
@@ -98,6 +108,7 @@ class Reach:
                 self.tests[test].blocks.update(blocks)
         return {
             "failed": sorted(self.failed),
+            "imported": sorted(self.imported),
             "tests": {
                 test: [round(cost.seconds, 4), sorted(cost.blocks)]
                 for test, cost in self.tests.items()

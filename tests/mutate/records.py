@@ -7,12 +7,15 @@ the sources that it runs are what they were.
 from __future__ import annotations
 
 import json
+import pickle
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from hashlib import sha1
 from pathlib import Path
 from typing import Any
+
+from .blocks import Blocks
 
 FOLDER = Path("build", "mutate")
 
@@ -33,6 +36,20 @@ class RecordedTest:
         return self.name.split("::")[0]
 
 
+def blocks_of(root: Path, source: Path, paths: Iterable[str]) -> list[Blocks]:
+    """Return the blocks of some files, those that have not changed from the last time."""
+    kept_in = root / FOLDER / "blocks.pickle"
+    kept = pickle.loads(kept_in.read_bytes()) if kept_in.is_file() else {}
+    now: dict[str, tuple[bytes, Blocks]] = {}
+    for path in paths:
+        text = (source / path).read_bytes()
+        before = kept.get(path)
+        now[path] = before if before and before[0] == text else (text, Blocks(path, text))
+    kept_in.parent.mkdir(parents=True, exist_ok=True)
+    kept_in.write_bytes(pickle.dumps(now))
+    return [blocks for _, blocks in now.values()]
+
+
 class Records:
     """The recorded tests of a tree."""
 
@@ -41,6 +58,8 @@ class Records:
         self._source = source
         self._functions = functions
         self._known: dict[str, tuple[RecordedTest, ...]] = {}
+        self.imported: set[str] = set()
+        """Blocks that run when a test file is imported."""
 
     def tests(self, file: str) -> tuple[RecordedTest, ...]:
         """Return the tests of a file that is known."""
@@ -64,6 +83,7 @@ class Records:
             "modules": found["modules"],
             "functions": functions,
             "blocks": keys,
+            "imported": found["imported"],
             "tests": {
                 name: [seconds, [number[key] for key in used]]
                 for name, (seconds, used) in found["tests"].items()
@@ -75,6 +95,7 @@ class Records:
 
     def _keep(self, file: str, record: Mapping[str, Any]) -> None:
         keys = record["blocks"]
+        self.imported.update(record.get("imported", ()))
         self._known[file] = tuple(
             RecordedTest(name, seconds, frozenset(keys[n] for n in used))
             for name, (seconds, used) in record["tests"].items()

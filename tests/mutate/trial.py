@@ -80,7 +80,7 @@ class Trial:
     ) -> Trial:
         """Fork, and run the files."""
         sys.stdout.flush()
-        _found(tree).unlink(missing_ok=True)
+        tree.forget()
         pid = os.fork()
         if pid == 0:
             status = 3
@@ -121,9 +121,9 @@ class Trial:
 
     def found(self) -> dict[str, Any] | None:
         """Return what its plugin has found; None if the process died before."""
-        if not _found(self.tree).is_file():
+        if not self.tree.found.is_file():
             return None
-        found: dict[str, Any] = json.loads(_found(self.tree).read_text("utf-8"))
+        found: dict[str, Any] = json.loads(self.tree.found.read_text("utf-8"))
         return found
 
     def _kill_group(self) -> None:
@@ -173,14 +173,10 @@ def _run(
         "foreign": [name for name, path in loaded.items() if "site-packages" in path.parts],
         "modules": sorted(path.relative_to(tree.root).as_posix() for path in tests),
     }
-    _found(tree).write_text(json.dumps(found), "utf-8")
+    tree.found.write_text(json.dumps(found), "utf-8")
     sys.stdout.flush()
     return code
 
 
 def _output(tree: PrivateTree) -> Path:
     return tree.root.parent / "output.txt"
-
-
-def _found(tree: PrivateTree) -> Path:
-    return tree.root.parent / "found.json"
