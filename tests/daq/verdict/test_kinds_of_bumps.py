@@ -15,7 +15,8 @@ from daq.channels import Channel, Quantity
 from daq.runs import Excitation
 from daq.vehicle import Corner
 from daq.verdict import RunWindow
-from daq.verdict.pattern import Pattern, patterns, wrong_mode
+from daq.verdict.pattern import patterns, wrong_mode
+from daq.verdict.strikes import Pattern
 from daq.verdict.window import traces
 
 Array = NDArray[np.float64]
@@ -68,14 +69,14 @@ STRUCK = [
     ((0, 1, 0, 1), "roll: right wheels only", (1 / 2, 1 / 4, 1, 1 / 4)),
     ((1, 0, 0, 1), "warp: front left and rear right", (1 / 2, 1 / 4, 1 / 4, 1)),
     ((0, 1, 1, 0), "warp: front right and rear left", (1 / 2, 1 / 4, 1 / 4, 1)),
-    ((1, 0, 0, 0), "none of the four: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
-    ((0, 1, 0, 0), "none of the four: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
-    ((0, 0, 1, 0), "none of the four: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
-    ((0, 0, 0, 1), "none of the four: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
-    ((1, 1, 1, 0), "none of the four: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
-    ((1, 1, 0, 1), "none of the four: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
-    ((1, 0, 1, 1), "none of the four: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
-    ((0, 1, 1, 1), "none of the four: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
+    ((1, 0, 0, 0), "no kind of bump: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
+    ((0, 1, 0, 0), "no kind of bump: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
+    ((0, 0, 1, 0), "no kind of bump: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
+    ((0, 0, 0, 1), "no kind of bump: one wheel only", (1 / 4, 1 / 2, 1 / 2, 1 / 2)),
+    ((1, 1, 1, 0), "no kind of bump: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
+    ((1, 1, 0, 1), "no kind of bump: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
+    ((1, 0, 1, 1), "no kind of bump: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
+    ((0, 1, 1, 1), "no kind of bump: three wheels", (3 / 4, 2 / 3, 2 / 3, 2 / 3)),
 ]
 
 
@@ -138,7 +139,8 @@ def test_a_push_is_judged_by_travels_alone() -> None:
         shapes = {c: 0.02 * s * swing for c, s in zip(Corner, signs, strict=True)}
         records = corners(Quantity.SUSPENSION_TRAVEL, "m", shapes) | hubs((1, 0, 0, 0))
         (pattern,) = found(records, Method.PUSH)
-        assert (pattern.words, pattern.by, pattern.limit) == (words, "travels", 0.65)
+        assert pattern.words.startswith(words)
+        assert (pattern.by, pattern.limit) == ("travels", 0.65)
         assert pattern.shares[str(kind)] == pytest.approx(1.0)
         assert pattern.likeness[kind] == pytest.approx(1.0)
     assert found(hubs((1, 1, 1, 1)), Method.PUSH) == ()
@@ -165,11 +167,16 @@ def jolt(speed: float, at_s: float = 0.1) -> Array:
 
 
 def rate(size: float, at_s: float = 0.1) -> Array:
-    return np.where(np.isclose(T_S, at_s), size, 0.0)
+    """Return a rate for 3 ms."""
+    return np.where(np.abs(T_S - at_s) < 0.0015, size, 0.0)
 
 
 # The levers of a usual car are 1.35 m and 0.75 m: rates of these sizes move a corner by 1 m/s.
 P, R = 1 / 1.35, 1 / 0.75
+
+
+# A positive pitch lowers the nose: while the body rises, the tail moves more.
+PITCHES = "pitch: nose and tail against each other, the tail more"
 
 
 @pytest.mark.parametrize(
@@ -177,13 +184,13 @@ P, R = 1 / 1.35, 1 / 0.75
     [
         # Not turning at all, turning as much as heaving, twice as much, and half as much.
         (1.0, 0.0, 0.0, (1.0, 0.0, 0.0), "bounce: the body stays level"),
-        (1.0, 1.0, 0.0, (0.5, 1.0, 0.0), "pitch: nose and tail against each other"),
+        (1.0, 1.0, 0.0, (0.5, 1.0, 0.0), PITCHES),
         (1.0, 0.0, 2.0, (0.5, 0.0, 1.0), "roll: left and right against each other"),
-        (1.0, 0.45, 0.0, (0.75, 1.0, 0.0), "pitch: nose and tail against each other"),
+        (1.0, 0.45, 0.0, (0.75, 1.0, 0.0), PITCHES),
         (1.0, 0.0, 0.36, (0.8, 0.0, 0.9), "roll: left and right against each other"),
         (1.0, 0.2, 0.0, (1 - 0.1 / 0.9, 0.5, 0.0), "bounce: the body stays level"),
         # Turning about both axes: the share of one in both.
-        (1.0, 0.8, 0.4, (1 - 0.4 / 0.9, 0.8, 0.2), "pitch: nose and tail against each other"),
+        (1.0, 0.8, 0.4, (1 - 0.4 / 0.9, 0.8, 0.2), PITCHES),
         (1.0, 0.3, 0.9, (0.5, 0.75 * 0.1, 0.9), "roll: left and right against each other"),
     ],
 )
@@ -196,11 +203,11 @@ def test_a_body_that_heaves_and_turns(
         (pattern,) = found(records)
         assert (pattern.words, pattern.by, pattern.limit) == (words, "body's motion", 0.65)
         got = [pattern.likeness[kind] for kind in (BOUNCE, PITCH, ROLL)]
-        assert got == pytest.approx(likeness, abs=0.005)
+        assert got == pytest.approx(likeness, abs=0.01)
         assert pattern.likeness[WARP] == pattern.likeness[BOUNCE]
         power = np.array([heave, pitch, roll]) ** 2
         assert list(pattern.shares) == ["bounce", "pitch", "roll"]
-        assert list(pattern.shares.values()) == pytest.approx(power / np.sum(power), abs=0.005)
+        assert list(pattern.shares.values()) == pytest.approx(power / np.sum(power), abs=0.01)
 
 
 def test_rates_go_before_angular_accelerations_and_heave_is_the_mean_of_its_sensors() -> None:
@@ -241,6 +248,33 @@ def test_three_accelerometers_show_heave_pitch_and_roll() -> None:
     in_line = {replace(Z, name=n, signal=f"B.{n}", x_m=float(x)): jolt(1.0)
                for x, n in enumerate("abcd")}  # fmt: skip
     assert found(in_line) == ()
+
+
+@pytest.mark.parametrize(
+    ("pitch", "likeness", "words"),
+    [
+        (1.0, (0.0, 1.0), "rear pitch: nose and tail against each other, the tail more"),
+        (-1.0, (1.0, 0.0), "pitch: nose and tail against each other, the nose more"),
+        (3.0, (0.5, 1.0), "rear pitch: nose and tail against each other, the tail more"),
+    ],
+)
+def test_a_campaign_of_either_axle_tells_them_apart(
+    pitch: float, likeness: tuple[float, float], words: str
+) -> None:
+    """The axles move by heave -/+ pitch at the corners: 1 - 3 is half of 1 + 3."""
+    bench = load_bench(None)
+    kinds = (BOUNCE, PITCH, Excitation.REAR_PITCH)
+    middle = replace(Z, x_m=-1.35)
+    body = {middle: jolt(1.0), TURNS[0]: jolt(P * pitch), TURNS[1]: jolt(0.0)}
+    bench = replace(
+        bench, channels=tuple(body), campaign=replace(bench.campaign, excitations=kinds)
+    )
+    t_ns = BUMP_NS + np.rint(T_S * 1e9).astype(np.int64)
+    run = RunWindow(BUMP_NS, {c.name: (t_ns, value) for c, value in body.items()})
+    (pattern,) = patterns(bench, traces(bench.channels, run))
+    got = [pattern.likeness[kind] for kind in (PITCH, Excitation.REAR_PITCH)]
+    assert got == pytest.approx(likeness, abs=0.01)
+    assert pattern.words == words
 
 
 def test_travels_are_judged_with_the_body_and_hubs_without() -> None:
