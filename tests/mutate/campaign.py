@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from signal import SIGKILL, SIGXCPU
 from tempfile import mkdtemp
 from time import sleep
 from typing import Any
@@ -23,10 +24,13 @@ from .sources import PACKAGES, sources
 from .trial import PASSED, Chosen, Plugin, Trial, load
 
 PATIENCE = 4.0
-"""A run is stopped, and its mutant counted as killed, after this many times what its tests took
-when they were recorded; two runs share the machine, and a loop without end never ends."""
-LEAST_S = 60.0
-"""Seconds before which no run is stopped; pytest has to start, on a busy machine."""
+"""A process is ended, and its mutant counted as killed, after this many times the CPU time that its
+tests took when they were recorded: a loop without end never ends."""
+LEAST_CPU_S = 20.0
+"""CPU time, s, before which no process is ended; pytest has to load everything."""
+LONGEST_S = 900.0
+"""Seconds after which the trial of a mutant is stopped, and the mutant counted as killed: a process
+that waits for ever takes no CPU time."""
 RECORD_S = 900.0
 """Seconds after which the recording of one test file is stopped, and the file left out."""
 POLL_S = 0.02
@@ -50,6 +54,8 @@ class Job:
     files: tuple[str, ...]
     plugin: Callable[[], Plugin]
     limit_s: float
+    cpu_s: float = 0.0
+    """Limit of its CPU time; 0 for none."""
     mutant: Mutant | None = None
     served_by: tuple[str, ...] = ()
     """The test files that a process has to collect to take the mutant as it is, if any can."""
@@ -98,12 +104,12 @@ class Campaign:
                 yield Outcome(mutant, False, "no test runs it", 0.0)
                 continue
             plugin = partial(Chosen, tuple(test.name for test in choice.tests))
-            limit_s = LEAST_S + PATIENCE * choice.seconds
+            cpu_s = LEAST_CPU_S + PATIENCE * choice.seconds
             source = (self.source / mutant.path).read_bytes()
             block = chooser.block(mutant)
             can = block and block not in self._records.imported and fits(mutant, source)
             served_by = tuple(f for f in known if self._records.tests(f)) if can else ()
-            jobs.append(Job(choice.files, plugin, limit_s, mutant, served_by))
+            jobs.append(Job(choice.files, plugin, LONGEST_S, cpu_s, mutant, served_by))
         jobs.sort(key=lambda job: job.served_by)
         trees = [PrivateTree(self.source, self._folder / name) for name in self._names]
         for done in self._run(jobs, trees):
@@ -113,7 +119,8 @@ class Campaign:
             if done.code in PASSED:
                 yield Outcome(mutant, False, _tried(choices[mutant]), done.seconds)
             else:
-                by = "timeout" if done.code is None else done.found.get("failed") or "on import"
+                slow = done.code in (None, -SIGKILL, -SIGXCPU)
+                by = "timeout" if slow else done.found.get("failed") or "on import"
                 yield Outcome(mutant, True, str(by), done.seconds)
 
     def _record(self, files: Sequence[str]) -> None:
@@ -173,10 +180,11 @@ def _started(
                 server.stop()
             server = servers[tree] = Server.start(tree, job.served_by)
         if server:
-            return job, server.order(job.mutant, plugin.tests)
+            return job, server.order(job.mutant, plugin.tests, job.cpu_s)
     if job.mutant:
         tree.apply(job.mutant)
-    return job, Trial.start(tree, job.files, job.plugin, *(["-x"] if job.mutant else []))
+    options = ["-x"] if job.mutant else []
+    return job, Trial.start(tree, job.files, job.plugin, *options, cpu_s=job.cpu_s)
 
 
 def _ended(job: Job, trial: Trial) -> Done | None:

@@ -13,9 +13,9 @@ from .mutant import Mutant
 from .records import RecordedTest
 
 CAP_S = 60.0
-"""Seconds of recorded time after which no further test is tried on a mutant."""
+"""Recorded CPU time, s, after which no further test is tried on a mutant."""
 QUICK_S = 1.0
-"""Tests of up to this many seconds are tried before all others."""
+"""Tests of up to this CPU time, s, are tried before all others."""
 
 
 @dataclass(frozen=True, slots=True)

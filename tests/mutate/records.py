@@ -27,7 +27,7 @@ class RecordedTest:
     name: str
     """Node of pytest."""
     seconds: float
-    """What it took, with all that it shares with other tests."""
+    """CPU time that it took, with all that it shares with other tests."""
     blocks: frozenset[str]
 
     @property

@@ -22,12 +22,10 @@ import pytest
 
 from .mutant import Mutant
 from .private_tree import PrivateTree
-from .trial import Chosen, Trial
+from .trial import Chosen, Trial, limit_cpu
 
 COLLECTED_S = 600.0
 """Longest time that a process may take to load and collect its test files, s."""
-Order = tuple[str, bytes, int, tuple[str, ...]]
-"""Path and text of the source with the fault, the line of the fault, and the tests."""
 
 
 class Served(Chosen):
@@ -47,12 +45,13 @@ class Served(Chosen):
         self.orders.send("ready")
         while True:
             try:
-                path, source, line, tests = self.orders.recv()
+                path, source, line, tests, cpu_s = self.orders.recv()
             except EOFError:
                 return True
             pid = os.fork()
             if pid == 0:
                 os.setsid()
+                limit_cpu(cpu_s)
                 put_in(path, source, line)
                 session.items = [by_name[name] for name in tests if name in by_name]
                 return None
@@ -103,12 +102,12 @@ class Server:
         trial.stop()
         return None
 
-    def order(self, mutant: Mutant, tests: Sequence[str]) -> ServedTrial:
+    def order(self, mutant: Mutant, tests: Sequence[str], cpu_s: float) -> ServedTrial:
         """Start the tests of a mutant."""
         path = str(self.tree.root / mutant.path)
         self.tree.forget()
         self.tree.apply(mutant)  # for processes that the tests start
-        self.orders.send((path, Path(path).read_bytes(), mutant.line, tuple(tests)))
+        self.orders.send((path, Path(path).read_bytes(), mutant.line, tuple(tests), cpu_s))
         return ServedTrial(self.tree, self.orders.recv(), monotonic(), orders=self.orders)
 
     def stop(self) -> None:

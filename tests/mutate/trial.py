@@ -9,12 +9,14 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import resource
 import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from math import ceil
 from pathlib import Path
 from time import monotonic
 from typing import Any, Protocol
@@ -76,15 +78,22 @@ class Trial:
 
     @classmethod
     def start(
-        cls, tree: PrivateTree, files: Sequence[str], plugin: Callable[[], Plugin], *options: str
+        cls,
+        tree: PrivateTree,
+        files: Sequence[str],
+        plugin: Callable[[], Plugin],
+        *options: str,
+        cpu_s: float = 0.0,
     ) -> Trial:
-        """Fork, and run the files."""
+        """Fork, and run the files, with a limit of CPU time unless that is 0."""
         sys.stdout.flush()
         tree.forget()
         pid = os.fork()
         if pid == 0:
             status = 3
             try:
+                if cpu_s:
+                    limit_cpu(cpu_s)
                 status = _run(tree, files, plugin, options)
             except BaseException:
                 traceback.print_exc()
@@ -131,6 +140,12 @@ class Trial:
             os.killpg(self.pid, signal.SIGKILL)
         except (ProcessLookupError, PermissionError):
             return
+
+
+def limit_cpu(cpu_s: float) -> None:
+    """Let the system end this process, and each that it starts, after so much CPU time."""
+    seconds = ceil(cpu_s)
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
 
 
 def load(modules: Sequence[str]) -> None:
