@@ -20,6 +20,9 @@ from .grey_box import GreyBox, System
 
 _N = 14  # states of the vehicle
 _RANK = 1e-12  # directions of the linear part below this, relative, are not observed
+_CERTAIN = 0.01
+"""Condition in units of 1 / `_RANK` below which every direction is shown: that by column sums is
+never below that by eigenvalues."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,10 +126,23 @@ def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.flo
 def pseudo_inverse(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert a normal matrix; directions that the data do not show stay zero."""
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
-    good = values > _RANK * values[-1]
-    inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
+    scaled = normal * np.outer(scale, scale)
+    inverse = _plain_inverse(scaled)
+    if inverse is None:
+        values, vectors = np.linalg.eigh(scaled)
+        good = values > _RANK * values[-1]
+        inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
     return np.asarray(inverse * np.outer(scale, scale))
+
+
+def _plain_inverse(scaled: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the inverse where the data show every direction, in a tenth of the time, else None."""
+    try:
+        inverse = np.linalg.inv(scaled)
+    except np.linalg.LinAlgError:
+        return None
+    condition = np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1)
+    return 0.5 * (inverse + inverse.T) if condition < _CERTAIN / _RANK else None
 
 
 def _modal_rows(at: Evaluated, group: ChannelGroup) -> NDArray[np.complex128]:

@@ -7,7 +7,7 @@ on fewer samples, and the cost shows how much better that description is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,8 @@ from ..fit.likelihood import Fit, fit
 _RATE_HZ = 250.0
 _LENGTH_S = 1.0
 """Length of the decays, s: the first second shows every fault of a sensor or label."""
+_COMPARED_HZ = 125.0
+"""Rate of the samples on which hypotheses are compared, Hz: ten times the fastest mode."""
 _TOLERANCE = 0.3
 _STEPS = 15
 
@@ -130,6 +132,12 @@ def largest_shift(moved: Mapping[str, float]) -> tuple[float, str]:
     sizes = {name: 0.0 if name in SIGNED else abs(by) for name, by in moved.items()}
     worst = max(sizes, key=lambda name: sizes[name])
     return sizes[worst], worst
+
+
+def first_repeats(decays: Sequence[FreeDecay]) -> tuple[FreeDecay, ...]:
+    """Return one decay of each excitation and mass state, thinned: enough to compare hypotheses."""
+    first = {decay.label.rpartition("_")[0]: decay for decay in reversed(decays)}
+    return tuple(decay.thinned(_COMPARED_HZ) for decay in reversed(first.values()))
 
 
 def _short(decay: FreeDecay) -> FreeDecay:

@@ -16,7 +16,15 @@ from daq.channels import Channel
 
 from ..fit.estimation import Estimation
 from ..fit.likelihood import residuals
-from .refit import Explanation, Refit, as_described, parameters_as_start, refit, shift_between
+from .refit import (
+    Explanation,
+    Refit,
+    as_described,
+    first_repeats,
+    parameters_as_start,
+    refit,
+    shift_between,
+)
 
 _SUSPECTED = 4
 """Channels that are left out in turn."""
@@ -128,8 +136,9 @@ def _slow(estimation: Estimation, before: Refit) -> Iterator[Explanation]:
         "sensors at the wheels": {c.name for c in channels if c.corner is not None},
         "all sensors": {c.name for c in channels},
     }
+    few = replace(estimation, decays=first_repeats(estimation.decays))
     tried = {
-        (kind, hz): refit(estimation, _filtered(kinds[kind], hz), before.fit.eta)
+        (kind, hz): refit(few, _filtered(kinds[kind], hz), before.fit.eta)
         for kind in kinds
         if kinds[kind]
         for hz in _COARSE_HZ
@@ -138,9 +147,9 @@ def _slow(estimation: Estimation, before: Refit) -> Iterator[Explanation]:
     eta = tried[kind, near_hz].fit.eta
     for hz in _FINE_HZ:
         if 0.4 < hz / near_hz < 2.5:
-            tried[kind, hz] = refit(estimation, _filtered(kinds[kind], hz), eta)
+            tried[kind, hz] = refit(few, _filtered(kinds[kind], hz), eta)
     kind, hz = min(tried, key=lambda key: tried[key].fit.cost)
-    after = tried[kind, hz]
+    after = refit(estimation, _filtered(kinds[kind], hz), tried[kind, hz].fit.eta)
     yield Explanation(
         "low-pass",
         f"near {hz:.0f} Hz on {kind}",

@@ -5,19 +5,16 @@ Each hypothesis has no unknown more than the fit as stated, so its refit compete
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
 
-from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.likelihood import HOLD
-from .refit import Explanation, Refit, as_described, refit, shift_between
+from .refit import Explanation, Refit, as_described, first_repeats, refit, shift_between
 
-_RATE_HZ = 125.0
-"""Rate of the samples on which hypotheses are compared, Hz: ten times the fastest mode."""
 _CLEARS = 0.6
 """Share of the misfit that must go with a swap to call it the cause: what else may be wrong keeps
 the rest; without a swap none explains more than a third (`tests/identify/trust/test_swaps.py`)."""
@@ -61,7 +58,7 @@ def swap_explanation(estimation: Estimation) -> Explanation | None:
 
     `estimation`: a fit that does not hold.
     """
-    few = replace(estimation, decays=_first_repeats(estimation.decays))
+    few = replace(estimation, decays=first_repeats(estimation.decays))
     generic = estimation.box.unknowns(generic_vehicles()[0])
     tried = [
         (h, refit(few, h.channel, generic, h.mass_state, HOLD)) for h in _hypotheses(estimation)
@@ -79,12 +76,6 @@ def swap_explanation(estimation: Estimation) -> Explanation | None:
         return None
     shift = shift_between(before, after)
     return Explanation(hypothesis.name, "", hypothesis.advice, explained, *shift)
-
-
-def _first_repeats(decays: Sequence[FreeDecay]) -> tuple[FreeDecay, ...]:
-    """Return one decay of each excitation and mass state, thinned: enough to see a swap."""
-    first = {decay.label.rpartition("_")[0]: decay for decay in reversed(decays)}
-    return tuple(decay.thinned(_RATE_HZ) for decay in reversed(first.values()))
 
 
 def _hypotheses(estimation: Estimation) -> Iterator[_Hypothesis]:

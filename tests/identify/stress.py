@@ -25,7 +25,7 @@ from daq.sim.faults import SensorFault
 from daq.sim.imperfections import NONE, Friction, Imperfections
 from daq.sim.load import load_car
 from daq.sim.masses import GRAVITY_M_S2
-from daq.sim.motion import Motion, drive
+from daq.sim.motion import Motion, drive_all
 from daq.sim.plant import Plant
 from daq.sim.sensors import Installation, install, low_passed, measured, true_reading
 from daq.vehicle import FORD_GRANADA, Corner, Vehicle
@@ -264,8 +264,14 @@ def _installation(car: Imperfections) -> Installation:
 
 
 @cache
-def _motion(car: Imperfections, state: str, excitation: Excitation, bump_m: float) -> Motion:
-    return drive(_plant(car, state), Bump(excitation, bump_m, REST_S, BUMP_S), RUN_S)
+def _motions(
+    car: Imperfections, bump_m: float, excitations: tuple[Excitation, ...]
+) -> dict[tuple[str, Excitation], Motion]:
+    """Return how a car moves over each kind of bump in both mass states, driven side by side."""
+    keys = [(state, excitation) for state in (BASELINE, ADDED) for excitation in excitations]
+    plants = [_plant(car, state) for state, _ in keys]
+    bumps = [Bump(excitation, bump_m, REST_S, BUMP_S) for _, excitation in keys]
+    return dict(zip(keys, drive_all(plants, bumps, RUN_S), strict=True))
 
 
 @cache
@@ -297,7 +303,8 @@ def _reading(
     stress: Stress, channel: Channel, state: str, excitation: Excitation, t_s: Array
 ) -> Array:
     car = stress.imperfections
-    motion = _motion(car, state, excitation, stress.bump_m)
+    together = stress.excitations if excitation in stress.excitations else (excitation,)
+    motion = _motions(car, stress.bump_m, together)[state, excitation]
     sensor = _sensor(channel, stress)
     seen_s = t_s - sensor.delay_s
     if sensor.low_pass_hz:
