@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from .ecu import campaign_frames as campaign_frames
     from .fleet import elements as elements
     from .fleet import fleet_car as fleet_car
+    from .nonlinear_truth import TrueElements as TrueElements
+    from .nonlinear_truth import true_elements as true_elements
     from .reported import present_parameters as present_parameters
     from .reported import true_parameters as true_parameters
     from .spoils import Fault as Fault

@@ -1,25 +1,41 @@
 """The planner: the intervals that a campaign will give, from the Fisher information.
 
 ``outlook(plan)`` gives the expected interval of every parameter, ``advise(plan)`` also the best
-next steps: run, bump, rate, sensor, weight, fact.
+next steps: run, bump, rate, sensor, weight, fact; ``compare_campaigns(plan)`` gives that of whole
+campaigns in its place.
 """
 
 from .design import TYPICAL_NOISE, Plan, Runs, Sensor, full_vector, sensor, sensors_of
+from .expected_elements import (
+    USUAL_ELEMENTS,
+    ExpectedElements,
+    element_label,
+    identified_elements,
+    typical_elements,
+)
+from .information import KnownRuns
 from .outlook import Outlook, vague
-from .ranking import Advice, NextStep, advise, outlook
+from .ranking import Advice, NextStep, advise, compare_campaigns, outlook
 
 __all__ = [
     "TYPICAL_NOISE",
+    "USUAL_ELEMENTS",
     "Advice",
+    "ExpectedElements",
+    "KnownRuns",
     "NextStep",
     "Outlook",
     "Plan",
     "Runs",
     "Sensor",
     "advise",
+    "compare_campaigns",
+    "element_label",
     "full_vector",
+    "identified_elements",
     "outlook",
     "sensor",
     "sensors_of",
+    "typical_elements",
     "vague",
 ]

@@ -41,7 +41,13 @@ class Candidate:
 
 
 def candidates(plan: Plan) -> tuple[Candidate, ...]:
-    """Return everything that would be worth a thought as an addition to a plan."""
+    """Return everything that would be worth a thought as an addition to a plan.
+
+    With nonlinear elements further sensors and weights are left out: each would ask for all runs
+    anew, and the linear plan of the same bench ranks them.
+    """
+    if plan.elements is not None:
+        return (*_runs(plan), *_bump(plan), *_facts(plan))
     return (
         *_runs(plan),
         *_bump(plan),

@@ -17,6 +17,7 @@ from dbc.frames import read_only
 
 from ..model.matrices import FULL_NAMES, SYMMETRIC
 from ..model.response import Bump
+from .expected_elements import ExpectedElements
 
 TYPICAL_NOISE: Mapping[Quantity, float] = MappingProxyType(
     {
@@ -87,6 +88,8 @@ class Runs:
     """How the vehicle is bumped."""
     repeats: int = 1
     """How often."""
+    height_m: float | None = None
+    """Height of their bump; None: that of the plan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +120,9 @@ class Plan:
     """Which parameters are to be identified."""
     facts: tuple[Fact, ...] = ()
     """Readings of scales and tape measure; only their uncertainty counts."""
+    elements: ExpectedElements | None = None
+    """Friction, damper curves and what else a real car has; None for a linear one.  Which of the
+    bars, tyre damping and CG offset are unknown is then theirs to say, not that of `structure`."""
 
     def __post_init__(self) -> None:
         given = np.array(self.vehicle, dtype=float)
@@ -138,9 +144,14 @@ class Plan:
             what = f"runs in the mass state {min(strange)}, which is not described"
             raise InputError("plan", what, "describe its weights")
         for what, value in (
+            *((f"a bump of {h * 1e3:g} mm", h) for h in map(self.height_m, self.runs)),
             (f"a bump of {self.bump.height_m * 1e3:g} mm", self.bump.height_m),
             (f"a bump of {self.bump.duration_s:g} s", self.bump.duration_s),
             (f"a free decay of {self.decay_s:g} s", self.decay_s),
         ):
             if not 0.0 < value < np.inf:
                 raise InputError("plan", what, "give a size above 0")
+
+    def height_m(self, runs: Runs) -> float:
+        """Return the height of the bump of some runs, m."""
+        return self.bump.height_m if runs.height_m is None else runs.height_m

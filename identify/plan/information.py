@@ -2,8 +2,9 @@
 
 The noise-free free decays of the planned runs go through the very code that fits measured ones;
 at the truth, the normal matrix of the fit is the Fisher information.  Information of runs with
-independent noise adds up, and that of a free decay goes with the square of the bump's height: so
-each kind of run is computed once, for a bump of a metre.
+independent noise adds up.  That of a linear free decay goes with the square of the bump's height,
+so each kind of run is computed once, for a bump of a metre; with friction and damper curves it is
+computed for each height (`identify.plan.real_car`).
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from ..model.facts import CORNERS
 from ..model.matrices import loaded_model
 from ..model.response import Bump, exact_response
 from .design import Plan, Runs
+from .expected_elements import ExpectedElements
+from .real_car import ElementUnknowns, Kind, RealCar
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +41,10 @@ class Fisher:
     eta: NDArray[np.float64]
     """The unknowns at the expected vehicle, shape (P,)."""
     information: NDArray[np.float64]
-    """Inverse of the covariance that an efficient estimate will have, shape (P, P)."""
+    """Inverse of the covariance that an efficient estimate will have, shape (P, P), or with the
+    elements, whose unknowns follow, (P + E, P + E)."""
+    elements: ElementUnknowns | None = None
+    """Which unknowns of the elements they are; None for a linear car."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +55,8 @@ class KnownRuns:
 
     def fisher(self, plan: Plan) -> Fisher:
         """Return the information of all runs of a plan, its facts and stated uncertainties."""
+        if plan.elements is not None:
+            return self._with_elements(plan, plan.elements)
         rates, groups = _channel_groups(plan)
         box = GreyBox(groups, plan.mass_states, plan.geometry, plan.structure, plan.facts)
         eta = box.unknowns_of(plan.vehicle)
@@ -68,8 +76,28 @@ class KnownRuns:
                     start = _start(at, eta, state, runs.excitation, plan.bump.duration_s)
                     decay = _decay(at, start, state.name, rates, plan.decay_s)
                     self._known[key] = normal_block(at, decay).information
-                total = total + plan.bump.height_m**2 * runs.repeats * self._known[key]
+                total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
+
+    def _with_elements(self, plan: Plan, elements: ExpectedElements) -> Fisher:
+        rates, groups = _channel_groups(plan)
+        car = RealCar.of(plan, elements, groups)
+        total = car.shared()
+        states = {state.name: state for state in plan.mass_states}
+        keys = {}
+        for runs in plan.runs:
+            added = states[runs.mass_state].added
+            kind = Kind(runs.mass_state, runs.excitation, plan.height_m(runs))
+            keys[kind] = (_common(plan), elements, added.weights, added.matrix.tobytes(), kind)
+        new = [kind for kind, key in keys.items() if key not in self._known]
+        sigma = {s.channel.name: s.noise for s in plan.sensors}
+        found = car.information(new, plan.bump.duration_s, plan.decay_s, rates, sigma)
+        for kind, information in zip(new, found, strict=True):
+            self._known[keys[kind]] = information
+        for runs in plan.runs:
+            kind = Kind(runs.mass_state, runs.excitation, plan.height_m(runs))
+            total = total + runs.repeats * self._known[keys[kind]]
+        return Fisher(car.model.box, car.eta, total, car.unknowns)
 
 
 def _common(plan: Plan) -> tuple[Any, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from daq.vehicle import parameter_unit
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, Estimate
 from ..fit.varpro import pseudo_inverse
+from .element_outlook import DamperPoint, damper_points, element_estimates
 from .information import Fisher
 
 LARGEST_SHARE = 0.25
@@ -43,6 +44,11 @@ class Outlook:
     is."""
     open_directions: int
     """How many independent combinations of parameters are undetermined."""
+    elements: Mapping[str, Estimate] = field(default_factory=dict)
+    """Friction, mounts, stops and further unknowns of a real car, by the names of
+    `identify.nonlinear.unknowns`, the damper's knees left to `dampers`."""
+    dampers: tuple[DamperPoint, ...] = ()
+    """Points of the damper curves of a real car."""
 
 
 def expected(fisher: Fisher) -> Outlook:
@@ -73,6 +79,8 @@ def expected(fisher: Fisher) -> Outlook:
         worst=max(finite),
         mean=float(np.mean(finite)),
         open_directions=int(np.sum(floored < _OPEN**-2)),
+        elements=element_estimates(fisher),
+        dampers=damper_points(fisher),
     )
 
 

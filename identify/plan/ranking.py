@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+from .campaigns import campaigns
 from .candidates import Candidate, candidates
 from .design import Plan
 from .information import KnownRuns
 from .outlook import Outlook, expected
 
+Progress = Callable[[float, str], None]
+"""Receives the share of the work that is done, 0..1, and the next step."""
 MOST_STEPS = 12
 _MOST_ADVICE = 3
 _NOTICEABLE = 0.995  # of worst times mean; a step that leaves more is not worth its line
@@ -37,22 +41,53 @@ class Advice:
     is."""
 
 
+def _ignore(*_: object) -> None:
+    """Report to no one."""
+
+
 def outlook(plan: Plan) -> Outlook:
     """Return the expected interval of every parameter of a plan."""
     return expected(KnownRuns().fisher(plan))
 
 
-def advise(plan: Plan) -> Advice:
+def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = None) -> Advice:
     """Return the expected intervals of a plan, and what would improve them most.
 
     Steps that determine more come first; among equals the one that leaves the smallest product of
     worst and mean interval.
+
+    Parameters
+    ----------
+    plan : Plan
+        The campaign.
+    progress : callable, optional
+        Receives the share of the work that is done, 0..1, and the next step.
+    known : KnownRuns, optional
+        Runs that are computed once for several questions.
     """
-    known = KnownRuns()
+    known = known or KnownRuns()
+    progress(0.0, "the planned runs")
     now = expected(known.fisher(plan))
+    progress(0.4, "next steps")
     ranked = _ranked(plan, known)
     steps = tuple(NextStep(c.action, o) for c, o in ranked if _helps(o, now))
     return Advice(now, steps[:MOST_STEPS], _remedies(now, ranked, known))
+
+
+def compare_campaigns(
+    plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = None
+) -> tuple[NextStep, ...]:
+    """Return whole campaigns that could be held in place of a plan, the shortest first.
+
+    Parameters are those of `advise`.
+    """
+    known = known or KnownRuns()
+    others = campaigns(plan)
+    found = []
+    for i, other in enumerate(others):
+        progress(i / len(others), other.action)
+        found.append(NextStep(other.action, expected(known.fisher(other.plan))))
+    return tuple(found)
 
 
 def _ranked(plan: Plan, known: KnownRuns) -> list[tuple[Candidate, Outlook]]:

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import daq
-from daq.bench.config import default_bench_text
+from daq.bench.config import default_bench_text, load_bench
 from daq.runs import Excitation
 from daq.vehicle import DOF, FORD_GRANADA
 from dbc import shipped_dbc
 from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response
 from tui.cli import run
+from tui.jobs.expected_car import typical, with_structure
 
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
 
@@ -147,3 +148,39 @@ def test_a_session_without_a_vehicle_gives_the_typical_car(
     assert document["vehicle"].startswith("the Ford Granada")
     assert "car.h5" in document["vehicle"]
     assert document["parameters"]["m_s"]["value"] == pytest.approx(1380.0)
+
+
+def test_a_car_with_friction_is_planned_with_its_elements(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    bench = _bench(tmp_path, 'excitations = ["bounce", "pitch", "roll"]', 'excitations = ["roll"]')
+    arguments = ["--car", "granada-rough", "--bench", bench, "--rate", "60"]
+    document = _json(capsys, *arguments)
+    assert document["vehicle"] == "Ford Granada with friction and real dampers"
+    assert document["elements"]["F_cf"]["value"] == 50.0
+    assert 0.0 < document["elements"]["F_cf"]["std"] < 10.0
+    assert len(document["dampers"]) == 12
+    worst = {other["campaign"]: other["worst"] for other in document["campaigns"]}
+    assert "roll, rear pitch once in each mass state, bumps of 50 mm" in worst
+    assert any("rear pitch run" in step["action"] for step in document["next_steps"])
+
+
+def test_a_car_and_a_session_are_one_too_many(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert run(["plan", "--car", "escort", "--from", str(tmp_path / "none.h5")]) == 2
+    assert "name a car or a session" in capsys.readouterr().err
+
+
+def test_elements_that_the_bench_forces_are_of_usual_size() -> None:
+    bench = load_bench(None)
+    assert with_structure(typical(), bench).elements is None
+    decided = {"damper_mounts": True, "damper_knees": False}
+    forced = replace(bench, vehicle=replace(bench.vehicle, elements=decided))
+    expected = with_structure(typical(), forced)
+    assert expected.elements is not None
+    assert expected.elements.unknown == (
+        "anti_roll_bars", "friction", "one_sided_dampers", "damper_mounts",
+    )  # fmt: skip
+    bars = replace(bench, vehicle=replace(bench.vehicle, elements={"anti_roll_bars": True}))
+    assert with_structure(typical(), bars).elements is None

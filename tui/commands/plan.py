@@ -10,11 +10,8 @@ import typer
 from ..diagnostics import ExitCode
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from daq import Bench, Session
-    from identify.plan import Advice, Plan
+    from identify.plan import Advice, NextStep, Outlook, Plan
 
 
 def plan(
@@ -25,6 +22,13 @@ def plan(
     session: Annotated[
         Path | None, typer.Option("--from", help="Session that describes the expected vehicle.")
     ] = None,
+    car: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Expect a car of `bumpbench demo --car`, with its friction and damper curves.",
+        ),
+    ] = "",
     bump_mm: Annotated[float, typer.Option(min=0.1, max=500.0, help="Height of the bump.")] = 50.0,
     rate: Annotated[
         float | None,
@@ -39,24 +43,34 @@ def plan(
 ) -> int:
     """Predict how precisely a campaign will determine each parameter, and what to do next."""
     import daq
-    from identify.plan import advise
+    from identify.plan import KnownRuns, advise, compare_campaigns
 
+    from ..jobs.expected_car import named_one, of_session, typical, with_structure
     from ..jobs.planning import planned
     from ..output import print_json, progress
 
+    if car and session:
+        raise daq.InputError("--car", "goes without --from", "name a car or a session")
     with progress("plan") as stage:
-        stage(0.1, "reading")
+        stage(0.05, "reading")
         held = None if session is None else daq.read_foreign_session(session)
         described = _bench(bench, session, held)
-        stage(0.2, "expecting the vehicle")
-        vehicle, whose = _expected_vehicle(session, held)
-        stage(0.6, "weighing the next steps")
-        campaign = planned(described, vehicle, rate, bump_mm * 1e-3)
-        advice = advise(campaign)
+        stage(0.1, "expecting the vehicle")
+        if session is not None and held is not None:
+            expected = of_session(session, held)
+        else:
+            expected = named_one(car) if car else typical()
+        expected = with_structure(expected, described)
+        campaign = planned(described, expected.vehicle, rate, bump_mm * 1e-3, expected.elements)
+        known = KnownRuns()
+        advice = advise(campaign, lambda done, text: stage(0.2 + 0.5 * done, text), known)
+        others = compare_campaigns(
+            campaign, lambda done, text: stage(0.7 + 0.3 * done, text), known
+        )
     if json:
-        print_json(_document(campaign, advice, whose))
+        print_json(_document(campaign, advice, others, expected.whose))
     else:
-        _print(campaign, advice, whose)
+        _print(campaign, advice, others, expected.whose)
     return ExitCode.ANSWER_IS_NO if advice.outlook.undetermined else ExitCode.OK
 
 
@@ -71,29 +85,9 @@ def _bench(path: Path | None, session: Path | None, held: Session | None) -> Ben
     return parse_bench(text, where, session.parent, held.provenance.get("dbc"))
 
 
-def _expected_vehicle(
-    session: Path | None, held: Session | None
-) -> tuple[NDArray[np.float64], str]:
-    """Return the parameters, (15,) or (28,), that are expected, and whose they are."""
-    import identify as method
-    from daq import FORD_GRANADA
-    from identify.plan import full_vector, vague
-
-    typical = "the Ford Granada of the paper, as a typical car"
-    if held is None:
-        return FORD_GRANADA.to_array(), typical
-    result = method.identify(held)
-    values = {name: estimate.value for name, estimate in result.parameters.items()}
-    if not values or result.quality.verdict == "refused":
-        return FORD_GRANADA.to_array(), f"{typical}: the identification of {session} is refused"
-    lost = vague(result.parameters)
-    if lost:
-        why = f"{session} does not determine {', '.join(lost)}"
-        return FORD_GRANADA.to_array(), f"{typical}: {why}"
-    return full_vector(values), f"the vehicle identified from {session}"
-
-
-def _document(planned: Plan, advice: Advice, whose: str) -> dict[str, Any]:
+def _document(
+    planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: str
+) -> dict[str, Any]:
     from dataclasses import asdict
 
     now = advice.outlook
@@ -129,10 +123,21 @@ def _document(planned: Plan, advice: Advice, whose: str) -> dict[str, Any]:
             }
             for step in advice.steps
         ],
+        "campaigns": [
+            {
+                "campaign": other.action,
+                "worst": other.outlook.worst,
+                "mean": other.outlook.mean,
+                "undetermined": list(other.outlook.undetermined),
+            }
+            for other in others
+        ],
+        "elements": {name: asdict(e) for name, e in now.elements.items()},
+        "dampers": [asdict(point) for point in now.dampers],
     }
 
 
-def _print(planned: Plan, advice: Advice, whose: str) -> None:
+def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: str) -> None:
     from identify.report import number
 
     from ..output import print_line, print_table
@@ -160,6 +165,8 @@ def _print(planned: Plan, advice: Advice, whose: str) -> None:
     columns = ["parameter", "expected", "95 % interval", "±", "unit"]
     print_table("Expected result of this campaign", columns, rows)
     print_line()
+    if now.dampers:
+        _print_elements(now)
     if now.undetermined:
         print_line(f"not determined: {', '.join(now.undetermined)}")
         for reason in now.reasons:
@@ -175,6 +182,37 @@ def _print(planned: Plan, advice: Advice, whose: str) -> None:
         steps.append([step.action, *_cells(after.worst, after.mean, after.undetermined)])
     columns = ["next step, each by itself", "worst", "mean", "not determined"]
     print_table("What would improve it (95 % intervals, share of the value)", columns, steps)
+    if others:
+        print_line()
+        rows = []
+        for other in others:
+            o = other.outlook
+            rows.append([other.action, *_cells(o.worst, o.mean, o.undetermined)])
+        columns = ["campaign in place of it", "worst", "mean", "not determined"]
+        print_table("Other campaigns with the same sensors", columns, rows)
+
+
+def _print_elements(now: Outlook) -> None:
+    """Print what the campaign will know of friction, dampers and further elements."""
+    from identify.plan import element_label
+    from identify.report import number
+
+    from ..output import print_line, print_table
+
+    rows = [
+        [element_label(name), number(e.value), f"± {number(e.high - e.value)}", e.unit]
+        for name, e in now.elements.items()
+    ]
+    print_table("Elements", ["element", "expected", "95 % interval", "unit"], rows)
+    print_line()
+    rows = [
+        [p.axle, f"{p.speed_m_s:+.1f}", number(p.force_n), f"± {number(2.0 * p.std_n)}",
+         f"{200.0 * p.std_n / abs(p.force_n):.2f} %"]
+        for p in now.dampers
+    ]  # fmt: skip
+    columns = ["axle", "speed m/s", "force N", "95 % interval", "±"]
+    print_table("Damper curves, compression positive", columns, rows)
+    print_line()
 
 
 def _cells(worst: float, mean: float, undetermined: tuple[str, ...]) -> list[str]:

@@ -9,19 +9,23 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from daq import Bench
-    from identify.plan import Plan, Sensor
+    from identify.plan import ExpectedElements, Plan, Sensor
 
 _USUAL_RATE_HZ = 200.0  # where neither the DBC nor the command line has one
 
 
 def planned(
-    bench: Bench, vehicle: NDArray[np.float64], rate_hz: float | None, bump_height_m: float
+    bench: Bench,
+    vehicle: NDArray[np.float64],
+    rate_hz: float | None,
+    bump_height_m: float,
+    elements: ExpectedElements | None = None,
 ) -> Plan:
     """Return the campaign of a bench as a plan.
 
     `bench`: sensors, weights, campaign, and what is known of the vehicle.  `vehicle`, (15,) or
     (28,) float64: parameters that are expected.  `rate_hz`: samples a second; None: as the DBC has
-    it.
+    it.  `elements`: friction, damper curves and what else is expected; None for a linear car.
     """
     from identify.model import Bump
     from identify.plan import Plan, Runs
@@ -40,6 +44,7 @@ def planned(
         geometry=bench.vehicle.geometry,
         structure=bench.vehicle.structure,
         facts=bench.vehicle.facts,
+        elements=elements,
     )
 
 

@@ -1,0 +1,82 @@
+"""A car with nonlinear elements over a bump: the state in which it begins its free decay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..elements.tyre import tyre_force, tyre_load
+from ..nonlinear.car import BETA, C_T, K_T, MASS, STATIC, Car
+from ..nonlinear.level import PATH
+from ..nonlinear.path import STATES, STEP_S, Own, first_state, step_of
+from ..nonlinear.reference import Stack, rates, stack
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """A car at rest before its bump."""
+
+    car: Car
+    rest: Array
+    """(7,) where it stands: the weights let it sink from the rest of the bare car."""
+    shares: tuple[float, float, float, float]
+    """Share of the height under each wheel."""
+    height_m: float
+    """Height of the half sine."""
+
+
+def after_bump(driven: Sequence[Driven], bump_s: float) -> tuple[Own, ...]:
+    """Return the state of each car as its wheels leave the bump.
+
+    The laws are those of the fit; the road comes in through the tyres.
+
+    Parameters
+    ----------
+    driven : sequence of Driven
+        All of them have mounts, or none.
+    bump_s : float
+        Duration of the bump, s.
+    """
+    cars = stack([one.car for one in driven] if len(driven) > 1 else [driven[0].car] * 2)
+    rows = max(len(driven), 2)  # a stack of one car has no axis of its own
+    x = np.zeros((rows, STATES))
+    x[:, :7] = [one.rest for one in (*driven, driven[0])[:rows]]
+    road = np.array([np.multiply(one.height_m, one.shares) for one in (*driven, driven[0])[:rows]])
+    steps = int(np.ceil(bump_s / step_of([one.car for one in driven], STEP_S)))
+    h, omega = bump_s / steps, np.pi / bump_s
+    r = np.zeros((rows, 4))
+    for k in range(steps):
+        waves = [
+            (road * np.sin(omega * t), road * omega * np.cos(omega * t))
+            for t in (k * h, (k + 0.5) * h, (k + 1) * h)
+        ]
+        k1, r = _rates(x, cars, r, *waves[0])
+        k2, r = _rates(x + 0.5 * h * k1, cars, r, *waves[1])
+        k3, r = _rates(x + 0.5 * h * k2, cars, r, *waves[1])
+        k4, r = _rates(x + h * k3, cars, r, *waves[2])
+        x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    return tuple(_own(one.car, state) for one, state in zip(driven, x, strict=False))
+
+
+def _rates(x: Array, cars: Stack, r: Array, road: Array, rise: Array) -> tuple[Array, Array]:
+    """Return the rates of change of the states with a road of heights (n, 4) under the wheels."""
+    out, r = rates(x, cars, PATH, r)
+    p = cars.corner
+    laws = (p[..., K_T], p[..., BETA], p[..., C_T], p[..., STATIC])
+    flat = tyre_load(x[:, 3:7], x[:, 10:14], *laws)
+    raised = tyre_load(x[:, 3:7] - road, x[:, 10:14] - rise, *laws)
+    change = tyre_force(raised, p[..., STATIC]) - tyre_force(flat, p[..., STATIC])
+    out[:, 10:14] += change / p[..., MASS]
+    return out, r
+
+
+def _own(car: Car, state: Array) -> Own:
+    """Return a state as the fit describes the beginning of a run."""
+    bare = Own(state[:14], state[14:18], np.zeros(4))
+    beyond = state[18:] - first_state(car, bare)[0][18:] if car.has_mount else np.zeros(4)
+    return Own(state[:14].copy(), state[14:18].copy(), beyond)

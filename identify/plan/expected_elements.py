@@ -1,0 +1,135 @@
+"""The nonlinear elements that a planner expects: friction, damper curves, mounts, stops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..elements.damper import knee, secant_share
+from ..model.matrices import FULL_NAMES
+from ..nonlinear.car import KNEE_M_S, Model
+from ..nonlinear.forces import Forces
+from ..nonlinear.groups import BY_NAME
+
+USUAL_ELEMENTS = ("anti_roll_bars", "friction", "one_sided_dampers", "damper_knees")
+"""Elements of every real car, as in `[vehicle.structure]`."""
+_FRICTION_N = 50.0
+_COMPRESSION, _REBOUND, _BEYOND, _KNEE_M_S = 0.73, 1.27, 0.6, 0.15
+"""A usual damper: slopes over its coefficient, and what is left of them beyond the knee, m/s."""
+_FASTEST_M_S = 0.6
+"""Speed, m/s, up to which a curve is fitted by knees: what bumps of 50 mm reach."""
+_TYPICAL = {
+    "damper_mounts": {"s_m": 1e-6},
+    "bump_stops": {"k_b": 1e5, "g_b": 0.025},
+    "progressive_springs": {"k_2": 3e4},
+    "progressive_tyres": {"b_t": 2.0},
+}
+_C_S = slice(FULL_NAMES.index("c_sfl"), FULL_NAMES.index("c_srr") + 1)
+_BY_LABEL = {
+    "friction": "F_c",
+    "pre_sliding_length": "d_c",
+    "bump_stop": "k_b",
+    "bump_stop_gap": "g_b",
+    "progressive": "k_2",
+    "cubic": "k_3",
+    "tyre_progressive": "b_t",
+    "friction_left_right": "dF_c",
+    "dampers_left_right": "s_c",
+    "mount": "s_m",
+}
+"""Unknowns by their names in the result of an identification."""
+Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Speeds, m/s, compression positive, and forces of a damper, N, (n,) each."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExpectedElements:
+    """Elements of the expected car; compared by identity, so that runs are computed once for it."""
+
+    unknown: tuple[str, ...] = USUAL_ELEMENTS
+    """Groups that the campaign has to determine, as in `[vehicle.structure]`."""
+    values: Mapping[str, float] = field(default_factory=dict)
+    """Values by the names of `identify.nonlinear.unknowns`, SI; absent where not named."""
+    curves: tuple[Curve, Curve] | None = None
+    """Damper curves of the front and the rear axle; None: straight, by c_s."""
+    knots: str = "K3"
+    """Knees that the curves are described with, of `identify.nonlinear.unknowns.KNOTS`."""
+
+
+def element_label(name: str) -> str:
+    """Return the unknown of an axle in words: `friction front` of `F_cf`."""
+    label = next(label for label, kind in _BY_LABEL.items() if kind == name[:-1])
+    words = "compliance of the mount" if label == "mount" else label.replace("_", " ")
+    return f"{words} {'front' if name[-1] == 'f' else 'rear'}"
+
+
+def unknowns_with(
+    model: Model, expected: ExpectedElements, vehicle: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return all unknowns of a model, (P,), at a vehicle, (28,), with its elements."""
+    eta = model.unknowns(model.box.unknowns_of(vehicle))
+    places = {name: i for i, name in enumerate(model.names)}
+    values = dict(expected.values)
+    for axle, curve in zip("fr", expected.curves or (), strict=False):
+        c_s = _secants(vehicle)["fr".index(axle)]
+        for j, bend in enumerate(_bends_of(curve, c_s, model.knots)):
+            values[f"h_{axle}{j + 1}"] = bend
+    for element in model.elements:
+        if element.name in values:
+            value = float(np.clip(values[element.name], element.low, element.high))
+            eta[places[element.name]] = element.unknown(value)
+    return eta
+
+
+def _secants(vehicle: NDArray[np.float64]) -> tuple[float, float]:
+    """Return c_s of the front and the rear axle, N s/m, of a vehicle, (28,)."""
+    front, rear = vehicle[_C_S].reshape(2, 2).mean(axis=1).tolist()
+    return front, rear
+
+
+def _bends_of(curve: Curve, c_s: float, knots: tuple[float, ...]) -> NDArray[np.float64]:
+    """Return the change of slope at each knot, N s/m, that is nearest to a curve."""
+    speed, force = curve
+    inside = np.abs(speed) <= _FASTEST_M_S
+    speed, force = speed[inside], force[inside]
+    columns = [knee(speed, at, KNEE_M_S) - secant_share(at, KNEE_M_S) * speed for at in knots]
+    return np.asarray(np.linalg.lstsq(np.stack(columns, axis=1), force - c_s * speed)[0])
+
+
+def typical_elements(unknown: tuple[str, ...], vehicle: NDArray[np.float64]) -> ExpectedElements:
+    """Return elements of usual size for a vehicle, (28,), of which these groups are unknown."""
+    values: dict[str, float] = {}
+    for axle in "fr":
+        values |= {f"F_c{axle}": _FRICTION_N} if "friction" in unknown else {}
+        for group, usual in _TYPICAL.items():
+            if group in unknown:
+                values |= {f"{kind}{axle}": value for kind, value in usual.items()}
+    bent = {"one_sided_dampers", "damper_knees"} & set(unknown)
+    front, rear = _secants(vehicle)
+    curves = (_usual_curve(front), _usual_curve(rear)) if bent else None
+    return ExpectedElements(unknown, values, curves)
+
+
+def _usual_curve(c_s: float) -> Curve:
+    speed = np.linspace(-_FASTEST_M_S, _FASTEST_M_S, 241)
+    slope = np.where(speed < 0.0, _REBOUND, _COMPRESSION) * c_s
+    near = np.clip(speed, -_KNEE_M_S, _KNEE_M_S)
+    return speed, slope * (near + _BEYOND * (speed - near))
+
+
+def identified_elements(forces: Forces) -> ExpectedElements:
+    """Return the elements that an identification kept of what it tried in a car."""
+    kept = tuple(choice.name for choice in forces.choices if choice.kept)
+    there = {kind for name in kept for kind in BY_NAME[name].kinds}
+    values: dict[str, float] = {}
+    for axle, found in zip("fr", forces.axles, strict=True):
+        for label, estimate in found.values.items():
+            kind = _BY_LABEL[label]
+            if kind in there:
+                value = 1.0 / estimate.value if kind == "s_m" else estimate.value
+                values[f"{kind}{axle}"] = value
+    front, rear = ((f.damper.speed_m_s, f.damper.force_n) for f in forces.axles)
+    return ExpectedElements(kept, values, (front, rear), "K3")
