@@ -210,8 +210,9 @@ def survival_lines(document: Document) -> list[str]:
         size = f" {loss['shift'] * 100:+.0f} %" if isfinite(loss["shift"]) else ""
         by_cause.setdefault(loss["cause"], []).append(f"{name}{size}")
     kept = ", ".join(document["surviving"]) or "none"
+    word = "usable all the same" if document["verdict"] == Verdict.REFUSED else "usable"
     return [
-        f"usable, moved by no cause that was sized: {kept}",
+        f"{word}, moved by no cause that was sized: {kept}",
         *(f"lost, {cause}: {', '.join(names)}" for cause, names in by_cause.items()),
     ]
 

@@ -13,7 +13,7 @@ from dbc.frames import read_only
 from ..model.derived import derived_quantities
 from ..model.exponentials import spectrum
 from .grey_box import COMPLEX_STEP, SIGNED, GreyBox, stepped
-from .likelihood import Fit
+from .likelihood import Fit, covariance_of
 
 COVERAGE_95 = 1.959964  # standard deviations, normal distribution
 LARGEST_SHARE = 0.25
@@ -142,10 +142,11 @@ def drivers(box: GreyBox, fit: Fit) -> dict[str, dict[str, float]]:
     Sources are the labels of the runs, `likelihood.FACTS` and `likelihood.PRIORS`; the largest
     share first.
     """
-    C = fit.covariance
+    # Not the covariance of the fit: where that is widened, its shares would not add up.
+    C = covariance_of(np.sum(list(fit.information.values()), axis=0))
     result: dict[str, dict[str, float]] = {}
     for j, name in enumerate(box.parameters):
-        if not np.isfinite(C[j, j]):
+        if not (np.isfinite(C[j, j]) and np.isfinite(fit.covariance[j, j])):
             result[name] = {}
             continue
         shares = {source: float(C[j] @ H @ C[j] / C[j, j]) for source, H in fit.information.items()}

@@ -11,6 +11,7 @@ from daq.sessions import Session
 from ..cross_checks import CrossChecks
 from ..document import NOT_DETERMINED, Document, survival_lines, unit_text
 from ..fit.cross_validation import Prediction
+from ..fit.grey_box import SIGNED
 from ..identification import Identification
 from .blocks import Cell, Report, Section, Source, cited
 from .dampers import damper_section
@@ -77,7 +78,7 @@ def _highlights(
     half = {
         name: (e["high"] - e["low"]) / 2.0 / abs(e["value"])
         for name, e in document["parameters"].items()
-        if e["std"] > 0.0 and e["value"]
+        if e["std"] > 0.0 and e["value"] and name not in SIGNED
     }
     lost = [name for name, e in document["parameters"].items() if e["reason"]]
     if lost:
@@ -88,5 +89,7 @@ def _highlights(
         cards.append((f"widest interval, {worst}", widest))
     if predictions:
         good = sum(p.at_noise for p in predictions)
-        cards.append(("left-out runs at noise", Cell(f"{good} of {len(predictions)}")))
+        predicted = any(isfinite(p.predicted) for p in predictions)
+        text = f"{good} of {len(predictions)}" if predicted else NOT_DETERMINED
+        cards.append(("left-out runs at noise", Cell(text)))
     return tuple(cards)

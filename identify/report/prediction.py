@@ -12,12 +12,15 @@ from .panels import PredictionPanel
 def prediction_section(predictions: tuple[Prediction, ...]) -> Section:
     """Return each run predicted from all the others."""
     good = sum(p.at_noise for p in predictions)
+    known = sum(bool(np.isfinite(p.predicted)) for p in predictions)
     lead = (
         "The vehicle is fitted on all other runs and must then predict the one that was left out; "
         "only the initial state and the sensors' offsets are the run's own. For a linear car what "
         "is left is noise; friction, a hot damper or a lifted wheel are not predicted. "
-        f"Here {good} of {len(predictions)} runs are predicted down to the noise."
+        f"Here {good} of {known} runs are predicted down to the noise."
     )
+    if known < len(predictions):
+        lead += f" For {len(predictions) - known} the others do not determine the vehicle."
     blocks: list[Block] = []
     if predictions:
         blocks = [_picture(predictions), _table(predictions)]

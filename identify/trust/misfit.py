@@ -18,6 +18,11 @@ _MODEL = (
     "the linear 7-DOF model",
     "the model with friction, damper curves, stops and mounts",
 )
+_UNSETTLED = (
+    "check units, signs and positions of the channels",
+    "its numbers may lie beside the optimum; add runs, or forbid in [vehicle.structure] what the "
+    "car has not",
+)
 _INTERVALS = (
     "the intervals do not hold",
     "the intervals are widened by what is left unexplained",
@@ -42,10 +47,8 @@ def misfit_findings(estimation: Estimation) -> tuple[Finding, ...]:
     """Judge convergence and chi2/n."""
     findings = []
     if not estimation.fit.converged:
-        text = (
-            f"the fit did not converge in {estimation.fit.iterations} iterations: check units, "
-            "signs and positions of the channels"
-        )
+        advice = _UNSETTLED[bool(estimation.nonlinear)]
+        text = f"the fit did not converge in {estimation.fit.iterations} iterations: {advice}"
         # The nonlinear fit ends near its optimum even where it takes no further step.
         severity = Severity.WARNING if estimation.nonlinear else Severity.ERROR
         findings.append(Finding("convergence", severity, text))

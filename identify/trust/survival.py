@@ -64,14 +64,14 @@ class Survival:
 def survival(estimation: Estimation, hypotheses: Sequence[Hypothesis]) -> Survival:
     """Divide the parameters into those that survive and those that are lost.
 
-    A nonlinear fit that leaves a little has intervals that hold for it.  A linear one that leaves
-    something keeps a parameter only if the known causes explain nearly all of it.
+    A nonlinear fit that converged and leaves a little has intervals that hold for it.  A linear one
+    that leaves something keeps a parameter only if the known causes explain nearly all of it.
 
     `hypotheses`: all causes that were refitted or sized, and stand out of the noise.
     """
     box, fit = estimation.box, estimation.fit
     names, linear = box.parameters, estimation.nonlinear is None
-    if linear and not fit.converged:
+    if not fit.converged and (linear or not estimation.holds):
         return Survival((), dict.fromkeys(box.names, Loss("the fit did not converge")))
     known = zip(names, determined(box, fit.covariance), strict=True)
     lost = {name: Loss("not determined") for name, is_known in known if not is_known}

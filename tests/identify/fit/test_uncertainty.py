@@ -119,6 +119,14 @@ def test_shares_of_what_drives_a_parameter_add_up(best: Fit) -> None:
     assert roll > 0.5
 
 
+def test_shares_add_up_where_the_intervals_are_widened(best: Fit) -> None:
+    factor = np.linspace(1.0, 30.0, len(best.eta))
+    wide = replace(best, covariance=best.covariance * np.outer(factor, factor))
+    for name, shares in drivers(BOX, wide).items():
+        assert sum(shares.values()) == pytest.approx(1.0, abs=1e-6)
+        assert shares == pytest.approx(drivers(BOX, best)[name])
+
+
 def test_a_driver_is_what_more_of_it_would_gain(best: Fit) -> None:
     C, share = best.covariance, 1e-4
     found = drivers(BOX, best)

@@ -28,6 +28,9 @@ def test_the_page_has_words_in_the_place_of_numbers() -> None:
         assert row is not None
         assert "not determined" in row[0]
         assert "%" not in row[0]
+    assert "usable all the same" in page
+    assert "lost, not determined: I_xx, t_f, t_r" in page
+    assert "0 of 0 runs are predicted" in page
     assert "nan" not in re.sub(r"<[^>]*>", " ", page).split()
     assert pdf_of(reported("no_roll")).startswith(b"%PDF")
 

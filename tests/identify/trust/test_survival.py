@@ -82,6 +82,12 @@ def test_what_is_not_determined_is_lost_and_a_fit_astray_loses_all(linear: Estim
         assert list(survival(vague, ()).lost) == lost
     astray = replace(linear, fit=replace(linear.fit, converged=False))
     assert survival(astray, ()).surviving == ()
+    # A nonlinear fit may take no further step at its optimum; beside it, it explains too little.
+    nonlinear = replace(astray, nonlinear=linear.engine)
+    assert survival(nonlinear, ()).surviving == linear.box.names
+    assert survival(replace(nonlinear, chi2_per_n=1.3), ()).surviving == ()
+    settled = replace(linear, nonlinear=linear.engine, chi2_per_n=1.3)
+    assert survival(settled, ()).surviving == linear.box.names
 
 
 def test_the_size_of_a_factor_beyond_twenty_is_not_told(linear: Estimation) -> None:
