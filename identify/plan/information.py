@@ -10,7 +10,8 @@ computed for each height (`identify.plan.real_car`).
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,23 @@ class KnownRuns:
                     self._known[key] = normal_block(at, decay).information
                 total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
+
+    def prepare(self, plans: Iterable[Plan]) -> None:
+        """Compute the runs of all plans with elements at once, their cars driven in lockstep."""
+        alike: defaultdict[tuple[Any, ...], list[Plan]] = defaultdict(list)
+        for plan in plans:
+            if plan.elements is not None:
+                states = [
+                    (s.name, s.added.weights, s.added.matrix.tobytes()) for s in plan.mass_states
+                ]
+                alike[(_common(plan), plan.elements, *states)].append(plan)
+        for some in sorted(alike.values(), key=lambda plans: -len(plans[0].mass_states)):
+            runs = dict.fromkeys(
+                Runs(r.mass_state, r.excitation, 1, plan.height_m(r))
+                for plan in some
+                for r in plan.runs
+            )
+            self.fisher(replace(some[0], runs=tuple(runs)))
 
     def _with_elements(self, plan: Plan, elements: ExpectedElements) -> Fisher:
         rates, groups = _channel_groups(plan)

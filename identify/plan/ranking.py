@@ -66,9 +66,10 @@ def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = N
         Runs that are computed once for several questions.
     """
     known = known or KnownRuns()
-    progress(0.0, "the planned runs")
+    progress(0.0, "driving over the bumps")
+    known.prepare((plan, *(candidate.plan for candidate in candidates(plan))))
     now = expected(known.fisher(plan))
-    progress(0.4, "next steps")
+    progress(0.6, "next steps")
     ranked = _ranked(plan, known)
     steps = tuple(NextStep(c.action, o) for c, o in ranked if _helps(o, now))
     return Advice(now, steps[:MOST_STEPS], _remedies(now, ranked, known))
@@ -83,9 +84,11 @@ def compare_campaigns(
     """
     known = known or KnownRuns()
     others = campaigns(plan)
+    progress(0.0, "other campaigns")
+    known.prepare(other.plan for other in others)
     found = []
     for i, other in enumerate(others):
-        progress(i / len(others), other.action)
+        progress(0.7 + 0.3 * i / len(others), other.action)
         found.append(NextStep(other.action, expected(known.fisher(other.plan))))
     return tuple(found)
 
