@@ -11,7 +11,8 @@ demo: .venv/demo
 
 # One thread of BLAS for each worker: two that wait for each other take twice the time.
 test: .venv/test
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --quiet --numprocesses auto --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --quiet --numprocesses auto --dist loadfile \
+	    --no-loadscope-reorder
 
 # Every promised Python that is here or can be had, and the lowest stated versions: some 10 minutes.
 test-pythons: .venv/test
