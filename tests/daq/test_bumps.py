@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
+from daq.arrays import session_from_arrays
 from daq.bumps import BUMPS, kinds_of
+from daq.derive.from_logs import parse_runs
 from daq.runs import Excitation
+from daq.session import read_session, write_session
 from daq.vehicle import Corner
 
 FL, FR, RL, RR = Corner
@@ -41,3 +47,13 @@ def test_struck_wheels_make_a_kind(
     wheels: set[Corner], planned: tuple[Excitation, ...], kinds: tuple[Excitation, ...]
 ) -> None:
     assert kinds_of(frozenset(wheels), planned) == kinds
+
+
+def test_a_rear_pitch_keeps_its_name_from_import_to_session(tmp_path: Path) -> None:
+    first, second = parse_runs("baseline:rear_pitch, baseline:rear_pitch")
+    assert (first.label, second.label) == ("baseline_rear_pitch_1", "baseline_rear_pitch_2")
+    time_s = np.arange(10) / 100.0
+    runs = [("baseline", "rear_pitch", {"z_s": (time_s, time_s)})]
+    write_session(tmp_path / "car.h5", session_from_arrays(runs))
+    (run,) = read_session(tmp_path / "car.h5").runs
+    assert (run.excitation, run.label) == (Excitation.REAR_PITCH, "baseline_rear_pitch_1")
