@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from daq.alarms.buses import BusWatch, advance_buses, bus_status, bus_symptoms
-from daq.alarms.inputs import Symptom
 from daq.bus.error_frames import ControllerState, ErrorClass
 from daq.bus.source import LinkFacts, SourceLosses
 from daq.control.messages import BusState
 from dbc import FrameBatch
+from dbc.finding import Finding
 
 from ..watched_bench import error_frames, frames
 
@@ -131,7 +131,7 @@ def test_a_controller_is_off_until_a_frame_comes_after_its_report() -> None:
         assert counts["bus_off", "can0"].number == int(np.count_nonzero(batch.flags))
 
 
-def symptoms(watch: BusWatch, link: LinkFacts = LINK, now_s: float = 10.0) -> list[Symptom]:
+def symptoms(watch: BusWatch, link: LinkFacts = LINK, now_s: float = 10.0) -> list[Finding]:
     return bus_symptoms(watch, link, bus_status(watch, link, 2.0, now_s), 2.0, now_s)
 
 

@@ -9,7 +9,7 @@ import pytest
 from daq.alarms import ALARM, ALARM_END, EXPLAINED
 from daq.alarms.debounce import Ledger
 from daq.alarms.host import dropped_since, host_symptoms
-from daq.alarms.inputs import Count, Symptom, Window
+from daq.alarms.inputs import Count, Window, fault
 from daq.bench.config import RecorderConfig
 from daq.clocks import Now
 from daq.control.messages import DiskStatus, QueueStatus
@@ -19,14 +19,14 @@ def now(monotonic_s: float) -> Now:
     return Now(round(monotonic_s * 1e9), monotonic_s)
 
 
-SILENT = Symptom("bus_silent", "can0", "no frame")
+SILENT = fault("bus_silent", "can0", "no frame")
 
 
 def ledger_at(*turns: tuple[float, bool]) -> tuple[Ledger, list[tuple[float, str]]]:
     """Return the ledger after turns with and without a symptom, and its events."""
     ledger, events = Ledger(), list[tuple[float, str]]()
     for at_s, present in turns:
-        ledger, found = ledger.advanced([SILENT] if present else [], now(at_s), 7)
+        ledger, found = ledger.advanced([SILENT] if present else [], {}, now(at_s), 7)
         events += [(at_s, event.code) for event in found]
     return ledger, events
 
@@ -58,26 +58,27 @@ def test_an_alarm_that_has_ended_is_forgotten_after_half_a_minute(
 
 
 def test_an_alarm_counts_while_it_lasts_and_the_first_of_a_kind_counts() -> None:
-    counted = Symptom("crc_bad", "HUB", "bad", new=2, recent=5)
-    ledger, (event,) = Ledger().advanced([counted, replace(counted, text="other")], now(1.0), 7)
+    key = ("crc_bad", "HUB")
+    bad = fault(*key, "bad")
+    ledger, (event,) = Ledger().advanced([bad, fault(*key, "other")], {key: (2, 5)}, now(1.0), 7)
     assert (event.t_ns, event.value, event.text) == (7, 5, "crc_bad HUB: bad")
-    ledger, _ = ledger.advanced([replace(counted, new=3, text="worse", advice="do")], now(2.0), 8)
+    ledger, _ = ledger.advanced([fault(*key, "worse", "do")], {key: (3, 5)}, now(2.0), 8)
     (alarm,) = ledger.alarms
     assert (alarm.count, alarm.since_ns, alarm.text, alarm.advice) == (8, 10**9, "worse", "do")
-    ledger, _ = ledger.advanced([], now(3.6), 8)
-    ledger, _ = ledger.advanced([counted], now(4.0), 9)
+    ledger, _ = ledger.advanced([], {}, now(3.6), 8)
+    ledger, _ = ledger.advanced([bad], {key: (2, 5)}, now(4.0), 9)
     (alarm,) = ledger.alarms
     assert (alarm.count, alarm.since_ns) == (5, 4 * 10**9)
     assert alarm.advice == EXPLAINED["crc_bad"].advice
-    _, (without,) = Ledger().advanced([Symptom("disk_low", "", "full")], now(1.0), 7)
-    assert without.text == "disk_low: full"
+    _, (without,) = Ledger().advanced([fault("disk_low", "", "full")], {}, now(1.0), 7)
+    assert (without.text, without.value) == ("disk_low: full", 0)
 
 
 def test_at_most_256_alarms_are_kept() -> None:
-    many = [Symptom("stale", f"M{n}", "") for n in range(300)]
-    ledger, events = Ledger().advanced(many, now(1.0), 7)
+    many = [fault("stale", f"M{n}", "") for n in range(300)]
+    ledger, events = Ledger().advanced(many, {}, now(1.0), 7)
     assert (len(ledger.alarms), len(events)) == (256, 256)
-    ledger, events = ledger.advanced(many, now(1.1), 7)
+    ledger, events = ledger.advanced(many, {}, now(1.1), 7)
     assert (len(ledger.alarms), len(events)) == (256, 0)
 
 
@@ -86,18 +87,19 @@ def test_counts_are_those_of_the_last_second(later_s: float, total: int) -> None
     key = ("crc_bad", "HUB")
     window = Window().advanced(10.0, {key: Count(3, "first")})
     window = window.advanced(10.0 + later_s, {key: Count(2)})
-    (symptom,) = window.symptoms(10.0 + later_s)
+    assert window.numbers(10.0 + later_s) == {key: (2, total)}
+    (symptom,) = window.symptoms(window.numbers(10.0 + later_s))
     detail = ": first" if total == 5 else ""
     text = f"{total} frames with a bad checksum in the last second{detail}"
-    assert symptom == Symptom("crc_bad", "HUB", text, 2, total)
-    (quiet,) = window.advanced(10.1 + later_s, {}).symptoms(10.1 + later_s)
-    assert (quiet.new, quiet.recent) == (0, 5 if later_s + 0.1 < 1.0 else 2)
+    assert symptom == fault("crc_bad", "HUB", text)
+    quiet = window.advanced(10.005 + later_s, {})
+    assert quiet.numbers(10.005 + later_s) == {key: (0, total)}
 
 
 @pytest.mark.parametrize(("number", "alarms"), [(4, 0), (5, 1)])
 def test_error_frames_are_an_alarm_from_five_in_a_second_on(number: int, alarms: int) -> None:
     window = Window().advanced(1.0, {("error_frames", "can0"): Count(number)})
-    assert len(window.symptoms(1.0)) == alarms
+    assert len(window.symptoms(window.numbers(1.0))) == alarms
 
 
 ROOM = DiskStatus(10**12, 0, 0, 0.0, total_bytes=2 * 10**12)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.alarms.inputs import Symptom
 from daq.alarms.messages import (
     MessagesWatch,
     MessageWatch,
@@ -19,6 +18,7 @@ from daq.alarms.messages import (
 )
 from daq.samples.health import HealthState
 from dbc import FrameBatch, FrameFlag
+from dbc.finding import Finding
 
 from ..watched_bench import CODEC, frames
 
@@ -35,7 +35,7 @@ def message_watch(period_s: float | None, seen_s: float = 10.0, **facts: Any) ->
 def traffic(
     known: dict[str, MessageWatch], now_s: float, expected: tuple[str, ...] = (),
     well: tuple[bool, ...] = (True, True), **facts: Any,
-) -> list[Symptom]:  # fmt: skip
+) -> list[Finding]:  # fmt: skip
     watch = replace(MessagesWatch(0.0, now_s, known), **facts)
     return message_symptoms(watch, CODEC, expected, ("can0", "can1"), well, now_s)
 
