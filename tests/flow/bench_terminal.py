@@ -34,7 +34,7 @@ from tui.terminal.state.steps import BenchStep
 
 from ..tui.terminal.conftest import screen_text
 
-PATIENCE_S = 120.0
+PATIENCE_S = 300.0
 """For what processes do on a machine that has much else to do."""
 SIZE = (80, 24)
 SEEN_S = 1.5

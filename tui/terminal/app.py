@@ -171,13 +171,13 @@ class BenchApp(App[None]):
                 self._history_of = ""
             else:
                 self.lost, status = news, None
-                self.screen.post_message(RecorderLost())
+                self._publish(RecorderLost())
             self._news.popleft()
         self.in_control, self.role_text = self._role.in_control, self._role.text
         if status is not None:
             await self._process_status(status)
         if live:
-            self.screen.post_message(LiveArrived())
+            self._publish(LiveArrived())
 
     async def _process_status(self, status: Status) -> None:
         before, self.status, self.lost = self.status, status, None
@@ -197,10 +197,15 @@ class BenchApp(App[None]):
         elif before is not None and not _in_run(before) and _waits_unarmed(status) and self._early:
             await self.go_to(BenchStep.BASELINE)
         self._announce_phase(before, status)
-        self.screen.post_message(StatusArrived(status))
+        self._publish(StatusArrived(status))
         if status.halted and status.halted != self._halted:
             self.show_help(status.halted)
         self._halted = status.halted
+
+    def _publish(self, message: Message) -> None:
+        """Send news to the screen in front; a worker may bring some when all have been closed."""
+        if self.screen_stack:
+            self.screen.post_message(message)
 
     def _ask_name(self) -> None:
         """Ask for the operator's name; called where the vehicle form, which asks too, is passed."""
@@ -217,7 +222,7 @@ class BenchApp(App[None]):
             reply = await self.feed.ask(AskHistory(HISTORY_S))
             if reply.live is not None:
                 self.lanes.add(reply.live)
-                self.screen.post_message(LiveArrived())
+                self._publish(LiveArrived())
 
     async def _fetch_bench(self) -> None:
         from daq.bench import parse_bench
@@ -227,7 +232,7 @@ class BenchApp(App[None]):
             self.bench = parse_bench(text, "bench.toml", self.folder, dbc_text="")
             self.bench_text = text
             if self.status is not None:
-                self.screen.post_message(StatusArrived(self.status))
+                self._publish(StatusArrived(self.status))
 
     @property
     def step(self) -> BenchStep | None:

@@ -20,7 +20,7 @@ from .conftest import screen_text
 from .fake_recorder import FakeRecorder
 from .test_results import results_of
 
-_MOST_S = 90.0
+_MOST_S = 300.0
 
 
 async def until(pilot: Pilot[None], condition: Callable[[], bool]) -> None:

@@ -76,3 +76,15 @@ def test_the_form_proposes_the_name_of_the_login(
             assert app.screen.query_one(Form).values["operator"] == "anna"
 
     asyncio.run(act())
+
+
+async def test_an_answer_that_comes_after_the_last_screen_changes_nothing(
+    make_app: Callable[[FakeRecorder], BenchApp],
+) -> None:
+    app = make_app(FakeRecorder())
+    async with app.run_test() as pilot:
+        await pilot.pause()
+    assert not app.screen_stack
+    app.bench_text = ""
+    await app._fetch_bench()  # a worker that was asked before
+    assert app.bench_text
