@@ -10,11 +10,9 @@ from dbc.finding import Severity
 from identify.trust.format import listed
 from identify.trust.sampling import _gaps, _jitter, _lost, _Stretch
 
-Array = NDArray[np.float64]
 
-
-def stretch(time_s: Array, period_s: float, place: str = "HUB in run_1") -> _Stretch:
-    return _Stretch(place, time_s, period_s)
+def stretch(time_s: NDArray[np.floating], period_s: float) -> _Stretch:
+    return _Stretch("HUB in run_1", np.asarray(time_s, dtype=np.float64), period_s)
 
 
 def gapped(period_s: float, start_s: float, length_s: float) -> _Stretch:
