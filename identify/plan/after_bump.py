@@ -35,12 +35,7 @@ def after_bump(driven: Sequence[Driven], bump_s: float) -> tuple[Own, ...]:
 
     The laws are those of the fit; the road comes in through the tyres.
 
-    Parameters
-    ----------
-    driven : sequence of Driven
-        All of them have mounts, or none.
-    bump_s : float
-        Duration of the bump, s.
+    `driven`: all of them have mounts, or none.  `bump_s`: duration of the bump, s.
     """
     cars = stack([one.car for one in driven] if len(driven) > 1 else [driven[0].car] * 2)
     rows = max(len(driven), 2)  # a stack of one car has no axis of its own

@@ -56,14 +56,8 @@ def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = N
     Steps that determine more come first; among equals the one that leaves the smallest product of
     worst and mean interval.
 
-    Parameters
-    ----------
-    plan : Plan
-        The campaign.
-    progress : callable, optional
-        Receives the share of the work that is done, 0..1, and the next step.
-    known : KnownRuns, optional
-        Runs that are computed once for several questions.
+    `plan`: the campaign.  `progress`: receives the share of the work that is done, 0..1, and the
+    next step.  `known`: runs that are computed once for several questions.
     """
     known = known or KnownRuns()
     progress(0.0, "driving over the bumps")

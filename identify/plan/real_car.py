@@ -105,21 +105,9 @@ class RealCar:
     ) -> list[NDArray[np.float64]]:
         """Return the information of one run of each kind, (F, F), its own state unknown.
 
-        Parameters
-        ----------
-        kinds : sequence of Kind
-            The runs.
-        bump_s, decay_s : float
-            Duration of the bump and of the free decay after it, s.
-        rates : mapping of ChannelGroup to float
-            Samples a second.
-        sigma : mapping of str to float
-            Noise of each channel, SI.
-
-        Raises
-        ------
-        InputError
-            If the expected car has no finite motion.
+        `kinds`: the runs.  `bump_s` and `decay_s`: duration of the bump and of the free decay after
+        it, s.  `rates`: samples a second.  `sigma`: noise of each channel, SI.  Raises InputError
+        if the expected car has no finite motion.
         """
         if not kinds:
             return []

@@ -33,10 +33,7 @@ class ExpectedCar:
 def named_one(name: str) -> ExpectedCar:
     """Return a car of `daq.sim` by its name.
 
-    Raises
-    ------
-    InputError
-        If there is none of that name.
+    Raises InputError if there is none of that name.
     """
     from daq.sim import named_car, true_elements, true_parameters
     from identify.plan import ExpectedElements, full_vector
