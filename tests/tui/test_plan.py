@@ -12,12 +12,14 @@ import pytest
 import daq
 from daq.bench.config import default_bench_text, load_bench
 from daq.runs import Excitation
-from daq.vehicle import DOF, FORD_GRANADA
+from daq.vehicle import DOF, FORD_GRANADA, PARAMETER_NAMES
 from dbc import shipped_dbc
+from identify import Estimate, Identification, Quality
 from identify.model.matrices import physical_model
 from identify.model.response import Bump, exact_response
+from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
 from tui.cli import run
-from tui.jobs.expected_car import typical, with_structure
+from tui.jobs.expected_car import of_session, typical, with_structure
 
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
 
@@ -184,3 +186,26 @@ def test_elements_that_the_bench_forces_are_of_usual_size() -> None:
     )  # fmt: skip
     bars = replace(bench, vehicle=replace(bench.vehicle, elements={"anti_roll_bars": True}))
     assert with_structure(typical(), bars).elements is None
+
+
+def test_a_session_lends_the_elements_that_were_identified(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    speed = np.linspace(-0.4, 0.4, 41)
+    curve = DamperCurve(speed, 1500.0 * speed, np.ones(41), 1500.0 * speed, np.ones(41))
+    friction = {"friction": Estimate(35.0, 1.0, 33.0, 37.0, "N")}
+    axles = (AxleForces("front", curve, friction, ()), AxleForces("rear", curve, friction, ()))
+    forces = Forces(axles, (ElementChoice("friction", 99.0, 9.0, True, False, {}),))
+    known = {
+        name: Estimate(value, 0.01 * value, 0.98 * value, 1.02 * value, "")
+        for name, value in zip(PARAMETER_NAMES, FORD_GRANADA.to_array(), strict=True)
+    }
+    answer = Identification(Quality((), 1.0), {}, parameters=known, forces=forces)
+    monkeypatch.setattr("identify.identify", lambda _: answer)
+    held = daq.session_from_arrays([])
+    expected = of_session(tmp_path / "car.h5", held)
+    assert expected.vehicle[0] == 1380.0
+    assert expected.whose.startswith("the vehicle identified from")
+    assert expected.elements is not None
+    assert expected.elements.unknown == ("friction",)
+    assert expected.elements.values == {"F_cf": 35.0, "F_cr": 35.0}
