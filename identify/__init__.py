@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .modes.stabilisation import StabilisationDiagram as StabilisationDiagram
     from .modes.stabilisation import stabilisation_diagram as stabilisation_diagram
     from .pipeline import identify as identify
+    from .pipeline import identify_parameters as identify_parameters
     from .trust.finding import Quality as Quality
     from .trust.finding import Verdict as Verdict
 else:

@@ -9,7 +9,7 @@ from daq.runs import RunStatus
 from daq.sessions import Session
 
 from .document import Document, ForcesEntry
-from .pipeline import identify
+from .pipeline import identify_parameters
 
 Cell = float | str | None
 """None where there is no number."""
@@ -19,8 +19,8 @@ _REASONS = 3
 
 
 def session_row(session: Session) -> dict[str, Cell]:
-    """Identify a session and return its row (`document_row`)."""
-    return document_row(session, identify(session).document())
+    """Identify the parameters of a session and return its row (`document_row`)."""
+    return document_row(session, identify_parameters(session).document())
 
 
 def document_row(session: Session, document: Document) -> dict[str, Cell]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from math import nan
 
@@ -56,11 +56,11 @@ def identify(
     executor: Executor | None = None,
     fitted: Callable[[Estimation], None] = _ignore,
 ) -> Identification:
-    """Identify the physical parameters of a session's vehicle.
+    """Identify the physical parameters of a session's vehicle, and its modes by the paper.
 
-    Maximum likelihood on the free decays gives the parameters, from generic vehicles to start
-    with.  The State Variable Method and the paper's equations are reported in addition: with noise
-    they seldom give a vehicle that would be a better start.
+    The parameters are those of `identify_parameters`.  The State Variable Method and the paper's
+    equations are reported in addition: with noise they seldom give a vehicle that would be a
+    better start.
 
     Parameters
     ----------
@@ -77,6 +77,40 @@ def identify(
     -------
     Identification
         With verdict `refused` and reasons where the data do not carry a result.
+    """
+    finding: dict[str, Callable[[], SensedModes | None]] = {}
+
+    def begin(estimation: Estimation) -> None:
+        finding.update(_begun(estimation, executor))
+        fitted(estimation)
+
+    found = identify_parameters(session, progress, begin)
+    if found.estimation is None:
+        return found
+    progress(0.8, "modes")
+    results = {name: finding[name]() for name in found.modal}
+    sensed = {name: result for name, result in results.items() if result is not None}
+    full = found.estimation.box.full(found.estimation.fit.eta.astype(complex)).real
+    geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
+    states = [state for state in session.mass_states if state.name in found.modal]
+    by_chain, damping = _closed_form(sensed, states, geometry, session.vehicle.geometry)
+    return replace(
+        found,
+        sensed={name: modes.model for name, modes in sensed.items()},
+        closed_form=by_chain,
+        closed_form_damping=damping,
+    )
+
+
+def identify_parameters(
+    session: Session,
+    progress: Progress = _ignore,
+    fitted: Callable[[Estimation], None] = _ignore,
+) -> Identification:
+    """Identify by maximum likelihood alone, without the State Variable Method: half the time.
+
+    Maximum likelihood on the free decays gives the parameters, from generic vehicles to start
+    with.  Arguments and result as of `identify`; `sensed` and the closed form stay empty.
     """
     records = usable_records(session)
     missing = shortcomings(records, session)
@@ -95,6 +129,7 @@ def identify(
         else:
             estimation, forces, box = real.estimation, real.forces, real.estimation.box
     fit = estimation.fit
+    fitted(estimation)
     full = box.full(fit.eta.astype(complex)).real
     present = {record.mass_state for record in records}
     states = [state for state in session.mass_states if state.name in present]
@@ -102,25 +137,12 @@ def identify(
     modal = {name: modes_of(model.A) for name, model in physical.items()}
     first, *others = modal
     geometry = VehicleGeometry(*(float(length) for length in full[19:23]))
-    thinned = [decay.thinned(_SENSED_RATE_HZ) for decay in estimation.decays]
-    finding = {}
-    for name in modal:
-        pairs = zip(records, thinned, strict=True)
-        mine = [(record, decay) for record, decay in pairs if record.mass_state == name]
-        work = partial(_sensed, *zip(*mine, strict=True))
-        finding[name] = executor.submit(work).result if executor else work
     parameters, derived = estimates(box, fit), derived_estimates(box, fit)
     related, precision = correlation(box, fit), drivers(box, fit)
     modes = {name: mode_estimates(box, fit, name) for name in modal}
-    fitted(estimation)
     progress(0.7, "judging")
-    quality = judge(session, estimation)
-    progress(0.8, "modes")
-    results = {name: result() for name, result in finding.items()}
-    sensed = {name: result for name, result in results.items() if result is not None}
-    by_chain, damping = _closed_form(sensed, states, geometry, session.vehicle.geometry)
     return Identification(
-        quality=quality,
+        quality=judge(session, estimation),
         provenance=session.provenance,
         parameters=parameters,
         derived=derived,
@@ -130,15 +152,26 @@ def identify(
         modes=modes,
         mode_names={name: mode_names(model, geometry) for name, model in modal.items()},
         pairings={name: pair_modes(modal[first], modal[name]) for name in others},
-        sensed={name: found.model for name, found in sensed.items()},
-        closed_form=by_chain,
-        closed_form_damping=damping,
         physical=physical,
         noise=estimation.sigma,
         residuals=estimation.residuals,
         estimation=estimation,
         forces=forces,
     )
+
+
+def _begun(
+    estimation: Estimation, executor: Executor | None
+) -> dict[str, Callable[[], SensedModes | None]]:
+    """Return for each mass state what gives its sensed modes, begun already with an executor."""
+    of_state: dict[str, list[tuple[Record, FreeDecay]]] = {}
+    for record, decay in zip(estimation.records, estimation.decays, strict=True):
+        of_state.setdefault(record.mass_state, []).append((record, decay.thinned(_SENSED_RATE_HZ)))
+    begun: dict[str, Callable[[], SensedModes | None]] = {}
+    for name, pairs in of_state.items():
+        work = partial(_sensed, *zip(*pairs, strict=True))
+        begun[name] = executor.submit(work).result if executor else work
+    return begun
 
 
 def usable_records(session: Session) -> tuple[Record, ...]:

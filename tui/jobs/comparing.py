@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from daq import read_foreign_session
-from identify import Identification, identify
+from identify import Identification, identify_parameters
 from identify.compare import Compared, Comparison
 from identify.report import number
 
@@ -26,7 +26,7 @@ def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
 
 def _results(path: str) -> Identification:
     """Return the results alone: with their samples, a trend over many would fill the memory."""
-    result = identify(read_foreign_session(path))
+    result = identify_parameters(read_foreign_session(path))
     if result.estimation is None:
         return result
     fit = replace(result.estimation, records=(), decays=(), residuals=())
