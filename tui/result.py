@@ -98,8 +98,11 @@ def _print_forces(forces: ForcesEntry) -> None:
     for axle, one in forces["axles"].items():
         for note in one["notes"]:
             print_line(f"{axle} {note}")
-    tried = [f"{one['name']} {element_answer(one)}" for one in forces["elements"]]
-    print_line(f"elements: {', '.join(tried)}")
+    answers: dict[str, list[str]] = {}
+    for tried in forces["elements"]:
+        answers.setdefault(element_answer(tried), []).append(plain(tried["name"]))
+    for answer, names in answers.items():
+        print_line(f"elements {answer}: {', '.join(names)}")
 
 
 def _interval(e: EstimateEntry) -> str:

@@ -31,7 +31,7 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
             blocks.append(_picture(comparison, number_))
         for title, part, rows in (
             ("Parameters", "parameters", comparison.parameters),
-            ("Forces of one corner", "forces", comparison.forces),
+            ("Forces (damper; corner: with friction)", "forces", comparison.forces),
             ("Modes", "modes", comparison.modes),
         ):
             if rows:

@@ -22,7 +22,7 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
         yield "Nothing differs beyond what noise alone would give."
     for title, rows in (
         ("Parameters", comparison.parameters),
-        ("Forces, N", comparison.forces),
+        ("Forces of one corner", comparison.forces),
         ("Modes", comparison.modes),
     ):
         if not rows:

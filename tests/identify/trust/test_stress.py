@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from identify.fit.uncertainty import estimates
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
 
@@ -64,3 +65,9 @@ def test_each_stress_is_corrected_or_flagged_with_its_cause(name: str) -> None:
         text = next(f.text for f in quality.findings if f.code == cause)
         assert TEXTS.get(name, "") in text
     assert RIVALS.intersection(flagged) <= {cause}
+    if quality.verdict is not Verdict.OK:
+        # Noise within three sigmas, and a cause that may move them by one.
+        found = estimates(result.box, result.fit)
+        for p in quality.survival.surviving:
+            assert abs(found[p].value - true_value(name, p)) < 4.0 * found[p].std, p
+        assert set(quality.survival.surviving) | set(quality.survival.lost) == set(values)
