@@ -11,14 +11,10 @@ from numpy.typing import NDArray
 from daq.vehicle import parameter_unit
 
 from ..fit.grey_box import SIGNED
-from ..fit.uncertainty import COVERAGE_95, Estimate
+from ..fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate
 from ..fit.varpro import pseudo_inverse
 from .element_outlook import DamperPoint, damper_points, element_estimates
 from .information import Fisher
-
-LARGEST_SHARE = 0.25
-"""A standard deviation beyond this share of the value leaves a parameter undetermined: what would
-be identified is refused."""
 
 _FLOOR = 1e-13  # of the largest eigenvalue: rounding
 _OPEN = 1.0  # standard deviation of a logarithm (or of a unit) in an undetermined direction
