@@ -196,5 +196,5 @@ def test_a_car_of_the_fleet_is_simulated_and_identified(monkeypatch: pytest.Monk
     case = identified_car(1, False, True, 3)
     assert case.name == "3 formula"
     assert seen == [7]
-    assert {"friction", "damper curve"} <= set(case.there)
+    assert {"friction", "damper_curve"} <= set(case.there)
     assert (case.judged, case.worst) == (0, "")
