@@ -21,6 +21,8 @@ _COMPRESSION, _REBOUND, _BEYOND, _KNEE_M_S = 0.73, 1.27, 0.6, 0.15
 """A usual damper: slopes over its coefficient, and what is left of them beyond the knee, m/s."""
 _FASTEST_M_S = 0.6
 """Speed, m/s, up to which a curve is fitted by knees: what bumps of 50 mm reach."""
+_END_SHARES = 10.0
+"""The end of a curve is the last of so many parts of it: the slope there goes on beyond."""
 _TYPICAL = {
     "damper_mounts": {"s_m": 1e-6},
     "bump_stops": {"k_b": 1e5, "g_b": 0.025},
@@ -92,11 +94,26 @@ def _secants(vehicle: NDArray[np.float64]) -> tuple[float, float]:
 
 def _bends_of(curve: Curve, c_s: float, knots: tuple[float, ...]) -> NDArray[np.float64]:
     """Return the change of slope at each knot, N s/m, that is nearest to a curve."""
-    speed, force = curve
-    inside = np.abs(speed) <= _FASTEST_M_S
-    speed, force = speed[inside], force[inside]
+    speed = np.linspace(-_FASTEST_M_S, _FASTEST_M_S, 241)
+    force = _continued(curve, speed)
     columns = [knee(speed, at, KNEE_M_S) - secant_share(at, KNEE_M_S) * speed for at in knots]
     return np.asarray(np.linalg.lstsq(np.stack(columns, axis=1), force - c_s * speed)[0])
+
+
+def _continued(curve: Curve, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a curve's force at any speeds: beyond its ends it goes on as straight as there.
+
+    A measured curve ends where the speeds of the decays did; knees beyond it would be at random.
+    """
+    known, force = curve
+    near = np.clip(speed, known[0], known[-1])
+    step = (known[-1] - known[0]) / _END_SHARES
+    result = np.interp(near, known, force)
+    for end, inside in ((known[0], known[0] + step), (known[-1], known[-1] - step)):
+        low, high = np.interp([end, inside], known, force)
+        beyond = speed < end if end < inside else speed > end
+        result = result + np.where(beyond, (low - high) / (end - inside) * (speed - end), 0.0)
+    return np.asarray(result)
 
 
 def typical_elements(unknown: tuple[str, ...], vehicle: NDArray[np.float64]) -> ExpectedElements:

@@ -139,4 +139,7 @@ class RealCar:
             )
             for kind in kinds
         ]  # fmt: skip
-        return after_bump(driven, bump_s)
+        owns = after_bump(driven, bump_s)
+        if not all(np.isfinite(own.motion).all() for own in owns):
+            raise InputError("plan", "the expected car does not stay finite", "check its values")
+        return owns

@@ -159,6 +159,26 @@ def test_an_identification_lends_what_it_kept() -> None:
     assert element_label("F_cr") == "friction rear"
 
 
+def test_a_curve_that_ends_early_goes_on_straight() -> None:
+    """Decays that reach 0.12 m/s say nothing of the knees at 0.15."""
+    speed = np.linspace(-0.12, 0.12, 31)
+    force = 1500.0 * speed + 400.0 * np.minimum(speed, 0.0)
+    short = replace(ELEMENTS, curves=((speed, force), (speed, force)))
+    model = model_of()
+    vehicle = granada()
+    vehicle[15:19] = 1700.0
+    eta = unknowns_with(model, short, vehicle)
+    first = model.names.index("h_f1")
+    np.testing.assert_allclose(eta[first : first + 3], [0.0, -0.4, 0.0], atol=0.02)
+
+
+def test_a_car_that_falls_apart_is_an_error() -> None:
+    wild = replace(ELEMENTS, values={**ELEMENTS.values, "k_3f": -1e8, "k_3r": -1e8})
+    plan = replace(standard_plan(THREE[:1], states=(BASELINE,)), elements=wild)
+    with pytest.raises(InputError, match="does not stay finite"):
+        KNOWN.fisher(plan)
+
+
 def test_what_depends_on_which_runs() -> None:
     """Without a roll run the roll inertia is lost; the standard campaign has it to 1 %."""
     assert deviations(standard_plan())["I_xx"] < 1.0
