@@ -284,6 +284,7 @@ ELEMENTS = (
     "progressive_tyres",
     "friction_left_right",
     "dampers_left_right",
+    "corners_left_right",
     "bump_stops",
 )
 """Elements that the data choose for a car that is not linear; each can be forced or forbidden."""

@@ -81,14 +81,16 @@ def identify(
     finding: dict[str, Callable[[], SensedModes | None]] = {}
 
     def begin(estimation: Estimation) -> None:
-        finding.update(_begun(estimation, executor))
+        # The modes of a car with friction change as it comes to rest: it has none of its own.
+        if estimation.nonlinear is None:
+            finding.update(_begun(estimation, executor))
         fitted(estimation)
 
     found = identify_parameters(session, progress, begin)
     if found.estimation is None:
         return found
     progress(0.8, "modes")
-    results = {name: finding[name]() for name in found.modal}
+    results = {name: modes() for name, modes in finding.items()}
     sensed = {name: result for name, result in results.items() if result is not None}
     full = found.estimation.box.full(found.estimation.fit.eta.astype(complex)).real
     geometry = VehicleGeometry(*(float(length) for length in full[19:23]))

@@ -80,6 +80,7 @@ class StructureTable(Table):
     progressive_tyres: bool | None = None
     friction_left_right: bool | None = None
     dampers_left_right: bool | None = None
+    corners_left_right: bool | None = None
 
     @property
     def decided(self) -> dict[str, bool]:

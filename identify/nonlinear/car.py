@@ -130,7 +130,7 @@ def _coefficients(
         one = corner[:, i]
         one[:, X] = full[:, 19] if place.front else -full[:, 20]
         one[:, Y] = place.side * full[:, 21 if place.front else 22] - full[:, 27]
-        one[:, K_S] = full[:, 7 + i]
+        one[:, K_S] = full[:, 7 + i] * (1.0 + place.side * value[f"dk_s{axle}"])
         one[:, K_2] = value[f"k_2{axle}"]
         one[:, K_3] = value[f"k_3{axle}"]
         one[:, K_B] = value[f"k_b{axle}"]
@@ -141,11 +141,12 @@ def _coefficients(
         one[:, RATIO] = 1.0 + place.side * value[f"s_c{axle}"]
         one[:, C] = full[:, 15 + i]
         one[:, MOUNT] = value[f"s_m{axle}"]
-        one[:, K_T] = full[:, 11 + i]
+        one[:, K_T] = full[:, 11 + i] * (1.0 + place.side * value[f"dk_t{axle}"])
         one[:, BETA] = value[f"b_t{axle}"]
         one[:, C_T] = full[:, 25 if place.front else 26]
         one[:, STATIC] = GRAVITY_M_S2 * corner_load(place, full, cross)
-        one[:, MASS] = full[:, 3 + i] + added[:, 3 + i, 3 + i]
+        wheel = full[:, 3 + i] * (1.0 + place.side * value[f"dm_u{axle}"])
+        one[:, MASS] = wheel + added[:, 3 + i, 3 + i]
         one[:, PULL] = pull[:, 3 + i]
         for j, knot in enumerate(model.knots):
             h = value[f"h_{axle}{j + 1}"]

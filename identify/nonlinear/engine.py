@@ -12,6 +12,7 @@ from ..decays.decay import FreeDecay
 from ..fit.likelihood import FACTS, PRIORS, Residuals
 from ..fit.varpro import NormalBlock
 from .fit import inverse
+from .level import POLISH
 from .path import Own
 from .problem import Normal, Point, Problem, normal, point
 from .run import run_of
@@ -90,7 +91,7 @@ class NonlinearEngine:
             self.problem.centre, self.problem.prior, self.problem.free,
         )  # fmt: skip
         owns = tuple(self.owns[decay.label] for decay in decays)
-        at = point(problem, every, owns, True)
+        at = point(problem, every, owns, POLISH)
         if at is None:
             raise FloatingPointError("the path of a run is not finite at these unknowns")
         equations = normal(at)
@@ -100,7 +101,7 @@ class NonlinearEngine:
             if gain < 0.01 * len(owns):
                 break
             owns = tuple(own.moved(step) for own, step in zip(at.owns, steps, strict=True))
-            moved = point(problem, every, owns, True)
+            moved = point(problem, every, owns, POLISH)
             if moved is None or moved.cost > at.cost:
                 break
             at, equations = moved, normal(moved)

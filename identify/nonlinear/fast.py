@@ -3,72 +3,94 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import kernels
+from ..model.low_pass import LowPass
+from . import columns, kernels
 from .car import Car
-from .level import PATH
+from .filtered import pole_terms
+from .level import Level
 from .path import STATES, Own, Path, Sampled, first_state
-from .tangent import Plan, Start
+from .tangent import Plan, Seen, Start
+
+Array = NDArray[np.float64]
 
 
 def integrate(
-    cars: Sequence[Car], owns: Sequence[Own], ends_s: Sequence[float], step_s: float
+    cars: Sequence[Car], owns: Sequence[Own], ends_s: Sequence[float], step_s: float, level: Level
 ) -> list[Path | None]:
     """Return the path of each run up to its end or just after; None if it does not stay finite."""
     return [
-        _integrate(car, own, end_s, step_s)
+        _integrate(car, own, end_s, step_s, level)
         for car, own, end_s in zip(cars, owns, ends_s, strict=True)
     ]
 
 
-def _integrate(car: Car, own: Own, end_s: float, step_s: float) -> Path | None:
-    x0, speed = first_state(car, own)
+def _integrate(car: Car, own: Own, end_s: float, step_s: float, level: Level) -> Path | None:
+    x0, speed = first_state(car, own, level)
     steps = int(np.ceil(end_s / step_s / 8.0 - 1e-9)) * 8
     states, slopes = np.empty((steps + 1, STATES)), np.empty((steps + 1, STATES))
     speeds = np.empty((steps + 1, 4))
     reached = kernels.path(
-        x0, speed, steps, step_s, *_body(car), PATH, car.has_mount, states, slopes, speeds
+        x0, speed, steps, step_s, *_body(car), level, car.has_mount, states, slopes, speeds
     )
-    return Path(step_s, states, slopes, speeds) if reached == steps + 1 else None
+    return Path(step_s, level, states, slopes, speeds) if reached == steps + 1 else None
 
 
-def sample(car: Car, path: Path, times_s: NDArray[np.float64]) -> Sampled:
+def sample(car: Car, path: Path, times_s: Array) -> Sampled:
     """Return the states at the given times, s."""
     states, slopes = np.empty((len(times_s), STATES)), np.empty((len(times_s), STATES))
     speeds = np.empty((len(times_s), 4))
     kernels.sample(
-        times_s, path.step_s, path.states, path.slopes, path.speeds, *_body(car), PATH,
+        times_s, path.step_s, path.states, path.slopes, path.speeds, *_body(car), path.level,
         car.has_mount, states, slopes, speeds,
     )  # fmt: skip
     return Sampled(times_s, states, slopes, speeds)
 
 
-def tangents(
-    car: Car,
-    acts: NDArray[np.intp],
-    path: Path,
-    start: Start,
-    plan: Plan,
-    sampled: Sampled,
-    forced: NDArray[np.bool_],
-) -> NDArray[np.float64]:
-    """Return the derivatives of heave, speed and acceleration at the samples, (n, 21, columns)."""
+def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Array:
+    """Return the tangents along a path, as `seen` takes them."""
     corner, knots, inverse, _ = _body(car)
-    assert start.matrix.shape[1] == len(acts) + (22 if car.has_mount else 18)
-    out = np.empty((len(sampled.times_s), 21, start.matrix.shape[1]))
-    kernels.tangents(
-        start.matrix, path.step_s, path.states, path.slopes, path.speeds, corner, knots, inverse,
+    count = start.matrix.shape[1]
+    assert count == len(acts) + (22 if car.has_mount else 18)
+    blocks = -(-count // columns.LANES)
+    trace = np.empty((len(plan.starts) + 2, blocks, columns.STATE_ROWS * columns.LANES))
+    for b in range(blocks):
+        part = start.matrix[:, b * columns.LANES : (b + 1) * columns.LANES]
+        rows = np.zeros((columns.STATE_ROWS, columns.LANES))
+        rows[:STATES, : part.shape[1]] = part
+        trace[0, b] = rows.ravel()
+    columns.tangents(
+        path.step_s, path.states, path.slopes, path.speeds, corner, knots, inverse,
         car.has_mount, start.sparse, start.body, plan.starts, plan.lengths, plan.fine, plan.levels,
-        sampled.times_s, forced, sampled.states, sampled.slopes, sampled.speeds, out,
+        count, trace,
     )  # fmt: skip
-    return out
+    return trace
 
 
-def _body(
-    car: Car,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def seen(trace: Any, given: Seen, out: Array) -> None:
+    """Add the tangents of some channels at some times to `out`, (n, channels, columns)."""
+    columns.seen(
+        trace, out.shape[2], given.before, given.weights, given.orders, given.first, given.motions,
+        given.shares, out,
+    )  # fmt: skip
+
+
+def filtered(low_pass: LowPass, values: Array, step_s: float, times_s: Array) -> Array:
+    """Return the output of a low-pass that was at rest before; as `filtered.filtered`."""
+    order = np.argsort(times_s, kind="stable")
+    flat = np.ascontiguousarray(values).reshape(len(values), -1)
+    found = np.zeros((len(times_s), flat.shape[1]))
+    for pole, residue, weights in pole_terms(low_pass, 2.0 * step_s):
+        kernels.filter_pole(flat, 2.0 * step_s, times_s[order], pole, residue, weights, found)
+    total = np.empty_like(found)
+    total[order] = found
+    return total.reshape(len(times_s), *values.shape[1:])
+
+
+def _body(car: Car) -> tuple[Array, Array, Array, Array]:
     inverse = np.asarray(np.linalg.inv(car.mass), dtype=np.float64)
     return car.corner, np.array(car.knots, dtype=np.float64), inverse, car.pull

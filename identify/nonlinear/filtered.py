@@ -6,6 +6,8 @@ parabola over two steps.  Its own transients are left out: they are free constan
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
@@ -13,6 +15,27 @@ from scipy.signal import lfilter
 from ..model.low_pass import LowPass
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+
+
+def pole_terms(
+    low_pass: LowPass, h: float
+) -> Iterator[tuple[complex, complex, NDArray[np.complex128]]]:
+    """Yield each pole without its conjugate, its residue for both, and the weights of its input.
+
+    The weights, (3,), are of the input at the start, the middle and the end of a double step of
+    `h` seconds.
+    """
+    s = (_POINTS + 1.0) / 2.0  # of the double step
+    shapes = np.array([(2 * s - 1) * (s - 1), 4 * s * (1 - s), s * (2 * s - 1)])
+    poles = low_pass.poles
+    for i, pole in enumerate(poles):
+        if pole.imag < 0.0:
+            continue
+        others = np.delete(poles, i)
+        residue = np.prod(-poles) / np.prod(pole - others)
+        share = 2.0 if pole.imag > 0.0 else 1.0
+        kernel = np.exp(pole * h * (1.0 - s)) * _WEIGHTS * h / 2.0
+        yield complex(pole), complex(share * residue), shapes @ kernel
 
 
 def filtered(
@@ -39,29 +62,18 @@ def filtered(
     (m, ...) float64
     """
     h = 2.0 * step_s
-    s = (_POINTS + 1.0) / 2.0  # of the double step
-    shapes = np.array([(2 * s - 1) * (s - 1), 4 * s * (1 - s), s * (2 * s - 1)])
     first, middle, last = values[:-1:2], values[1::2], values[2::2]
     k = np.clip((times_s / h).astype(int), 0, len(first) - 1)
     t = (times_s / h - k).reshape(-1, *[1] * (values.ndim - 1))
     a, b = (1 + 2 * t) * (1 - t) ** 2, t**2 * (3 - 2 * t)
     c, d = t * (1 - t) ** 2 * h, -(t**2) * (1 - t) * h
     total = np.zeros((len(times_s), *values.shape[1:]))
-    poles = low_pass.poles
-    for i, pole in enumerate(poles):
-        if pole.imag < 0.0:
-            continue  # with its conjugate
-        others = np.delete(poles, i)
-        residue = np.prod(-poles) / np.prod(pole - others)
-        share = 2.0 if pole.imag > 0.0 else 1.0
-        kernel = np.exp(pole * h * (1.0 - s)) * _WEIGHTS * h / 2.0
+    for pole, residue, weights in pole_terms(low_pass, h):
         drive = np.zeros((len(first) + 1, *values.shape[1:]), dtype=complex)
-        drive[1:] = sum(
-            w * part for w, part in zip(shapes @ kernel, (first, middle, last), strict=True)
-        )
+        drive[1:] = sum(w * part for w, part in zip(weights, (first, middle, last), strict=True))
         state = lfilter([1.0], [1.0, -np.exp(pole * h)], drive, axis=0)
         rate = pole * state
         rate += values[::2]
         found = a * state[k] + b * state[k + 1] + c * rate[k] + d * rate[k + 1]
-        total += share * (residue * found).real
+        total += (residue * found).real
     return total

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .level import USUAL, Grade
 from .path import Own
 from .problem import Normal, Point, Problem, normal, point
+from .run import Block
 
 _MAX_STEP = 0.5
 """Largest change of an unknown in one iteration."""
-_REFUSED = 4
+_HOLDS = 12
+"""Solutions of a step, each with more unknowns held at their bounds."""
+_ROUNDS = 6
+"""Solutions of a step, each with more of the runs' friction held at its bound."""
+_REFUSED = 5
 """Refused steps in a row after which the tangents count as spent."""
+_SLOW = 0.5
+"""Share of `rough` that a step must gain for a rough fit to go on."""
+_PROMISED = 1.0
+"""Fall of the cost, over chi2/n, that a full step may still promise where every step is refused."""
 
 
 @dataclass(frozen=True)
@@ -51,19 +61,90 @@ def inverse(matrix: NDArray[np.float64], rank: float = 1e-13) -> NDArray[np.floa
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Eliminated:
+    """The own unknowns of a run, some of them at a given step, as a function of the shared ones."""
+
+    inverse: NDArray[np.float64]
+    own: NDArray[np.float64]
+    B: NDArray[np.float64]
+    fixed: NDArray[np.float64]
+    """Steps that are given; NaN for the others."""
+
+    def step(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the step of the run's own unknowns with one of the shared ones."""
+        free = self.inverse @ (self.own - self.B @ shared)
+        return np.where(np.isnan(self.fixed), free, self.fixed)
+
+
+def _eliminated(b: Block, damping: float, fixed: NDArray[np.float64]) -> Eliminated:
+    A = b.A + damping * np.diag(np.diag(b.A))
+    held = np.flatnonzero(np.isfinite(fixed))
+    if not len(held):
+        return Eliminated(inverse(A), b.own, b.B, fixed)
+    loose = np.flatnonzero(np.isnan(fixed))
+    own = b.own - A[:, held] @ fixed[held]
+    spread = np.zeros_like(A)
+    spread[np.ix_(loose, loose)] = inverse(A[np.ix_(loose, loose)])
+    return Eliminated(spread, own, b.B, fixed)
+
+
 def reduced(
-    given: Normal, damping: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Eliminate the runs' own unknowns: matrix, right-hand side, damped inverse of each A."""
+    given: Normal, damping: float, fixed: Sequence[NDArray[np.float64]] | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Eliminated]]:
+    """Eliminate the runs' own unknowns: matrix, right-hand side, and what gives their steps."""
     matrix, right = given.shared.copy(), given.right.copy()
-    inverses = []
-    for b in given.blocks:
-        A = b.A + damping * np.diag(np.diag(b.A))
-        inverses.append(inverse(A))
-        X = b.B.T @ inverses[-1]
+    runs = []
+    for i, b in enumerate(given.blocks):
+        run = _eliminated(b, damping, np.full(len(b.A), np.nan) if fixed is None else fixed[i])
+        runs.append(run)
+        X = b.B.T @ run.inverse
         matrix += b.C - X @ b.B
-        right += b.shared - X @ b.own
-    return matrix, right, inverses
+        right += b.shared - X @ run.own
+        held = np.flatnonzero(np.isfinite(run.fixed))
+        right -= b.B[held].T @ run.fixed[held]
+    return matrix, right, runs
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """A damped step within all bounds."""
+
+    shared: NDArray[np.float64]
+    owns: tuple[NDArray[np.float64], ...]
+    fall: float
+    """Of the cost, if the problem were linear."""
+
+
+def _step(
+    equations: Normal,
+    owns: tuple[Own, ...],
+    damping: float,
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> _Step:
+    """Return a step; friction that would act by more than all of it stops at all of it."""
+    fixed = [np.full(len(b.A), np.nan) for b in equations.blocks]
+    for _ in range(_ROUNDS):
+        matrix, right, runs = reduced(equations, damping, fixed)
+        shared = _solve(matrix, right, damping, low, high)
+        moves = [run.step(shared) for run in runs]
+        beyond = False
+        for own, move, held in zip(owns, moves, fixed, strict=True):
+            after = own.friction + move[14:18]
+            excess = np.abs(after) - 1.0
+            # The furthest out first: without it the others may stay inside.
+            out = 14 + np.flatnonzero(excess > max(1e-9, 0.5 * float(excess.max())))
+            held[out] = np.sign(after[out - 14]) - own.friction[out - 14]
+            beyond = beyond or bool(len(out))
+        if not beyond:
+            break
+    fall = 2.0 * float(equations.right @ shared) - float(shared @ equations.shared @ shared)
+    for b, move in zip(equations.blocks, moves, strict=True):
+        fall += 2.0 * float(b.own @ move + b.shared @ shared) - float(
+            move @ b.A @ move + 2.0 * move @ b.B @ shared + shared @ b.C @ shared
+        )
+    return _Step(shared, tuple(moves), fall)
 
 
 def _solve(
@@ -73,11 +154,15 @@ def _solve(
     low: NDArray[np.float64],
     high: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the damped step within its bounds; what would leave them stops there."""
+    """Return the damped step within its bounds; what would leave them stops there.
+
+    The others then take the step that is best with it: one unknown that the data hardly know must
+    not hold up all.
+    """
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     H = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
     step, held = np.zeros(len(scale)), np.zeros(len(scale), dtype=bool)
-    for _ in range(6):
+    for _ in range(_HOLDS):
         loose = ~held
         rest = right / scale - H @ (step * held * scale)
         step[loose] = np.linalg.solve(H[np.ix_(loose, loose)], rest[loose]) / scale[loose]
@@ -86,14 +171,14 @@ def _solve(
             break
         step[out] = np.clip(step, low, high)[out]
         held |= out
-    return step
+    return np.clip(step, low, high)
 
 
 def fit(
     problem: Problem,
     eta: NDArray[np.float64],
     owns: tuple[Own, ...],
-    polish: bool = False,
+    grade: Grade = USUAL,
     tolerance: float = 0.05,
     rough: float = 0.0,
     max_iterations: int = 40,
@@ -103,47 +188,56 @@ def fit(
 
     Converged is a fit whose cost a full step would lower by less than `tolerance` times chi2/n:
     then no combination of unknowns is further off than the root of that, in standard deviations.
+    Converged is also one from which no step, damped more and more, lowers the cost itself: the laws
+    have corners, at which the tangents promise what the paths do not keep.
     """
-    at = point(problem, eta, owns, polish)
+    at = point(problem, eta, owns, grade)
     if at is None:
         return None
     low, high = problem.bounds
     n = sum(run.freedom for run in problem.runs)
-    damping, refused, iterations = 1e-3, 0, 0
+    damping, refused, iterations, slow = 1e-3, 0, 0, False
     equations = normal(at)
     while True:
-        matrix, right, _ = reduced(equations, 0.0)
         now = at.eta[problem.free]
-        full = _solve(matrix, right, 1e-12, low - now, high - now)
-        decrement = float(2.0 * right @ full - full @ matrix @ full)
-        small = decrement < max(tolerance * max(1.0, at.cost / n), rough * at.cost)
+        decrement = _step(equations, at.owns, 1e-12, low - now, high - now).fall
+        unit = max(1.0, at.cost / n)
+        small = slow or decrement < max(tolerance * unit, rough * at.cost)
         if small or iterations >= max_iterations or refused >= _REFUSED:
-            return Optimum(at, equations, matrix, iterations, decrement, small)
+            settled = small or (refused >= _REFUSED and decrement < _PROMISED * unit)
+            matrix, _, _ = reduced(equations, 0.0)
+            return Optimum(at, equations, matrix, iterations, decrement, settled)
         trial = None
-        while refused < _REFUSED:
+        near = decrement < unit
+        box = np.full(len(now), _MAX_STEP)
+        while refused < _REFUSED and iterations < max_iterations:
             iterations += 1
-            damped, downhill, inverses = reduced(equations, damping)
-            step = _solve(damped, downhill, damping, low - now, high - now)
-            share = min(1.0, _MAX_STEP / max(float(np.max(np.abs(step), initial=0.0)), 1e-300))
-            step *= share
-            moved = at.eta.copy()
-            moved[problem.free] += step
-            owns = tuple(
-                own.moved(A @ (share * b.own - b.B @ step))
-                for own, A, b in zip(at.owns, inverses, equations.blocks, strict=True)
+            step = _step(
+                equations,
+                at.owns,
+                damping,
+                np.maximum(low - now, -box),
+                np.minimum(high - now, box),
             )
-            trial = point(problem, moved, owns, polish)
+            moved = at.eta.copy()
+            moved[problem.free] += step.shared
+            owns = tuple(own.moved(move) for own, move in zip(at.owns, step.owns, strict=True))
+            trial = point(problem, moved, owns, grade)
             log(
                 f"  {iterations} cost {at.cost:.2f} -> {trial.cost if trial else np.nan:.2f} "
-                f"decr {decrement:.3g} lambda {damping:.0e} share {share:.2f}"
+                f"promised {decrement:.3g} lambda {damping:.0e}"
             )
-            near = decrement < 1.0 and damping <= 1e-3
-            if trial is not None and trial.cost < at.cost + (1.0 if near else 0.0):
-                damping, refused = max(damping / 10.0, 1e-8), 0
+            if trial is not None and trial.cost < at.cost + (0.5 * unit if near else 0.0):
+                # A damping that was just found to be needed stays for one step.
+                damping = damping if refused else max(damping / 10.0, 1e-8)
+                refused = 0
                 break
+            trial = None
             refused += 1
             damping = max(damping * 10.0, 1e-3)
-        if refused >= _REFUSED or trial is None:
+            box = box / 2.0
+        if trial is None:
             continue
+        slow = at.cost - trial.cost < _SLOW * rough * at.cost
         at = trial
         equations = normal(at)

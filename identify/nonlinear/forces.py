@@ -62,7 +62,8 @@ class AxleForces:
     """Elements that are in the structure, by what they are: `friction` [N],
     `pre_sliding_length` [m], `bump_stop` [N/m], `bump_stop_gap` [m], `mount` [N/m], `progressive`
     [N/m2], `cubic` [N/m3], `tyre_progressive` [1/m], `friction_left_right` [N] and
-    `dampers_left_right` (half the difference left less right, the latter as a share)."""
+    `dampers_left_right` (half the difference left less right, the latter as a share), as are
+    `springs_left_right`, `tyres_left_right` and `wheels_left_right`."""
     notes: tuple[str, ...]
     """Remarks on what is not determined: a mount that is rigid, a stop that was not reached."""
 
@@ -145,8 +146,7 @@ def _axle(
     speeds, travels = [], []
     for car, found in zip(at.cars, at.predicted, strict=True):
         x = found.path.states
-        shifted = np.concatenate([np.zeros((len(x), 7)), x[:, :7]], axis=1)
-        travels.append(travel_speeds(car, shifted)[:, corners].max())
+        travels.append(travel_speeds(car, x, 0)[:, corners].max())
         speeds.append((found.path.speeds if car.has_mount else travel_speeds(car, x))[:, corners])
     pooled = np.concatenate(speeds).ravel()
     low, high = np.quantile(pooled, [_SHARE, 1.0 - _SHARE])
@@ -163,6 +163,9 @@ def _axle(
         "tyre_progressive": "b_t",
         "friction_left_right": "dF_c",
         "dampers_left_right": "s_c",
+        "springs_left_right": "dk_s",
+        "tyres_left_right": "dk_t",
+        "wheels_left_right": "dm_u",
     }
     shown = {
         label: values[f"{kind}{letter}"]

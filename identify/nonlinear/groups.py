@@ -45,6 +45,7 @@ GROUPS = (
     Group("progressive_tyres", ("b_t",)),
     Group("friction_left_right", ("dF_c",)),
     Group("dampers_left_right", ("s_c",)),
+    Group("corners_left_right", ("dk_s", "dk_t", "dm_u")),
     Group("bump_stops", ("k_b", "g_b")),
 )
 BY_NAME = {group.name: group for group in GROUPS}
@@ -58,7 +59,13 @@ STAGES = (
         "one_sided_dampers",
         "damper_knees",
     ),
-    ("tyre_damping", "progressive_tyres", "friction_left_right", "dampers_left_right"),
+    (
+        "tyre_damping",
+        "progressive_tyres",
+        "friction_left_right",
+        "dampers_left_right",
+        "corners_left_right",
+    ),
     ("bump_stops",),
 )
 """Order of release: what is large first, what imitates it afterwards.  Released together from a

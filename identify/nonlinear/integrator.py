@@ -8,9 +8,10 @@ from __future__ import annotations
 from importlib.util import find_spec
 
 if find_spec("numba") is not None:
-    from .fast import integrate, sample, tangents
+    from .fast import filtered, integrate, sample, seen, tangents
 else:
-    from .linearised import tangents
+    from .filtered import filtered
+    from .linearised import seen, tangents
     from .reference import integrate, sample
 
-__all__ = ["integrate", "sample", "tangents"]
+__all__ = ["filtered", "integrate", "sample", "seen", "tangents"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,9 +41,9 @@ from .car import (
     Y,
 )  # fmt: skip
 from .level import Level
-from .path import STATES, Path, Sampled, hermite
+from .path import STATES, Path
 from .reference import ACROSS, curve
-from .tangent import Plan, Start
+from .tangent import Plan, Seen, Start
 
 Array = NDArray[np.float64]
 
@@ -153,16 +155,18 @@ def linearised(
     return out[:, :, :STATES], out[:, :, STATES:]
 
 
-def tangents(
-    car: Car,
-    acts: NDArray[np.intp],
-    path: Path,
-    start: Start,
-    plan: Plan,
-    sampled: Sampled,
-    forced: NDArray[np.bool_],
-) -> Array:
-    """Return the derivatives of heave, speed and acceleration at the samples, (n, 21, columns)."""
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Tangents at the nodes of a plan."""
+
+    states: Array
+    """(n, 22, columns)."""
+    accelerations: Array
+    """(n, 7, columns)."""
+
+
+def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Trace:
+    """Return the tangents along a path, as `seen` takes them."""
     n_own = start.matrix.shape[1] - len(acts)
     middles, ends = plan.starts + plan.lengths // 2, plan.starts + plan.lengths
     h = (plan.lengths * path.step_s)[:, None, None]
@@ -198,45 +202,22 @@ def tangents(
     for k in range(m):
         S[k + 1] = step[k, :, :STATES] @ S[k]
         S[k + 1, :, n_own:] += step[k, :, STATES:]
-    return _sampled(car, acts, path, plan, sampled, forced, S, jacobians, forcings)
+    moved = np.concatenate([jacobians["first"][:, 7:14], jacobians["last"][-1:, 7:14]])
+    forced = np.concatenate([forcings["first"][:, 7:14], forcings["last"][-1:, 7:14]])
+    accelerations = moved @ S
+    accelerations[:, :, n_own:] += forced
+    return Trace(S, accelerations)
 
 
-def _sampled(
-    car: Car,
-    acts: NDArray[np.intp],
-    path: Path,
-    plan: Plan,
-    sampled: Sampled,
-    forced: NDArray[np.bool_],
-    S: Array,
-    jacobians: dict[str, Array],
-    forcings: dict[str, Array],
-) -> Array:
-    """Return the tangents between the nodes, by cubic Hermite and the motion linearised there."""
-    n_own = S.shape[2] - len(acts)
-    times = sampled.times_s
-    begins = plan.starts * path.step_s
-    k = np.clip(np.searchsorted(begins, times + 1e-9, side="right") - 1, 0, len(begins) - 1)
-    h = plan.lengths[k] * path.step_s
-    share = (times - begins[k]) / h
-    a, b, c, d = (w[:, None, None] for w in hermite(share, 1.0))
-    before = jacobians["first"][k] @ S[k]
-    before[:, :, n_own:] += forcings["first"][k]
-    after = jacobians["last"][k] @ S[k + 1]
-    after[:, :, n_own:] += forcings["last"][k]
-    between = a * S[k] + b * S[k + 1] + (c * before + d * after) * h[:, None, None]
-    out = np.zeros((len(times), 21, S.shape[2]))
-    out[:, :14] = between[:, :14]
-    exact = np.abs(share) < 1e-6
-    out[exact, :14], out[exact, 14:] = S[k[exact], :14], before[exact, 7:14]
-    for fine in (0, 1):
-        chosen = np.flatnonzero(forced & ~exact & (plan.fine[k] == fine))
-        if len(chosen):
-            J, G = linearised(
-                car, acts, plan.levels[fine], sampled.states[chosen], sampled.slopes[chosen],
-                sampled.speeds[chosen],
-            )  # fmt: skip
-            found = J[:, 7:14] @ between[chosen]
-            found[:, :, n_own:] += G[:, 7:14]
-            out[chosen, 14:] = found
-    return out
+def seen(trace: Trace, given: Seen, out: Array) -> None:
+    """Add the tangents of some channels at some times to `out`, (n, channels, columns)."""
+    k = given.before
+    S, A = trace.states, trace.accelerations
+    for c, order in enumerate(given.orders.tolist()):
+        part = slice(int(given.first[c]), int(given.first[c + 1]))
+        motions, shares = given.motions[part], given.shares[part]
+        low = 0 if order == 0 else 7
+        values = np.tensordot(shares, S[:, low + motions], (0, 1))
+        slopes = np.tensordot(shares, S[:, 7 + motions] if order == 0 else A[:, motions], (0, 1))
+        a, b, c0, d = (w[:, None] for w in given.weights[:, order].T)
+        out[:, c] += a * values[k] + b * values[k + 1] + c0 * slopes[k] + d * slopes[k + 1]

@@ -9,16 +9,14 @@ from numpy.typing import NDArray
 
 from ..elements.damper import knee, knee_slope
 from .car import KNEES, LENGTH, MOUNT, RATIO, C, Car, X, Y
-from .level import PATH
+from .level import Grade, Level
 
 STATES = 22
 """Seven displacements, their speeds, and at each corner the share of friction and the mount."""
-STEP_S = 2.5e-3 / 8
-"""Of the path, s."""
-POLISH_STEP_S = 2.5e-3 / 10
-"""Of the path in the last steps of a fit, s: the tangents take two of them at once."""
 _SHORT_M = 0.15e-3
 """Pre-sliding length, m, below which the friction asks for half the step."""
+_FAST_M_S = 1.0
+"""Speed of a suspension, m/s, at which it does: a lag above the quotient of both bounds it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +33,7 @@ class Own:
     def moved(self, step: NDArray[np.float64]) -> Own:
         """Return the state after a step, (18,) or with mounts (22,)."""
         mount = self.mount + step[18:] if len(step) > 18 else self.mount
-        friction = np.clip(self.friction + step[14:18], -1.2, 1.2)
+        friction = np.clip(self.friction + step[14:18], -1.0, 1.0)
         return Own(self.motion + step[:14], friction, mount)
 
 
@@ -44,6 +42,8 @@ class Path:
     """All states at evenly spaced nodes."""
 
     step_s: float
+    level: Level
+    """Rounding of the laws."""
     states: NDArray[np.float64]
     """(n, 22)."""
     slopes: NDArray[np.float64]
@@ -74,14 +74,17 @@ class Sampled:
         return self.slopes[:, 7:14] if derivative == 2 else self.states[:, 7 * derivative :][:, :7]
 
 
-def travel_speeds(car: Car, motion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the speeds of the four suspensions, (..., 4) m/s, compression positive."""
+def travel_speeds(car: Car, motion: NDArray[np.float64], first: int = 7) -> NDArray[np.float64]:
+    """Return the speeds of the four suspensions, (..., 4) m/s, compression positive.
+
+    With `first` 0 in place of 7, their travels.
+    """
     body = (
-        motion[..., 7:8]
-        - motion[..., 8:9] * car.corner[:, X]
-        + motion[..., 9:10] * (car.corner[:, Y])
+        motion[..., first : first + 1]
+        - motion[..., first + 1 : first + 2] * car.corner[:, X]
+        + motion[..., first + 2 : first + 3] * car.corner[:, Y]
     )
-    return np.asarray(motion[..., 10:14] - body)
+    return np.asarray(motion[..., first + 3 : first + 7] - body)
 
 
 def damper_curve(
@@ -95,18 +98,21 @@ def damper_curve(
     return force, slope
 
 
-def first_state(car: Car, own: Own) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def first_state(
+    car: Car, own: Own, level: Level
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the state at the start, (22,), and the speeds of the dampers, (4,)."""
     speed = travel_speeds(car, own.motion)
-    force, _ = damper_curve(car, speed, PATH.knee_m_s)
+    force, _ = damper_curve(car, speed, level.knee_m_s)
     mount = car.corner[:, MOUNT] * car.corner[:, RATIO] * force + own.mount
     return np.concatenate([own.motion, own.friction, mount]), speed
 
 
-def step_of(cars: list[Car], usual_s: float) -> float:
+def step_of(cars: list[Car], grade: Grade) -> float:
     """Return the step that the shortest pre-sliding length allows, s."""
     shortest = min(float(car.corner[:, LENGTH].min()) for car in cars)
-    return usual_s / 2.0 if shortest < _SHORT_M else usual_s
+    short = shortest < _SHORT_M and grade.path.lag_s < _SHORT_M / _FAST_M_S
+    return grade.step_s / 2.0 if short else grade.step_s
 
 
 def hermite(share: NDArray[np.float64], step_s: float) -> tuple[NDArray[np.float64], ...]:

@@ -22,6 +22,8 @@ _TYRE_DAMPING = 0.2
 _SPLIT = 0.3
 """Of the difference of the dampers of an axle."""
 _FRICTION_SPLIT_N = 30.0
+_CORNER_SPLIT = 0.03
+"""Of half the difference of the springs, tyres and wheels of an axle, over their mean."""
 _CG_M = 0.03
 _MOUNT_M_N = 3e-6
 """Of a mount's compliance, m/N: the softest mounts of cars have 3e5 N/m."""
@@ -43,6 +45,8 @@ def weak_priors(
         "h_": _KNEE * c_s,
         "s_c": _SPLIT,
         "dF_": _FRICTION_SPLIT_N,
+        "dk_": _CORNER_SPLIT,
+        "dm_": _CORNER_SPLIT,
         "s_m": _MOUNT_M_N,
         "k_b": 6.0 * k_s,
     }

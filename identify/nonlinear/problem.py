@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from . import integrator
 from .car import MOUNT, Car, Model, car
-from .path import POLISH_STEP_S, STEP_S, Own, step_of
+from .level import Grade
+from .path import Own, step_of
 from .run import Block, Predicted, Rows, Run, block, predict, rows_of
 from .tangent import acting
 
@@ -57,7 +58,7 @@ class Point:
     rows: Rows
     predicted: tuple[Predicted, ...]
     cost: float
-    polish: bool
+    grade: Grade
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Normal:
 
 
 def point(
-    problem: Problem, eta: NDArray[np.float64], owns: tuple[Own, ...], polish: bool
+    problem: Problem, eta: NDArray[np.float64], owns: tuple[Own, ...], grade: Grade
 ) -> Point | None:
     """Return the problem at `eta`, (P,); None if a path does not stay finite."""
     model = problem.model
@@ -80,9 +81,11 @@ def point(
     states = {s.name: s for s in model.box.mass_states if s.name in present}
     cars = {name: car(model, eta, state, problem.free) for name, state in states.items()}
     rows = rows_of(model, eta, problem.free)
-    step_s = step_of(list(cars.values()), POLISH_STEP_S if polish else STEP_S)
+    step_s = step_of(list(cars.values()), grade)
     each = tuple(cars[run.decay.mass_state] for run in problem.runs)
-    paths = integrator.integrate(each, owns, [run.end_s for run in problem.runs], step_s)
+    paths = integrator.integrate(
+        each, owns, [run.end_s for run in problem.runs], step_s, grade.path
+    )
     found = [
         predict(model, run, one, rows, path)
         for run, one, path in zip(problem.runs, each, paths, strict=True)
@@ -98,7 +101,7 @@ def point(
     misfits, _ = model.box.fact_misfits(eta)
     cost += float(misfits @ misfits)
     cost += float(np.sum(((eta - problem.centre) / problem.prior)[problem.free] ** 2))
-    return Point(problem, eta, owns, each, rows, tuple(found), cost, polish)
+    return Point(problem, eta, owns, each, rows, tuple(found), cost, grade)
 
 
 def _mount_sd(one: Car) -> NDArray[np.float64]:
@@ -110,7 +113,7 @@ def normal(at: Point) -> Normal:
     problem, model = at.problem, at.problem.model
     acts = acting(list({id(one): one for one in at.cars}.values()))
     blocks = [
-        _own_priors(block(model, run, one, at.rows, own, found, acts, at.polish), one, own)
+        _own_priors(block(model, run, one, at.rows, own, found, acts, at.grade), one, own)
         for run, one, own, found in zip(problem.runs, at.cars, at.owns, at.predicted, strict=True)
     ]
     misfits, slopes = model.box.fact_misfits(at.eta)

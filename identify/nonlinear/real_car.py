@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import Structure
 
+from ..decays.decay import FreeDecay, Record
 from ..decays.onset import decay_start_s
 from ..fit.estimation import Estimation, basin, floored, rough_noise
 from ..fit.grey_box import GreyBox
@@ -28,9 +29,11 @@ from .unknowns import KNOTS
 _CLEAN_SIGMAS = 2.0
 """Standard deviations of chi2/n above which the intervals are those of the scores' scatter."""
 
-_SETTLED = 1.0
-"""Fall of the cost, over chi2/n, that a full step would bring, below which a fit has converged: the
-laws have corners, so that the last steps of a fit may be refused."""
+_SEARCH_S = 1.2
+"""Length of the decays, s, on which the optimum is sought: the rest adds a few per cent."""
+_SEARCH_RATE_HZ = 250.0
+_START_RATE_HZ = 125.0
+"""Rates of the samples, Hz, of the search and of the linear fit from which it starts."""
 
 Log = Callable[[str], None]
 
@@ -62,16 +65,29 @@ def real_car(
     decays = tuple(r.decay(float(s)) for r, s in zip(records, start_s, strict=True))
     sigma = floored(rest or rough_noise(decays), decays)
     model, simple = _models(linear.box, decided)
-    near = basin(simple, records, rest, start_s, [simple.unknowns(theta) for theta in vehicles])
+    few = tuple(thinned(record) for record in records)
+    near = basin(simple, few, rest, start_s, [simple.unknowns(theta) for theta in vehicles])
     full = simple.full(near.astype(complex)).real
     eta = model.unknowns(model.box.unknowns_of(full))
     runs = tuple(run_of(model, decay, sigma) for decay in decays)
+    searched = tuple(run_of(model, begun(decay), sigma) for decay in decays)
     owns = owns_of(model, eta, decays, sigma)
-    found = release(model, runs, eta, owns, lambda name: decided.get(name, True), log)
+    found = release(model, runs, searched, eta, owns, lambda name: decided.get(name, True), log)
     if found is None:
         return None
     best, chosen = found
     return _result(linear, best, chosen, sigma, decided)
+
+
+def thinned(record: Record) -> Record:
+    """Return a record with as many samples as the linear start needs."""
+    return replace(record, recordings=tuple(r.thinned(_START_RATE_HZ) for r in record.recordings))
+
+
+def begun(decay: FreeDecay) -> FreeDecay:
+    """Return the beginning of a decay, which holds nearly all that is to be known of a car."""
+    first = tuple(r.between(0.0, _SEARCH_S) for r in decay.recordings)
+    return replace(decay, recordings=first).thinned(_SEARCH_RATE_HZ)
 
 
 def _models(box: GreyBox, decided: Mapping[str, bool]) -> tuple[Model, GreyBox]:
@@ -127,7 +143,7 @@ def _result(
         best.cost,
         {label: part.information for label, part in parts.items()},
         best.iterations,
-        best.decrement < _SETTLED * max(1.0, chi2),
+        best.converged,
     )
     estimation = Estimation(
         box=model.box,

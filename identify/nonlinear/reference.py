@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..elements.bar import bar_force
 from ..elements.damper import knee, knee_slope
 from ..elements.friction import friction_rate
+from ..elements.hinge import hinge, hinge_slope
 from ..elements.mount import mount_misfit, mount_slope
 from ..elements.spring import spring_force
 from ..elements.stop import stop_force
@@ -42,7 +43,7 @@ from .car import (
     X,
     Y,
 )  # fmt: skip
-from .level import PATH, Level
+from .level import Level
 from .path import STATES, Own, Path, Sampled, first_state, hermite
 
 ACROSS = [1, 0, 3, 2]
@@ -56,31 +57,68 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """Coefficients of one car, or of one for each row of states."""
+    """Coefficients of one car, or of one for each row of states, at one rounding."""
 
-    corner: Array
-    """(4, n) or (rows, 4, n)."""
+    p: tuple[Array, ...]
+    """Each of `car`'s columns, (4,) or (rows, 4)."""
+    lines: Array
+    """(4, 2 + knots) or (rows, 4, 2 + knots): the damper curves as hinges that open upwards."""
     inverse: Array
     """(3, 3) or (rows, 3, 3), of the body's mass."""
     pull: Array
     """(3,) or (rows, 3)."""
-    knots: tuple[float, ...]
+    knots: Array
     mounted: bool
+    stopped: bool
+    """True if there is a bump stop."""
+    level: Level
 
 
-def stack(cars: Sequence[Car]) -> Stack:
+def stack(cars: Sequence[Car], level: Level) -> Stack:
     """Return the coefficients of a car for each row of states, or of one car for all."""
     first = cars[0]
-    if len(cars) == 1:
-        inverse = np.asarray(np.linalg.inv(first.mass), dtype=np.float64)
-        return Stack(first.corner, inverse, first.pull, first.knots, first.has_mount)
+    corner, mass, pull = first.corner, first.mass, first.pull
+    if len(cars) > 1:
+        corner = np.stack([one.corner for one in cars])
+        mass, pull = np.stack([one.mass for one in cars]), np.stack([one.pull for one in cars])
+    columns = tuple(np.ascontiguousarray(corner[..., k]) for k in range(KNEES))
     return Stack(
-        np.stack([one.corner for one in cars]),
-        np.stack([np.linalg.inv(one.mass) for one in cars]),
-        np.stack([one.pull for one in cars]),
-        first.knots,
-        first.has_mount,
-    )
+        columns, bends(corner, first.knots, level.knee_m_s), np.linalg.inv(mass), pull,
+        np.array(first.knots), first.has_mount, bool(corner[..., K_B].any()), level,
+    )  # fmt: skip
+
+
+def bends(p: Array, knots: tuple[float, ...], width: float) -> Array:
+    """Return each corner's curve as a line through rest and hinges that all open upwards.
+
+    A knee towards rebound is a line less the hinge of the same corner: ``H(-x) = H(x) - x``.
+    """
+    lines = np.zeros((*p.shape[:-1], 2 + len(knots)))
+    lines[..., 1] = p[..., C]
+    for j, knot in enumerate(knots):
+        h = p[..., KNEES + j]
+        if knot < 0.0:
+            lines[..., 0] += h * (hinge(knot, width) - knot)
+            lines[..., 1] += h
+            lines[..., 2 + j] = -h
+        else:
+            lines[..., 0] -= h * hinge(-knot, width)
+            lines[..., 2 + j] = h
+    return lines
+
+
+def _curve(cars: Stack, r: Array) -> Array:
+    """Return the force of the axle's damper curve at the speeds r, (n, 4)."""
+    lines = cars.lines
+    beyond = hinge(r[..., None] - cars.knots, cars.level.knee_m_s)
+    return np.asarray(lines[..., 0] + lines[..., 1] * r + (lines[..., 2:] * beyond).sum(axis=-1))
+
+
+def _slope(cars: Stack, r: Array) -> Array:
+    """Return the slope of that force."""
+    lines = cars.lines
+    passed = hinge_slope(r[..., None] - cars.knots, cars.level.knee_m_s)
+    return np.asarray(lines[..., 1] + (lines[..., 2:] * passed).sum(axis=-1))
 
 
 def curve(p: Array, knots: tuple[float, ...], r: Array, width: float) -> tuple[Array, Array]:
@@ -92,24 +130,24 @@ def curve(p: Array, knots: tuple[float, ...], r: Array, width: float) -> tuple[A
     return force, slope
 
 
-def rates(x: Array, cars: Stack, level: Level, r: Array) -> tuple[Array, Array]:
+def rates(x: Array, cars: Stack, r: Array) -> tuple[Array, Array]:
     """Return the rates of change of states, (n, 22), and the dampers' speeds, (n, 4)."""
-    p = cars.corner
-    lever_x, lever_y = p[..., X], p[..., Y]
+    p, level = cars.p, cars.level
+    lever_x, lever_y = p[X], p[Y]
     u = x[:, 3:7] - x[:, 0:1] + lever_x * x[:, 1:2] - lever_y * x[:, 2:3]
     w = x[:, 10:14] - x[:, 7:8] + lever_x * x[:, 8:9] - lever_y * x[:, 9:10]
-    ratio = p[..., RATIO]
-    r = _damper_speeds(p, cars.knots, level, x[:, 18:], w, r) if cars.mounted else w
+    r = _damper_speeds(cars, x[:, 18:], w, r) if cars.mounted else w
     zeta = x[:, 14:18]
     force = (
-        ratio * curve(p, cars.knots, r, level.knee_m_s)[0]
-        + spring_force(u, p[..., K_S], p[..., K_2], p[..., K_3])
-        + stop_force(u, p[..., K_B], p[..., GAP], level.stop_m)
-        + bar_force(u, u[:, ACROSS], p[..., K_A])
-        + p[..., F_C] * zeta
+        p[RATIO] * _curve(cars, r)
+        + spring_force(u, p[K_S], p[K_2], p[K_3])
+        + bar_force(u, u[:, ACROSS], p[K_A])
+        + p[F_C] * zeta
     )
-    load = tyre_load(x[:, 3:7], x[:, 10:14], p[..., K_T], p[..., BETA], p[..., C_T], p[..., STATIC])
-    road = tyre_force(load, p[..., STATIC])
+    if cars.stopped:
+        force += stop_force(u, p[K_B], p[GAP], level.stop_m)
+    load = tyre_load(x[:, 3:7], x[:, 10:14], p[K_T], p[BETA], p[C_T], p[STATIC])
+    road = tyre_force(load, p[STATIC])
     out = np.zeros_like(x)
     out[:, :7] = x[:, 7:14]
     body = np.empty((len(x), 3))
@@ -117,21 +155,18 @@ def rates(x: Array, cars: Stack, level: Level, r: Array) -> tuple[Array, Array]:
     body[:, 1] = -(lever_x * force).sum(axis=1)
     body[:, 2] = (lever_y * force).sum(axis=1)
     out[:, 7:10] = ((body + cars.pull)[:, None, :] * cars.inverse).sum(axis=-1)
-    out[:, 10:14] = (road - force + p[..., PULL]) / p[..., MASS]
-    out[:, 14:18] = friction_rate(w, zeta, p[..., LENGTH], level.turn_m_s, level.lag_s)
+    out[:, 10:14] = (road - force + p[PULL]) / p[MASS]
+    out[:, 14:18] = friction_rate(w, zeta, p[LENGTH], level.turn_m_s, level.lag_s)
     if cars.mounted:
         out[:, 18:] = w - r
     return out, r
 
 
-def _damper_speeds(
-    p: Array, knots: tuple[float, ...], level: Level, e: Array, w: Array, r: Array
-) -> Array:
+def _damper_speeds(cars: Stack, e: Array, w: Array, r: Array) -> Array:
+    ratio, sigma, loss_s = cars.p[RATIO], cars.p[MOUNT], cars.level.loss_s
     for _ in range(25):
-        force, slope = curve(p, knots, r, level.knee_m_s)
-        ratio, sigma = p[..., RATIO], p[..., MOUNT]
-        left = mount_misfit(r, ratio * force, e, w, sigma, level.loss_s)
-        step = left / mount_slope(ratio * slope, sigma, level.loss_s)
+        left = mount_misfit(r, ratio * _curve(cars, r), e, w, sigma, loss_s)
+        step = left / mount_slope(ratio * _slope(cars, r), sigma, loss_s)
         r = r - step
         if np.abs(step).max() < _TIGHT:
             break
@@ -139,11 +174,11 @@ def _damper_speeds(
 
 
 def integrate(
-    cars: Sequence[Car], owns: Sequence[Own], ends_s: Sequence[float], step_s: float
+    cars: Sequence[Car], owns: Sequence[Own], ends_s: Sequence[float], step_s: float, level: Level
 ) -> list[Path | None]:
     """Return the path of each run up to its end or just after; None if it does not stay finite."""
-    together = stack(cars) if len(cars) > 1 else stack([cars[0]])
-    begun = [first_state(one, own) for one, own in zip(cars, owns, strict=True)]
+    together = stack(cars, level)
+    begun = [first_state(one, own, level) for one, own in zip(cars, owns, strict=True)]
     x, r = np.stack([b[0] for b in begun]), np.stack([b[1] for b in begun])
     steps = [round(np.ceil(end / step_s / 8.0 - 1e-9)) * 8 for end in ends_s]
     n = max(steps)
@@ -151,17 +186,19 @@ def integrate(
     speeds = np.empty((n + 1, len(x), 4))
     with np.errstate(all="ignore"):  # a lost run overflows and is found at its end
         for k in range(n + 1):
-            k1, r = rates(x, together, PATH, r)
+            k1, r = rates(x, together, r)
             states[k], slopes[k], speeds[k] = x, k1, r
-            k2, r = rates(x + 0.5 * step_s * k1, together, PATH, r)
-            k3, r = rates(x + 0.5 * step_s * k2, together, PATH, r)
-            k4, r = rates(x + step_s * k3, together, PATH, r)
+            k2, r = rates(x + 0.5 * step_s * k1, together, r)
+            k3, r = rates(x + 0.5 * step_s * k2, together, r)
+            k4, r = rates(x + step_s * k3, together, r)
             x = x + step_s / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     result: list[Path | None] = []
     for i, last in enumerate(steps):
         own = states[: last + 1, i]
         fine = bool(np.all(np.abs(own) < _LARGEST))
-        path = Path(step_s, own.copy(), slopes[: last + 1, i].copy(), speeds[: last + 1, i].copy())
+        path = Path(
+            step_s, level, own.copy(), slopes[: last + 1, i].copy(), speeds[: last + 1, i].copy()
+        )
         result.append(path if fine else None)
     return result
 
@@ -173,5 +210,5 @@ def sample(car: Car, path: Path, times_s: Array) -> Sampled:
     states = (
         a * path.states[k] + b * path.states[k + 1] + c * path.slopes[k] + d * path.slopes[k + 1]
     )
-    slopes, speeds = rates(states, stack([car]), PATH, path.speeds[k])
+    slopes, speeds = rates(states, stack([car], path.level), path.speeds[k])
     return Sampled(times_s, states, slopes, speeds)

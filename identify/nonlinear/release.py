@@ -3,32 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .car import Model
-from .fit import Optimum, fit, inverse, reduced
+from .fit import Optimum, fit
 from .groups import BY_NAME, CORRECTIONS_FROM, STAGES, positions
+from .level import POLISH, ROUGH
 from .path import Own
 from .priors import weak_priors
-from .problem import Problem, normal, point
+from .problem import Problem
 from .refine import refined
 from .run import Run
+from .score import gain_of
 from .unknowns import KNOTS
 
-_ROUGH = 2e-3
+_ROUGH_SHARE = 2e-3
 """Share of the cost that a stage may leave to the next one."""
 _FIRST_FRICTION_N = 15.0
 _FIRST_COMPLIANCE = 0.3e-6
 """Compliance, m/N, from which the mounts begin: beyond the trap at zero."""
+_GAPS_M = (0.012, 0.018, 0.025, 0.033, 0.042)
+"""Gaps at which a bump stop is tried: a stop that is not touched yet has no slope by its gap."""
+_LARGEST_RATE = 1.5
+"""Rate, 1e5 N/m, that a bump stop begins with at most."""
 _LAST_KNOTS = "K7"
 """Knees of the last stage: real curves bend between those of the first stages."""
 _PAYS = 4.0
 """Logarithms of the number of samples that the mounts must gain: two of the criterion's limit."""
 _STAGE_STEPS = 25
 _LAST_STEPS = 40
-_POLISH_STEPS = 10
+_POLISH_STEPS = 12
 _CONVERGED = 0.05
 _POLISHED = 0.1
 
@@ -38,6 +45,7 @@ Log = Callable[[str], None]
 def release(
     model: Model,
     runs: tuple[Run, ...],
+    searched: tuple[Run, ...],
     eta: NDArray[np.float64],
     owns: tuple[Own, ...],
     allowed: Callable[[str], bool],
@@ -45,12 +53,13 @@ def release(
 ) -> tuple[Optimum, tuple[str, ...]] | None:
     """Return the optimum of the rich model and the groups in it; None without a finite path.
 
-    `eta`, (P,) float64: linear start, elements at rest.  `owns`: how each run begins by it.
-    `allowed`: whether a group may be released.  `log`: receives a line for each stage.
+    `searched`: the runs once more, shorter and on fewer samples, to find the neighbourhood of the
+    optimum.  `eta`, (P,) float64: linear start, elements at rest.  `owns`: how each run begins by
+    it.  `allowed`: whether a group may be released.  `log`: receives a line for each stage.
     """
     centre, prior = weak_priors(model, eta)
-    problem = Problem(model, runs, centre, prior, np.zeros(0, dtype=np.intp))
-    n = sum(run.freedom - 18.0 for run in runs)
+    problem = Problem(model, searched, centre, prior, np.zeros(0, dtype=np.intp))
+    n = sum(run.freedom - 18.0 for run in searched)
     start = eta.copy()
     chosen: tuple[str, ...] = ()
     best: Optimum | None = None
@@ -62,14 +71,17 @@ def release(
         if k == CORRECTIONS_FROM and best is not None and _mounts_pay(problem, best, allowed, log):
             chosen += ("damper_mounts",)
             _begin_mounts(model, start)
+        if best is not None and "bump_stops" in chosen:
+            start = _begin_stops(problem, best, log)
         last = k == len(STAGES) - 1
         if last and "damper_knees" in chosen:
             problem, start = refined(problem, start, KNOTS[_LAST_KNOTS])
             model = problem.model
         free = positions(model, chosen, k >= CORRECTIONS_FROM)
         found = fit(
-            problem.releasing(free), start, owns, tolerance=_CONVERGED,
-            rough=0.0 if last else _ROUGH, max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
+            problem.releasing(free), start, owns, ROUGH, tolerance=_CONVERGED,
+            rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
+            max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
         )  # fmt: skip
         if found is None:
             chosen = chosen[: -len(stage)]
@@ -79,18 +91,22 @@ def release(
     if best is None:
         return None
     if "damper_mounts" not in chosen and _mounts_pay(problem, best, allowed, log):
-        chosen += ("damper_mounts",)
+        start = best.eta.copy()
         _begin_mounts(model, start)
-        free = positions(model, chosen, True)
+        free = positions(model, (*chosen, "damper_mounts"), True)
         found = fit(
-            problem.releasing(free), start, owns, tolerance=_CONVERGED, max_iterations=_LAST_STEPS
-        )
-        best = found if found is not None and found.cost < best.cost else best
+            problem.releasing(free), start, owns, ROUGH, tolerance=_CONVERGED,
+            max_iterations=_LAST_STEPS,
+        )  # fmt: skip
+        if found is not None and found.cost < best.cost:
+            best, chosen = found, (*chosen, "damper_mounts")
+    whole = replace(best.point.problem, runs=runs)
     polished = fit(
-        best.point.problem, best.eta, best.point.owns, polish=True, tolerance=_POLISHED,
-        max_iterations=_POLISH_STEPS,
-    )  # fmt: skip
-    return (polished or best), chosen
+        whole, best.eta, best.point.owns, POLISH, tolerance=_POLISHED, max_iterations=_POLISH_STEPS
+    )
+    if polished is not None:
+        log(f"polished in {polished.iterations} steps, decrement {polished.decrement:.2g}")
+    return None if polished is None else (polished, chosen)
 
 
 def _mounts_pay(problem: Problem, best: Optimum, allowed: Callable[[str], bool], log: Log) -> bool:
@@ -98,7 +114,9 @@ def _mounts_pay(problem: Problem, best: Optimum, allowed: Callable[[str], bool],
     if not allowed("damper_mounts"):
         return False
     n = sum(run.freedom for run in problem.runs)
-    gain = score(problem, best, _mount_positions(problem.model)) / max(1.0, best.cost / n)
+    found = gain_of(problem, best, best.eta, _mount_positions(problem.model))
+    gain = sum(g for g, size in zip(*found, strict=True) if size > 0.0)
+    gain /= max(1.0, best.cost / n)
     log(f"damper_mounts: would lower the cost by {gain:.0f}")
     return bool(gain > _PAYS * np.log(n))
 
@@ -112,17 +130,24 @@ def _begin_mounts(model: Model, eta: NDArray[np.float64]) -> None:
     eta[_mount_positions(model)] = _FIRST_COMPLIANCE / 1e-6
 
 
-def score(problem: Problem, best: Optimum, extra: NDArray[np.intp]) -> float:
-    """Return by how much the cost would fall, to first order, with further unknowns free."""
-    known = best.point.problem.free
-    free = np.union1d(known, extra)
-    at = point(problem.releasing(free), best.eta, best.point.owns, best.point.polish)
-    if at is None:
-        return 0.0
-    matrix, right, _ = reduced(normal(at), 0.0)
-    new = np.isin(free, np.setdiff1d(free, known))
-    old = ~new
-    cross = matrix[np.ix_(new, old)] @ inverse(matrix[np.ix_(old, old)])
-    left = matrix[np.ix_(new, new)] - cross @ matrix[np.ix_(old, new)]
-    push = right[new] - cross @ right[old]
-    return float(push @ inverse(left, 1e-9) @ push)
+def _begin_stops(problem: Problem, best: Optimum, log: Log) -> NDArray[np.float64]:
+    """Return the unknowns with each axle's bump stop where it would lower the cost most."""
+    model = problem.model
+    n = sum(run.freedom for run in problem.runs)
+    rates = np.array([model.names.index(f"k_b{axle}") for axle in "fr"], dtype=np.intp)
+    gaps = [model.names.index(f"g_b{axle}") for axle in "fr"]
+    result = best.eta.copy()
+    most = np.full(2, 2.0 * np.log(n) * max(1.0, best.cost / n))
+    for gap in _GAPS_M:
+        tried = best.eta.copy()
+        tried[gaps] = np.log(gap)
+        gains, sizes = gain_of(problem, best, tried, rates)
+        for axle in (0, 1):
+            if sizes[axle] > 0.0 and gains[axle] > most[axle]:
+                most[axle] = gains[axle]
+                result[gaps[axle]] = np.log(gap)
+                result[rates[axle]] = min(sizes[axle], _LARGEST_RATE)
+    begun = [f"{1e3 * np.exp(result[g]):.0f} mm" for g, r in zip(gaps, rates, strict=True)
+             if result[r] != 0.0]  # fmt: skip
+    log(f"bump_stops: begin at {', '.join(begun) or 'nothing'}")
+    return result

@@ -16,13 +16,10 @@ from ..fit.grey_box import COMPLEX_STEP, stepped
 from ..model.low_pass import low_pass_of
 from . import integrator
 from .car import Car, Model
-from .filtered import filtered
+from .level import Grade
 from .path import Own, Path, Sampled
-from .tangent import plan_of, start_of
+from .tangent import plan_of, seen_of, start_of
 
-_FILTER_STEP_S = 2.5e-3
-_FILTER_POLISH_S = 1e-3
-"""Spacing of the tangents, s, at the input of a sensor's low-pass."""
 _LATE_S = 2e-4
 """Step, s, of the derivative of a channel by time."""
 _EARLY_SIGMAS = 4.0
@@ -132,7 +129,7 @@ def _values(
     if not len(low_pass.poles):
         return _seen(rows, r, integrator.sample(car, path, times))
     nodes = Sampled(np.zeros(0), path.states, path.slopes, path.speeds)
-    return filtered(low_pass, _seen(rows, r, nodes), path.step_s, times)
+    return integrator.filtered(low_pass, _seen(rows, r, nodes), path.step_s, times)
 
 
 def _seen(rows: Rows, r: Recording, sampled: Sampled) -> NDArray[np.float64]:
@@ -164,64 +161,54 @@ def block(
     own: Own,
     predicted: Predicted,
     acts: NDArray[np.intp],
-    polish: bool,
+    grade: Grade,
 ) -> Block:
     """Return the normal equations of a run at the point of `predicted`."""
     path = predicted.path
-    start, plan = start_of(car, own, acts), plan_of(car, path, polish)
+    start, plan = start_of(car, own, acts, grade.path), plan_of(car, path, grade)
     n_own = start.matrix.shape[1] - len(acts)
-    n_free = car.d_corner.shape[2]
-    grid = np.zeros(0)
-    if any(len(low_pass_of(r.group.channels[0]).poles) for r in run.decay.recordings):
-        spacing = _FILTER_POLISH_S if polish else _FILTER_STEP_S
-        grid = np.arange(0.0, path.end_s + 1e-9, spacing)
-        grid = grid[: len(grid) - (len(grid) + 1) % 2]
-    stamps = [
-        grid if len(low_pass_of(r.group.channels[0]).poles) else _times(run, rows, model, r)
-        for r in run.decay.recordings
-    ]
-    every, back = np.unique(np.concatenate(stamps), return_inverse=True)
-    sampled = integrator.sample(car, path, every)
-    forced = np.zeros(len(every), dtype=bool)
-    first = 0
-    for r, times in zip(run.decay.recordings, stamps, strict=True):
-        if any(TIME_DERIVATIVE[c.quantity] == 2 for c in r.group.channels):
-            forced[back[first : first + len(times)]] = True
-        first += len(times)
-    moved = integrator.tangents(car, acts, path, start, plan, sampled, forced)
+    size = n_own + car.d_corner.shape[2]
+    trace = integrator.tangents(car, acts, path, start, plan)
+    grid = np.arange(0.0, path.end_s + 1e-9, grade.filter_s)
+    grid = grid[: len(grid) - (len(grid) + 1) % 2]
+    at_grid = integrator.sample(car, path, grid)
     jacobian = []
-    first = 0
-    for r, weight, basis, times in zip(
-        run.decay.recordings, run.weights, run.bases, stamps, strict=True
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    for r, weight, basis, left in zip(
+        run.decay.recordings, run.weights, run.bases, predicted.left, strict=True
     ):
-        at = back[first : first + len(times)]
-        first += len(times)
-        mine = Sampled(times, sampled.states[at], sampled.slopes[at], sampled.speeds[at])
-        J = np.zeros((len(times), len(r.group.channels), n_own + n_free))
-        stack = np.zeros((len(r.group.channels), 21))
-        for c, channel in enumerate(r.group.channels):
-            order = TIME_DERIVATIVE[channel.quantity]
-            stack[c, 7 * order : 7 * order + 7] = rows.rows[channel.name]
-            J[:, c, n_own:] = mine.motion(order) @ rows.slopes[channel.name].T
-        part = stack @ moved[at]
-        J[:, :, :n_own] = part[:, :, :n_own]
-        J[:, :, n_own + acts] += part[:, :, n_own:]
         low_pass = low_pass_of(r.group.channels[0])
         asked = _times(run, rows, model, r)
+        times = grid if len(low_pass.poles) else asked
+        sampled = at_grid if len(low_pass.poles) else integrator.sample(car, path, asked)
+        orders = np.array([TIME_DERIVATIVE[c.quantity] for c in r.group.channels])
+        seen = seen_of(
+            plan,
+            path.step_s,
+            times,
+            orders,
+            np.stack([rows.rows[c.name] for c in r.group.channels]),
+        )
+        part = np.zeros((len(times), len(orders), n_own + len(acts)))
+        integrator.seen(trace, seen, part)
+        J = np.zeros((len(times), len(orders), size))
+        J[:, :, :n_own] = part[:, :, :n_own]
+        J[:, :, n_own + acts] = part[:, :, n_own:]
+        for c, channel in enumerate(r.group.channels):
+            moves = np.flatnonzero(rows.slopes[channel.name].any(axis=1))
+            motion = sampled.motion(int(orders[c]))
+            J[:, c, n_own + moves] += motion @ rows.slopes[channel.name][moves].T
         if len(low_pass.poles):
-            J = filtered(low_pass, J, float(grid[1]), asked)
+            J = integrator.filtered(low_pass, J, grade.filter_s, asked)
         late = rows.late[model.box.groups.index(r.group)]
         if late is not None:
-            after = _values(car, rows, path, r, asked + _LATE_S)
-            before = _values(car, rows, path, r, asked - _LATE_S)
+            both = np.concatenate([asked + _LATE_S, asked - _LATE_S])
+            after, before = np.split(_values(car, rows, path, r, both), 2)
             J[:, :, n_own + late] -= (after - before) / (2.0 * _LATE_S)
         J *= weight[:, None]
         flat = J.reshape(len(J), -1)
         flat -= basis @ (basis.T @ flat)
         jacobian.append(J)
-    size = n_own + n_free
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    for J, left in zip(jacobian, predicted.left, strict=True):
         flat = J.reshape(-1, size)
         normal += flat.T @ flat
         right += flat.T @ left.ravel()

@@ -24,15 +24,8 @@ from .car import (
     X,
     Y,
 )  # fmt: skip
-from .level import COARSE, FINE, PATH, POLISH, Level
-from .path import STATES, Own, Path, damper_curve, travel_speeds
-
-COARSE_STEPS = 8
-"""Steps of the path in one of the tangents, between events."""
-MOUNTED_STEPS = 4
-"""The same with a damper on a mount."""
-FINE_STEPS = 2
-"""The same where something turns, and in the polish: the middle of a step must be a node."""
+from .level import Grade, Level
+from .path import STATES, Own, Path, damper_curve, hermite, travel_speeds
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +62,55 @@ def acting(cars: list[Car]) -> NDArray[np.intp]:
     return np.flatnonzero(np.any(acts, axis=0))
 
 
-def start_of(car: Car, own: Own, acts: NDArray[np.intp]) -> Start:
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Which of the motions some channels see, and when."""
+
+    before: NDArray[np.int64]
+    """(n,) node of the plan before each time."""
+    weights: NDArray[np.float64]
+    """(n, 3, 4) by time derivative: of the value before and after, of its slope before and after.
+    An acceleration is the slope of the cubic that gives the speed."""
+    orders: NDArray[np.int64]
+    """(channels,) time derivative."""
+    first: NDArray[np.int64]
+    """(channels + 1,) first entry of each channel in what follows."""
+    motions: NDArray[np.int64]
+    """Degree of freedom."""
+    shares: NDArray[np.float64]
+    """Its entry in the channel's row."""
+
+
+def seen_of(
+    plan: Plan,
+    step_s: float,
+    times_s: NDArray[np.float64],
+    orders: NDArray[np.int64],
+    rows: NDArray[np.float64],
+) -> Seen:
+    """Return how channels with given rows, (channels, 7), see the motion at given times."""
+    begins = plan.starts * step_s
+    k = np.clip(np.searchsorted(begins, times_s + 1e-9, side="right") - 1, 0, len(begins) - 1)
+    h = plan.lengths[k] * step_s
+    s = (times_s - begins[k]) / h
+    place = np.stack(hermite(s, 1.0), axis=1)
+    place[:, 2:] *= h[:, None]
+    bend = 6.0 * s * (s - 1.0) / h
+    turn = np.stack([bend, -bend, (3.0 * s - 4.0) * s + 1.0, (3.0 * s - 2.0) * s], axis=1)
+    channel, motions = np.nonzero(rows)
+    first = np.searchsorted(channel, np.arange(len(rows) + 1))
+    weights = np.stack([place, place, turn], axis=1)
+    return Seen(k, weights, orders, first, motions, rows[channel, motions])
+
+
+def start_of(car: Car, own: Own, acts: NDArray[np.intp], level: Level) -> Start:
     """Return what the tangents of a run start from."""
     n_own = 22 if car.has_mount else 18
     d_corner = car.d_corner[:, :, acts]
     matrix = np.zeros((STATES, n_own + len(acts)))
     matrix[:n_own, :n_own] = np.eye(n_own)
     if car.has_mount:
-        matrix[18:] += _mount_start(car, own, d_corner, matrix)
+        matrix[18:] += _mount_start(car, own, d_corner, matrix, level)
     entries = [np.nonzero(d_corner[i]) for i in range(4)]
     first = np.concatenate([[0], np.cumsum([len(kinds) for kinds, _ in entries])])
     sparse = (
@@ -92,13 +126,17 @@ def start_of(car: Car, own: Own, acts: NDArray[np.intp]) -> Start:
 
 
 def _mount_start(
-    car: Car, own: Own, d_corner: NDArray[np.float64], matrix: NDArray[np.float64]
+    car: Car,
+    own: Own,
+    d_corner: NDArray[np.float64],
+    matrix: NDArray[np.float64],
+    level: Level,
 ) -> NDArray[np.float64]:
     """Return the derivatives of the mounts' deflection under the dampers' force, (4, columns)."""
     p = car.corner
     n_own = matrix.shape[1] - d_corner.shape[2]
     speed = travel_speeds(car, own.motion)
-    force, slope = damper_curve(car, speed, PATH.knee_m_s)
+    force, slope = damper_curve(car, speed, level.knee_m_s)
     d_speed = travel_speeds(car, matrix[:14].T).T
     d_speed[:, n_own:] += own.motion[8] * d_corner[:, X] - own.motion[9] * d_corner[:, Y]
     sigma, ratio = p[:, MOUNT], p[:, RATIO]
@@ -107,24 +145,24 @@ def _mount_start(
     changed += (sigma * force)[:, None] * d_corner[:, RATIO]
     changed += (sigma * ratio * speed)[:, None] * d_corner[:, C]
     for j, at in enumerate(car.knots):
-        bent = sigma * ratio * knee(speed, at, PATH.knee_m_s)
+        bent = sigma * ratio * knee(speed, at, level.knee_m_s)
         changed += bent[:, None] * d_corner[:, KNEES + j]
     result[:, n_own:] += changed
     return np.asarray(result)
 
 
-def plan_of(car: Car, path: Path, polish: bool) -> Plan:
+def plan_of(car: Car, path: Path, grade: Grade) -> Plan:
     """Return the steps: coarse, but fine where a wheel turns, leaves the road or meets its stop."""
     nodes = len(path.states) - 1
-    if polish:
-        starts = np.arange(0, nodes, FINE_STEPS)
-        return Plan(
-            starts, np.full(len(starts), FINE_STEPS), np.zeros(len(starts), np.int64),
-            (POLISH, POLISH),
-        )  # fmt: skip
-    length = MOUNTED_STEPS if car.has_mount else COARSE_STEPS
+    length = grade.mounted_steps if car.has_mount else grade.tangent_steps
+    part = grade.fine_steps
+    levels = (grade.coarse, grade.fine)
+    if length == part and grade.coarse == grade.fine:
+        starts = np.arange(0, nodes, part)
+        whole = np.full(len(starts), part)
+        return Plan(starts, whole, np.zeros(len(starts), np.int64), levels)
     p, x = car.corner, path.states
-    travel = travel_speeds(car, np.concatenate([np.zeros((len(x), 7)), x[:, :7]], axis=1))
+    travel = travel_speeds(car, x[:, :7], 0)
     load = tyre_load(x[:, 3:7], x[:, 10:14], p[:, K_T], p[:, BETA], p[:, C_T], p[:, STATIC])
     signs = [travel_speeds(car, x) > 0.0, load > 0.0]
     if p[:, K_B].any() or car.d_corner[:, K_B].any():
@@ -132,10 +170,8 @@ def plan_of(car: Car, path: Path, polish: bool) -> Plan:
     state = np.concatenate(signs, axis=1)
     turns = (state[1:] != state[:-1]).any(axis=1)
     events = np.add.reduceat(turns, np.arange(0, nodes, length)) > 0
-    steps: list[tuple[int, int, int]] = []
-    for k, event in enumerate(events.tolist()):
-        parts = range(0, length, FINE_STEPS) if event else (0,)
-        for part in parts:
-            steps.append((k * length + part, FINE_STEPS if event else length, int(event)))
-    each = np.array(steps, dtype=np.int64)
-    return Plan(each[:, 0].copy(), each[:, 1].copy(), each[:, 2].copy(), (COARSE, FINE))
+    counts = np.where(events, length // part, 1)
+    lengths = np.repeat(np.where(events, part, length), counts)
+    fine = np.repeat(events.astype(np.int64), counts)
+    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
+    return Plan(starts, lengths, fine, levels)

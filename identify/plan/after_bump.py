@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..elements.tyre import tyre_force, tyre_load
 from ..nonlinear.car import BETA, C_T, K_T, MASS, STATIC, Car
-from ..nonlinear.level import PATH
-from ..nonlinear.path import STATES, STEP_S, Own, first_state, step_of
+from ..nonlinear.level import PATH, USUAL
+from ..nonlinear.path import STATES, Own, first_state, step_of
 from ..nonlinear.reference import Stack, rates, stack
 
 Array = NDArray[np.float64]
@@ -37,12 +37,12 @@ def after_bump(driven: Sequence[Driven], bump_s: float) -> tuple[Own, ...]:
 
     `driven`: all of them have mounts, or none.  `bump_s`: duration of the bump, s.
     """
-    cars = stack([one.car for one in driven] if len(driven) > 1 else [driven[0].car] * 2)
+    cars = stack([one.car for one in driven] if len(driven) > 1 else [driven[0].car] * 2, PATH)
     rows = max(len(driven), 2)  # a stack of one car has no axis of its own
     x = np.zeros((rows, STATES))
     x[:, :7] = [one.rest for one in (*driven, driven[0])[:rows]]
     road = np.array([np.multiply(one.height_m, one.shares) for one in (*driven, driven[0])[:rows]])
-    steps = int(np.ceil(bump_s / step_of([one.car for one in driven], STEP_S)))
+    steps = int(np.ceil(bump_s / step_of([one.car for one in driven], USUAL)))
     h, omega = bump_s / steps, np.pi / bump_s
     r = np.zeros((rows, 4))
     # A car that does not stay finite overflows, and is found at the end.
@@ -62,18 +62,18 @@ def after_bump(driven: Sequence[Driven], bump_s: float) -> tuple[Own, ...]:
 
 def _rates(x: Array, cars: Stack, r: Array, road: Array, rise: Array) -> tuple[Array, Array]:
     """Return the rates of change of the states with a road of heights (n, 4) under the wheels."""
-    out, r = rates(x, cars, PATH, r)
-    p = cars.corner
-    laws = (p[..., K_T], p[..., BETA], p[..., C_T], p[..., STATIC])
+    out, r = rates(x, cars, r)
+    p = cars.p
+    laws = (p[K_T], p[BETA], p[C_T], p[STATIC])
     flat = tyre_load(x[:, 3:7], x[:, 10:14], *laws)
     raised = tyre_load(x[:, 3:7] - road, x[:, 10:14] - rise, *laws)
-    change = tyre_force(raised, p[..., STATIC]) - tyre_force(flat, p[..., STATIC])
-    out[:, 10:14] += change / p[..., MASS]
+    change = tyre_force(raised, p[STATIC]) - tyre_force(flat, p[STATIC])
+    out[:, 10:14] += change / p[MASS]
     return out, r
 
 
 def _own(car: Car, state: Array) -> Own:
     """Return a state as the fit describes the beginning of a run."""
     bare = Own(state[:14], state[14:18], np.zeros(4))
-    beyond = state[18:] - first_state(car, bare)[0][18:] if car.has_mount else np.zeros(4)
+    beyond = state[18:] - first_state(car, bare, PATH)[0][18:] if car.has_mount else np.zeros(4)
     return Own(state[:14].copy(), state[14:18].copy(), beyond)

@@ -20,6 +20,7 @@ from ..nonlinear.begin import rest_of
 from ..nonlinear.car import Model, car
 from ..nonlinear.fit import inverse
 from ..nonlinear.groups import positions
+from ..nonlinear.level import USUAL
 from ..nonlinear.path import Own
 from ..nonlinear.priors import weak_priors
 from ..nonlinear.problem import Problem, normal, point
@@ -121,7 +122,7 @@ class RealCar:
         runs = tuple(run_of(self.model, decay, sigma) for decay in decays)
         centre, prior = weak_priors(self.model, self.every)
         problem = Problem(self.model, runs, centre, prior, self.free)
-        at = point(problem, self.every, owns, False)
+        at = point(problem, self.every, owns, USUAL)
         if at is None:
             raise InputError("plan", "the expected car does not stay finite", "check its values")
         return [b.C - b.B.T @ inverse(b.A) @ b.B for b in normal(at).blocks]

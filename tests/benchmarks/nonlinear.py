@@ -10,7 +10,8 @@ import numpy as np
 
 from identify.nonlinear import fast, linearised, reference
 from identify.nonlinear.car import car
-from identify.nonlinear.path import STEP_S, Own
+from identify.nonlinear.level import PATH, USUAL
+from identify.nonlinear.path import Own
 from identify.nonlinear.tangent import acting, plan_of, start_of
 
 from ..identify.nonlinear.cars import model_of, moving, rich
@@ -27,36 +28,25 @@ def main() -> None:
     one, own = car(model, rich(model, False), BASELINE, free), moving()
     cars, owns, ends = [one] * RUNS, [own] * RUNS, [END_S] * RUNS
     acts = acting([one])
-    times = np.arange(0.0, END_S, 0.005) + 0.001
-    forced = np.ones(len(times), dtype=bool)
     for name, integrate, tangents in (
         ("Numba", fast.integrate, fast.tangents),
         ("NumPy", reference.integrate, linearised.tangents),
     ):
-        _warm(integrate, tangents, one, own, acts, times, forced)
+        _warm(integrate, tangents, one, own, acts)
         began = time.process_time()
-        paths = integrate(cars, owns, ends, STEP_S)
+        paths = integrate(cars, owns, ends, USUAL.step_s, PATH)
         path_s = time.process_time() - began
         began = time.process_time()
         for path in paths:
             assert path is not None
-            start, plan = start_of(one, own, acts), plan_of(one, path, False)
-            tangents(one, acts, path, start, plan, fast.sample(one, path, times), forced)
+            tangents(one, acts, path, start_of(one, own, acts, PATH), plan_of(one, path, USUAL))
         tangent_s = time.process_time() - began
         print(f"{name}: paths {path_s:.2f} s, tangents {tangent_s:.2f} s ({len(acts)} unknowns)")
 
 
 def _warm(
-    integrate: Callable[..., Any],
-    tangents: Callable[..., Any],
-    one: Any,
-    own: Own,
-    acts: Any,
-    times: Any,
-    forced: Any,
+    integrate: Callable[..., Any], tangents: Callable[..., Any], one: Any, own: Own, acts: Any
 ) -> None:
     """Compile, or load what was compiled."""
-    (path,) = integrate([one], [own], [0.05], STEP_S)
-    few = times[times < 0.04]
-    start, plan = start_of(one, own, acts), plan_of(one, path, False)
-    tangents(one, acts, path, start, plan, fast.sample(one, path, few), forced[: len(few)])
+    (path,) = integrate([one], [own], [0.05], USUAL.step_s, PATH)
+    tangents(one, acts, path, start_of(one, own, acts, PATH), plan_of(one, path, USUAL))

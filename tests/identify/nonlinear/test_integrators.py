@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from identify.model.low_pass import LowPass
 from identify.nonlinear import fast, linearised, reference
 from identify.nonlinear.car import Car, car
-from identify.nonlinear.level import PATH
-from identify.nonlinear.path import STEP_S, Own, Path
-from identify.nonlinear.tangent import Plan, acting, plan_of, start_of
+from identify.nonlinear.filtered import filtered
+from identify.nonlinear.level import PATH, POLISH, USUAL
+from identify.nonlinear.path import Own, Path
+from identify.nonlinear.tangent import Plan, Seen, acting, plan_of, seen_of, start_of
 
 from .cars import model_of, moving, rich
 from .truth import BASELINE
@@ -33,8 +35,8 @@ def whole(path: Path | None) -> Path:
 @pytest.mark.parametrize("mounted", [False, True])
 def test_machine_code_and_numpy_give_the_same_path(mounted: bool) -> None:
     one, own = made(mounted), moving()
-    (compiled,) = fast.integrate([one], [own], [END_S], STEP_S)
-    plain, shorter = reference.integrate([one, one], [own, own], [END_S, 0.1], STEP_S)
+    (compiled,) = fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)
+    plain, shorter = reference.integrate([one, one], [own, own], [END_S, 0.1], USUAL.step_s, PATH)
     assert np.allclose(whole(compiled).states, whole(plain).states, rtol=1e-9, atol=1e-12)
     assert len(whole(shorter).states) == 321
     assert np.array_equal(whole(shorter).states, whole(plain).states[:321])
@@ -43,22 +45,37 @@ def test_machine_code_and_numpy_give_the_same_path(mounted: bool) -> None:
 @pytest.mark.parametrize("mounted", [False, True])
 def test_machine_code_and_numpy_give_the_same_tangents(mounted: bool) -> None:
     one, own = made(mounted), moving()
-    path = whole(fast.integrate([one], [own], [END_S], STEP_S)[0])
+    path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)[0])
     times = np.sort(np.concatenate([np.arange(0.0, END_S, 0.0125), np.linspace(0.001, 0.19, 31)]))
     acts = acting([one])
-    start, plan = start_of(one, own, acts), plan_of(one, path, False)
+    start, plan = start_of(one, own, acts, PATH), plan_of(one, path, USUAL)
     sampled = fast.sample(one, path, times)
     again = reference.sample(one, path, times)
     assert np.allclose(sampled.slopes, again.slopes, rtol=1e-9, atol=1e-9)
-    forced = np.ones(len(times), dtype=bool)
-    compiled = fast.tangents(one, acts, path, start, plan, sampled, forced)
-    plain = linearised.tangents(one, acts, path, start, plan, sampled, forced)
+    every = everything(plan, path, times)
+    compiled, plain = (np.zeros((len(times), 21, start.matrix.shape[1])) for _ in range(2))
+    fast.seen(fast.tangents(one, acts, path, start, plan), every, compiled)
+    linearised.seen(linearised.tangents(one, acts, path, start, plan), every, plain)
     size = np.abs(compiled).max(axis=0)
     assert np.max(np.abs(compiled - plain) / np.maximum(size, 1e-12)) < 1e-9
 
 
+def everything(plan: Plan, path: Path, times: np.ndarray) -> Seen:
+    """Return channels for displacement, speed and acceleration of each degree of freedom."""
+    return seen_of(plan, path.step_s, times, np.repeat([0, 1, 2], 7), np.tile(np.eye(7), (3, 1)))
+
+
+def test_machine_code_and_numpy_give_the_same_low_pass() -> None:
+    rng = np.random.default_rng(3)
+    values, times = rng.standard_normal((101, 2, 3)), rng.uniform(0.0, 0.25, 80)
+    for poles in ([-200 + 150j, -200 - 150j], [-90.0], [-200 + 150j, -200 - 150j, -250.0]):
+        low_pass = LowPass(np.array(poles, dtype=complex))
+        found = fast.filtered(low_pass, values, 0.0025, times)
+        assert np.allclose(found, filtered(low_pass, values, 0.0025, times), rtol=1e-9, atol=1e-12)
+
+
 def motion(one: Car, own: Own, times: np.ndarray) -> np.ndarray:
-    path = whole(fast.integrate([one], [own], [END_S], STEP_S)[0])
+    path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)[0])
     seen = fast.sample(one, path, times)
     return np.concatenate([seen.motion(k) for k in range(3)], axis=1)
 
@@ -70,15 +87,14 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
     names = model.names
     free = np.array([i for i, n in enumerate(names) if mounted or not n.startswith("s_m")])
     one, own = car(model, eta, BASELINE, free), moving()
-    times = np.linspace(0.003, 0.19, 40)
-    path = whole(fast.integrate([one], [own], [END_S], STEP_S)[0])
+    times = 2.0 * USUAL.step_s * np.arange(5, 305, 8)  # at nodes: between two, a corner is cut
+    path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)[0])
     acts = acting([one])
-    start = start_of(one, own, acts)
-    polish = plan_of(one, path, True)
+    start = start_of(one, own, acts, PATH)
+    polish = plan_of(one, path, POLISH)
     plan = Plan(polish.starts, polish.lengths, polish.fine, (PATH, PATH))
-    found = fast.tangents(
-        one, acts, path, start, plan, fast.sample(one, path, times), np.ones(40, dtype=bool)
-    )
+    found = np.zeros((len(times), 21, start.matrix.shape[1]))
+    fast.seen(fast.tangents(one, acts, path, start, plan), everything(plan, path, times), found)
     n_own = start.matrix.shape[1] - len(acts)
     for column in (0, 4, 9, 12, 15):
         step = np.zeros(n_own)

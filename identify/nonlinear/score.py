@@ -1,0 +1,43 @@
+"""What unknowns that are not free yet would gain, to first order."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fit import Optimum, inverse, reduced
+from .problem import Problem, normal, point
+
+
+def gain_of(
+    problem: Problem, best: Optimum, eta: NDArray[np.float64], extra: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return by how much the cost would fall with each further unknown free, and its size.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the optimum.
+    best : Optimum
+        Where the free unknowns are.
+    eta : (P,) float64
+        All unknowns: those of the optimum, but for ones that do not act yet.
+    extra : (k,) intp
+        Positions of the further ones, none of them free.
+
+    Returns
+    -------
+    gains, sizes : (k,) float64
+        Each for one of them alone; zeros where the path is not finite.
+    """
+    known = best.point.problem.free
+    free = np.union1d(known, extra)
+    at = point(problem.releasing(free), eta, best.point.owns, best.point.grade)
+    if at is None:
+        return np.zeros(len(extra)), np.zeros(len(extra))
+    matrix, right, _ = reduced(normal(at), 0.0)
+    new, old = np.searchsorted(free, extra), ~np.isin(free, extra)
+    cross = matrix[np.ix_(new, old)] @ inverse(matrix[np.ix_(old, old)])
+    left = np.maximum(np.diag(matrix[np.ix_(new, new)] - cross @ matrix[np.ix_(old, new)]), 1e-300)
+    push = right[new] - cross @ right[old]
+    return push**2 / left, push / left

@@ -1,0 +1,58 @@
+"""A step of the fit: the best one within its bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from identify.nonlinear.fit import _step
+from identify.nonlinear.path import Own
+from identify.nonlinear.problem import Normal
+from identify.nonlinear.run import Block
+
+N_OWN, N_SHARED = 18, 3
+FREE = np.full(N_SHARED, np.inf)
+
+
+def equations(pull: float) -> tuple[Normal, np.ndarray, np.ndarray]:
+    """Return normal equations of one run that pull its first friction, and the whole of them."""
+    rng = np.random.default_rng(4)
+    root = rng.standard_normal((60, N_OWN + N_SHARED))
+    H, g = root.T @ root, rng.standard_normal(N_OWN + N_SHARED)
+    g[14] += pull
+    block = Block(H[:N_OWN, :N_OWN], H[:N_OWN, N_OWN:], H[N_OWN:, N_OWN:], g[:N_OWN], g[N_OWN:], ())
+    return Normal((block,), np.zeros((N_SHARED, N_SHARED)), np.zeros(N_SHARED)), H, g
+
+
+def at_rest(friction: float) -> Own:
+    return Own(np.zeros(14), np.array([friction, 0.0, 0.0, 0.0]), np.zeros(4))
+
+
+def test_a_free_step_is_that_of_the_whole_equations() -> None:
+    given, H, g = equations(1.0)
+    found = _step(given, (at_rest(0.0),), 0.0, -FREE, FREE)
+    whole = np.linalg.solve(H, g)
+    assert found.shared == pytest.approx(whole[N_OWN:])
+    assert found.owns[0] == pytest.approx(whole[:N_OWN])
+    assert found.fall == pytest.approx(float(g @ whole))
+
+
+def test_friction_that_acts_in_full_stops_and_the_others_step_with_it() -> None:
+    given, H, g = equations(40.0)
+    found = _step(given, (at_rest(0.75),), 0.0, -FREE, FREE)
+    rest = np.delete(np.arange(N_OWN + N_SHARED), 14)
+    with_it = np.linalg.solve(H[np.ix_(rest, rest)], g[rest] - 0.25 * H[rest, 14])
+    assert found.owns[0][14] == pytest.approx(0.25)
+    assert np.concatenate([np.delete(found.owns[0], 14), found.shared]) == pytest.approx(with_it)
+
+
+def test_an_unknown_at_its_bound_does_not_hold_up_the_others() -> None:
+    given, H, g = equations(1.0)
+    whole = np.linalg.solve(H, g)
+    high = FREE.copy()
+    high[1] = whole[N_OWN + 1] - 0.5
+    found = _step(given, (at_rest(0.0),), 0.0, -FREE, high)
+    rest = np.delete(np.arange(N_OWN + N_SHARED), N_OWN + 1)
+    with_it = np.linalg.solve(H[np.ix_(rest, rest)], g[rest] - high[1] * H[rest, N_OWN + 1])
+    assert found.shared[1] == pytest.approx(high[1])
+    assert np.delete(found.shared, 1) == pytest.approx(with_it[N_OWN:])
