@@ -228,6 +228,9 @@ def elements(fleet_car: FleetCar, simulated: Simulated) -> dict[str, dict[str, f
             "dF_c", tuple(n * d for n, d in zip(friction, _unequal(i.friction.sides), strict=True))
         ),
         "dampers_left_right": _both("s_c", _unequal(i.damper)),
+        "corners_left_right": _both("dk_s", _unequal(i.suspension))
+        | _both("dk_t", _unequal(i.tyre))
+        | _both("dm_u", _unequal(i.wheel)),
         "bump_stops": _both("k_b", tuple(k * met for k, met in stops)),
     }
     found = {name: size for name, size in sizes.items() if any(size.values())}

@@ -51,7 +51,7 @@ def sample(car: Car, path: Path, times_s: Array) -> Sampled:
     return Sampled(times_s, states, slopes, speeds)
 
 
-def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Array:
+def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Any:
     """Return the tangents along a path, as `seen` takes them."""
     corner, knots, inverse, _ = _body(car)
     count = start.matrix.shape[1]

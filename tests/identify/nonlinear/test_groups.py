@@ -1,8 +1,17 @@
 """The elements that a bench may force or forbid are those that the fit knows."""
 
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
 from daq.bench.bench_tables import StructureTable
 from daq.vehicle import ELEMENTS
+from identify.nonlinear.car import K_S, K_T, MASS, car
 from identify.nonlinear.groups import GROUPS, STAGES
+
+from .cars import bent, model_of
+from .truth import BASELINE
 
 
 def test_bench_file_vehicle_and_fit_know_the_same_elements() -> None:
@@ -17,3 +26,13 @@ def test_an_element_that_is_not_stated_is_left_to_the_data() -> None:
     assert StructureTable().decided == {}
     stated = StructureTable(friction=False, anti_roll_bars=True)
     assert stated.decided == {"anti_roll_bars": True, "friction": False}
+
+
+def test_unequal_corners_differ_by_their_share_left_and_right() -> None:
+    model = model_of()
+    eta = bent(model, dk_sf=0.2, dk_tr=-0.1, dm_uf=0.3)
+    one = car(model, eta, BASELINE, np.array([model.names.index("dk_sf")]))
+    assert one.corner[:, K_S] == pytest.approx([1.02 * 17e3, 0.98 * 17e3, 22e3, 22e3])
+    assert one.corner[:, K_T] == pytest.approx([192e3, 192e3, 0.99 * 192e3, 1.01 * 192e3])
+    assert one.corner[:, MASS] == pytest.approx([1.03 * 40.5, 0.97 * 40.5, 45.4, 45.4])
+    assert one.d_corner[:, K_S, 0] == pytest.approx([1.7e3, -1.7e3, 0.0, 0.0])
