@@ -83,7 +83,8 @@ def stack(cars: Sequence[Car], level: Level) -> Stack:
         mass, pull = np.stack([one.mass for one in cars]), np.stack([one.pull for one in cars])
     columns = tuple(np.ascontiguousarray(corner[..., k]) for k in range(KNEES))
     return Stack(
-        columns, bends(corner, first.knots, level.knee_m_s), np.linalg.inv(mass), pull,
+        columns, bends(corner, first.knots, level.knee_m_s),
+        np.asarray(np.linalg.inv(mass), dtype=np.float64), pull,
         np.array(first.knots), first.has_mount, bool(corner[..., K_B].any()), level,
     )  # fmt: skip
 
