@@ -53,10 +53,10 @@ def release(
 ) -> tuple[Optimum, tuple[str, ...]] | None:
     """Return the optimum of the rich model and the groups in it; None without a finite path.
 
-            `searched`: the runs once more, shorter and on fewer samples, to find the neighbourhood of the
-        optimum.  `eta`, (P,) float64: linear start, elements at rest.  `owns`: how each run begins by
-        it.  `allowed`: whether a group may be released.  `log`: receives a line for each stage.
-        """
+    `searched`: the runs once more, shorter and on fewer samples, to find the neighbourhood of the
+    optimum.  `eta`, (P,) float64: linear start, elements at rest.  `owns`: how each run begins by
+    it.  `allowed`: whether a group may be released.  `log`: receives a line for each stage.
+    """
     centre, prior = weak_priors(model, eta)
     problem = Problem(model, searched, centre, prior, np.zeros(0, dtype=np.intp))
     n = sum(run.freedom - 18.0 for run in searched)
