@@ -353,3 +353,12 @@ def test_a_message_is_as_silent_as_its_best_channel_but_a_mute_channel_is_named(
         assert finding.passed is passed
         if not passed:
             assert finding.subject == "twin"
+
+
+def test_a_channel_without_a_signal_is_a_message_of_its_own() -> None:
+    run = window({replace(TRAVEL, signal=""): T_S, OTHER: T_S})
+    (finding,) = stale(bench_of(replace(TRAVEL, signal=""), OTHER), run, ())
+    assert finding.text.startswith("all 2 messages came; longest silence 1 ms (")
+    assert finding.text.endswith(("(travel)", "(S)"))
+    (alone,) = stale(bench_of(replace(TRAVEL, signal="")), run, ())
+    assert alone.text.endswith("(travel)")
