@@ -31,7 +31,7 @@ RATES_HZ = (200.0, 100.0, 125.0, 250.0, 190.0, 160.0, 220.0)
 JITTER = 0.3
 """Of the sampling period, to either side."""
 LOST = 0.01
-CAMPAIGNS = 20
+CAMPAIGNS = 12
 REST_S, BUMP_S, RUN_S = 0.6, 0.2, 3.3
 ADDED_MASS = {state.name: state.added for state in load_bench(None).mass_states}
 
