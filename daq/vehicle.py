@@ -145,6 +145,8 @@ class BodyWeight:
     """Height above the CG of the sprung mass; it adds m h^2 to both inertias."""
     sigma_kg: float = 0.0
     """Standard uncertainty of the mass."""
+    position_sigma_m: float = 0.0
+    """Standard uncertainty of its place, forward and to the left alike."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.vehicle import BodyWeight
 from dbc.errors import InputError
 
+from .fit.grey_box import weight_sigmas
 from .fit.uncertainty import Estimate
 from .identification import Identification
 from .nonlinear.at_speeds import force_quantities
@@ -230,8 +232,11 @@ def _common(results: Iterable[Identification]) -> tuple[str, ...]:
         own = {f"{f.quantity} = {f.value:g} ± {f.sigma:g}" for f in box.facts}
         for state in box.mass_states:
             for i, weight in enumerate(state.added.weights, start=1):
-                if weight.sigma_kg > 0.0:
+                if any(weight_sigmas(weight)):
                     text = f"{weight.mass_kg:g} ± {weight.sigma_kg:g} kg"
+                    if isinstance(weight, BodyWeight):
+                        x_m, y_m, sigma_m = weight.x_m, weight.y_m, weight.position_sigma_m
+                        text += f" at ({x_m:g}, {y_m:g}) ± {sigma_m:g} m"
                     own.add(f"weight {i} of state {state.name} = {text}")
         stated.append(own)
     return tuple(sorted(set.intersection(*stated))) if stated else ()

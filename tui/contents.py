@@ -110,4 +110,6 @@ def _weight(weight: BodyWeight | HubWeight) -> list[str]:
         if "corner" in place
         else f"at x {place['x_m']:g} y {place['y_m']:g} m"
     )
+    if place.get("position_sigma_m"):
+        at += f" ± {place['position_sigma_m']:g}"
     return [f"{weight.mass_kg:g} kg {at}", f"± {weight.sigma_kg:g}" if weight.sigma_kg else ""]

@@ -157,12 +157,15 @@ class WeightTable(Table):
     x_m: float | None = None
     y_m: float | None = None
     height_m: float = 0.0
+    position_sigma_m: _NotNegative = 0.0
 
     @model_validator(mode="after")
     def _one_place(self) -> WeightTable:
         on_body = self.x_m is not None and self.y_m is not None
         if on_body == (self.hub is not None):
             raise ValueError("a weight has either x_m and y_m, or hub")
+        if self.hub is not None and self.position_sigma_m:
+            raise ValueError("position_sigma_m is for a weight on the body, not on a hub")
         return self
 
 

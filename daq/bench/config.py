@@ -300,7 +300,14 @@ def _validated(text: str, where: str) -> BenchFile:
 
 def _weight(table: WeightTable) -> BodyWeight | HubWeight:
     if table.x_m is not None and table.y_m is not None:
-        return BodyWeight(table.mass_kg, table.x_m, table.y_m, table.height_m, table.sigma_kg)
+        return BodyWeight(
+            table.mass_kg,
+            table.x_m,
+            table.y_m,
+            table.height_m,
+            table.sigma_kg,
+            table.position_sigma_m,
+        )
     assert table.hub is not None  # held by WeightTable
     return HubWeight(table.mass_kg, table.hub, table.sigma_kg)
 

@@ -177,10 +177,11 @@ def _weight_row(weight: Weight) -> dict[str, Any]:
     row: dict[str, Any] = {"mass_kg": weight.mass_kg, "sigma_kg": weight.sigma_kg}
     if isinstance(weight, HubWeight):
         return row | {"hub": str(weight.corner)}
-    return row | {"x_m": weight.x_m, "y_m": weight.y_m, "height_m": weight.height_m}
+    place = {"x_m": weight.x_m, "y_m": weight.y_m, "height_m": weight.height_m}
+    return row | place | {"position_sigma_m": weight.position_sigma_m}
 
 
-_LEFT_OUT = {"sigma_kg": 0.0, "height_m": 0.0}
+_LEFT_OUT = {"sigma_kg": 0.0, "height_m": 0.0, "position_sigma_m": 0.0}
 """Keys of a weight that need not be written, with the value that holds without them."""
 
 

@@ -46,6 +46,7 @@ post_s = 2.5  # until the motion has decayed
 # mass_kg = 32.5
 # x_m = 0.14  # from the middle of the front axle, forward positive
 # y_m = 0.55  # left positive
+# position_sigma_m = 0.005  # how well you measured its place
 
 # [[weight]]  # FILL IN
 # mass_kg = 4.0

@@ -29,7 +29,8 @@ channel, weight, frame, event), and every table of samples has `time`.  Units ar
                     f8: how late the sensor is; low_pass_hz f8 (0: none), low_pass_order i4;
                     signal_unit S16: the unit of the signal where the DBC is silent or wrong;
                     serial_number S64; calibrated S10: date
-/mass_states/NAME   order: 0 is the baseline; weight; mass_kg sigma_kg x_m y_m height_m f8, hub S2
+/mass_states/NAME   order: 0 is the baseline; weight; mass_kg sigma_kg x_m y_m height_m
+                    position_sigma_m f8, hub S2
                     (a corner: the weight is on that hub; empty: on the body);
                     delta_mass f8 (7, 7) by row and column: a mass matrix given directly, for
                     heave, pitch and roll of the body, heave of the wheels FL FR RL RR

@@ -15,6 +15,7 @@ from dbc.samples import UNUSABLE
 from ..channels import SI_UNITS, Channel, Quantity
 from ..runs import Run, RunStatus, SampleGroup
 from ..sessions import Session
+from ..vehicle import BodyWeight
 from .findings import error, warning
 
 _YEAR_2000_NS = 946_684_800_000_000_000
@@ -72,6 +73,8 @@ def _vehicle(session: Session) -> Iterator[Finding]:
         for weight in state.added.weights:
             if not 0.0 < weight.mass_kg < 1e5 or not isfinite(weight.sigma_kg):
                 yield warning(where, f"a weight of {weight.mass_kg} ± {weight.sigma_kg} kg")
+            if isinstance(weight, BodyWeight) and not isfinite(weight.position_sigma_m):
+                yield warning(where, f"a weight at its place ± {weight.position_sigma_m} m")
 
 
 def _channels(session: Session) -> Iterator[Finding]:

@@ -57,6 +57,7 @@ WEIGHT_COLUMNS = {
     "x_m": "f8",
     "y_m": "f8",
     "height_m": "f8",
+    "position_sigma_m": "f8",
     "hub": "S2",
 }
 FACT_COLUMNS = {"quantity": "S32", "value": "f8", "sigma": "f8"}

@@ -96,7 +96,8 @@ def _hashes(config: Group) -> Iterator[Finding]:
 def _mass_state(group: Group, where: str) -> Iterator[Finding]:
     yield from _typed(group, where, {"order": int})
     extra = {"delta_mass", "row", "column"}
-    yield from _table(group, where, WEIGHT_COLUMNS, set(WEIGHT_COLUMNS), "weight", extra)
+    required = set(WEIGHT_COLUMNS) - {"position_sigma_m"}  # files of 2026 were written without
+    yield from _table(group, where, WEIGHT_COLUMNS, required, "weight", extra)
     matrix = group.datasets.get("delta_mass")
     if matrix is None or matrix.values.shape != (7, 7) or matrix.values.dtype.kind != "f":
         yield error(where, "delta_mass is no 7 x 7 matrix of numbers")

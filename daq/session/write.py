@@ -131,7 +131,7 @@ def _fill(file: h5py.File, session: Session) -> None:
 def _mass_state(group: h5py.Group, state: MassState) -> None:
     rows: list[dict[str, Any]] = []
     for weight in state.added.weights:
-        row: dict[str, Any] = {"x_m": 0.0, "y_m": 0.0, "height_m": 0.0, "hub": ""}
+        row: dict[str, Any] = dict.fromkeys(WEIGHT_COLUMNS, 0.0) | {"hub": ""}
         if isinstance(weight, BodyWeight):
             row |= asdict(weight)
         else:

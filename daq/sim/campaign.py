@@ -68,8 +68,6 @@ class Plan:
     from_decay: bool = False
     """Records begin with the free decay: the first sample of each sensor sees the car after the
     bump.  Else they begin at rest."""
-    place_sigma_m: float = 0.0
-    """Standard deviation of the places of weights, each way, m."""
     stuck: float = 0.0
     """Share of its friction up to which each corner may carry load before a bump."""
 
@@ -94,7 +92,7 @@ def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
     the car over, or a bump names no mass state of the plan.  Raises InputError if a fault is
     declared for no channel of the plan, or two for the same one.
     """
-    drawn = draw(plan.channels, plan.mass_states, car, seed, plan.place_sigma_m)
+    drawn = draw(plan.channels, plan.mass_states, car, seed)
     plants = {
         name: load_car(car.parameters, added, car.imperfections)
         for name, added in drawn.mass_states.items()

@@ -156,15 +156,13 @@ def draw(
     mass_states: Sequence[MassState],
     car: SimulatedCar,
     seed: int,
-    place_sigma_m: float = 0.0,
 ) -> Truth:
     """Draw what differs between sensors and weights as described and as they are.
 
     `channels` and `mass_states`: the description; its sigmas are the spreads of the draw.  `car`:
     the car and the spreads that the description does not state.  `seed`: the same seed gives the
-    same campaign.  `place_sigma_m`: standard deviation of the place of each weight on the body,
-    forward and to the left, m.  Raises InputError if a fault is declared for no channel, or two for
-    the same one.
+    same campaign.  Raises InputError if a fault is declared for no channel, or two for the same
+    one.
     """
     faults = _by_channel(car.faults, [channel.name for channel in channels])
     rng = np.random.default_rng([seed, 0])
@@ -194,9 +192,8 @@ def draw(
         )
         fault = faults.get(channel.name)
         sensors[channel.name] = sensor if fault is None else spoilt(sensor, fault)
-    weighed = {state.name: _as_weighed(state, rng) for state in mass_states}
-    placed = {name: _as_placed(added, place_sigma_m, rng) for name, added in weighed.items()}
-    return Truth(car.parameters, placed, sensors, clocks)
+    loads = {state.name: _as_loaded(state.added, rng) for state in mass_states}
+    return Truth(car.parameters, loads, sensors, clocks)
 
 
 def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
@@ -226,25 +223,20 @@ def _by_channel(faults: tuple[SensorFault, ...], channels: list[str]) -> dict[st
     return result
 
 
-def _as_weighed(state: MassState, rng: np.random.Generator) -> AddedMass:
-    """Return the masses that the scales showed with an error of `sigma_kg`."""
-    weights = tuple(
+def _as_loaded(added: AddedMass, rng: np.random.Generator) -> AddedMass:
+    """Return the weights as they are, beside what scales and tape showed of them."""
+    weighed = [
         replace(weight, mass_kg=weight.mass_kg + weight.sigma_kg * rng.standard_normal())
-        for weight in state.added.weights
-    )
-    return replace(state.added, weights=weights)
-
-
-def _as_placed(added: AddedMass, sigma_m: float, rng: np.random.Generator) -> AddedMass:
-    """Return the weights beside the places that the tape showed."""
-    weights = tuple(
+        for weight in added.weights
+    ]
+    placed = (
         replace(
             weight,
-            x_m=weight.x_m + sigma_m * rng.standard_normal(),
-            y_m=weight.y_m + sigma_m * rng.standard_normal(),
+            x_m=weight.x_m + weight.position_sigma_m * rng.standard_normal(),
+            y_m=weight.y_m + weight.position_sigma_m * rng.standard_normal(),
         )
         if isinstance(weight, BodyWeight)
         else weight
-        for weight in added.weights
+        for weight in weighed
     )
-    return replace(added, weights=weights)
+    return replace(added, weights=tuple(placed))

@@ -88,7 +88,6 @@ def fitted_plan(
         channels=channels(fitting),
         mass_states=mass_states,
         rates_hz=rates_hz,
-        place_sigma_m=limits["place_m"] / sqrt(3.0),
         stuck=0.5,
     )
 
@@ -107,6 +106,7 @@ def _weights(
             x_m=round(0.15 if along > 0.0 else -wheelbase - 0.1, 2),
             y_m=round(across * (p.t_f if along > 0.0 else p.t_r), 2),
             sigma_kg=sigma_kg,
+            position_sigma_m=limits["place_m"] / sqrt(3.0),
         )
         for share, along, across in placed
     ]

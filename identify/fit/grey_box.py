@@ -2,10 +2,10 @@
 
 Unknowns are the parameters of the vehicle (logarithms of those that cannot be negative) and, where
 the session states an uncertainty, small corrections to what is nominally known: the place of a body
-sensor, the lateness of a channel group, the mass of a weight.  Each correction carries its standard
-uncertainty as a prior, so that it widens the intervals of the parameters as much as it should and
-no more.  Facts (scales, tape measure) are data like the samples.  Derivatives are exact, by a
-complex step.
+sensor, the lateness of a channel group, the mass of a weight and its place.  Each correction
+carries its standard uncertainty as a prior, so that it widens the intervals of the parameters as
+much as it should and no more.  Facts (scales, tape measure) are data like the samples.  Derivatives
+are exact, by a complex step.
 """
 
 from __future__ import annotations
@@ -16,7 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE, Channel
-from daq.vehicle import Fact, MassState, Structure, VehicleGeometry, parameter_names
+from daq.vehicle import (
+    BodyWeight,
+    Fact,
+    HubWeight,
+    MassState,
+    Structure,
+    VehicleGeometry,
+    parameter_names,
+)
 from dbc.frames import read_only
 
 from ..decays.decay import ChannelGroup
@@ -33,6 +41,8 @@ from ..model.matrices import (
 COMPLEX_STEP = 1e-30
 """Step of the derivatives: there is no subtraction, so no lower limit from rounding."""
 _CROSS_SCALE_KG = 10.0
+_OFF = ("", "x of ", "y of ")
+"""Begins the name of a weight's correction: its mass, its place forward, to the left."""
 
 SIGNED = {"k_af": 1e4, "k_ar": 1e4, "c_tf": 100.0, "c_tr": 100.0, "y_s": 0.1}
 """Parameters that may be zero or negative, each with the size that counts as one unknown."""
@@ -77,7 +87,8 @@ class GreyBox:
     _channels: tuple[Channel, ...] = field(init=False)
     _loose: tuple[str, ...] = field(init=False)
     _late: tuple[int, ...] = field(init=False)
-    _weights: tuple[tuple[str, int], ...] = field(init=False)
+    _weights: tuple[tuple[str, int, int], ...] = field(init=False)
+    """Mass state, weight and figure (`_OFF`) of each correction of a weight."""
 
     def __post_init__(self) -> None:
         known = () if self.geometry is None else ("a", "b", "t_f", "t_r")
@@ -86,10 +97,11 @@ class GreyBox:
         loose = [c for c in channels.values() if c.position_sigma_m > 0 and not c.at_cg]
         late = tuple(i for i, group in enumerate(self.groups) if group.delay_sigma_s > 0)
         weights = {
-            (state.name, i): weight.sigma_kg
+            (state.name, i, figure): sigma
             for state in self.mass_states
             for i, weight in enumerate(state.added.weights)
-            if weight.sigma_kg > 0
+            for figure, sigma in enumerate(weight_sigmas(weight))
+            if sigma > 0
         }
         parameters = tuple(name for name in names if name not in known)
         free_cross = any(fact.quantity in CORNERS for fact in self.facts)
@@ -121,7 +133,7 @@ class GreyBox:
         return (
             *(f"{axis} of {name}" for name in self._loose for axis in "xy"),
             *(f"delay of {self.groups[i].name}" for i in self._late),
-            *(f"weight {i + 1} of state {state}" for state, i in self._weights),
+            *(f"{_OFF[figure]}weight {i + 1} of state {s}" for s, i, figure in self._weights),
         )
 
     def pulls(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -219,15 +231,17 @@ class GreyBox:
             return np.zeros(len(eta), dtype=complex)
         return np.asarray(_CROSS_SCALE_KG * eta[:, len(self.prior_sigma) - 1])
 
-    def masses_kg(self, eta: NDArray[np.complex128], state: MassState) -> NDArray[np.complex128]:
-        """Return the weights of a mass state as corrected, (n, n_weights) kg, at `eta`, (n, P)."""
+    def off_weights(self, eta: NDArray[np.complex128], state: MassState) -> NDArray[np.complex128]:
+        """Return mass and place of each weight of a mass state beside what is stated, at `eta`.
+
+        `eta`: (n, P).  Returns (n, n_weights, 3): kg, and m forward and to the left.
+        """
         first = self._first_delay + len(self._late)
-        nominal = np.array([w.mass_kg for w in state.added.weights], dtype=complex)
-        masses = np.tile(nominal, (len(eta), 1))
-        for p, (name, i) in enumerate(self._weights, start=first):
+        off = np.zeros((len(eta), len(state.added.weights), 3), dtype=complex)
+        for p, (name, i, figure) in enumerate(self._weights, start=first):
             if name == state.name:
-                masses[:, i] += eta[:, p]
-        return masses
+                off[:, i, figure] = eta[:, p]
+        return off
 
     def _evaluate(
         self, eta: NDArray[np.complex128], state: MassState
@@ -235,8 +249,8 @@ class GreyBox:
         """Return A, (n, 14, 14), and the output rows, (n, n_channels, 14), at `eta`, (n, P)."""
         full = self.full(eta)
         M, C, K = full_matrices(full)
-        masses = self.masses_kg(eta, state)
-        A = state_matrix(M + delta_mass(state.added, full[:, 19], masses, full[:, 27]), C, K)
+        off = self.off_weights(eta, state)
+        A = state_matrix(M + delta_mass(state.added, full[:, 19], full[:, 27], off), C, K)
         rows = [
             self._row(channel, row, A)
             for channel, row in zip(self._channels, self._motion_rows(eta, full), strict=True)
@@ -273,6 +287,13 @@ class GreyBox:
             case 1:
                 return np.concatenate([zero, row], axis=-1)
         return np.concatenate([row, zero], axis=-1)
+
+
+def weight_sigmas(weight: BodyWeight | HubWeight) -> tuple[float, ...]:
+    """Return the standard uncertainty of mass, kg, and of place forward and to the left, m."""
+    if isinstance(weight, BodyWeight):
+        return weight.sigma_kg, weight.position_sigma_m, weight.position_sigma_m
+    return (weight.sigma_kg,)
 
 
 def stepped(eta: NDArray[np.float64]) -> NDArray[np.complex128]:

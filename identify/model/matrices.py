@@ -173,8 +173,8 @@ def state_space(parameters: VehicleParameters) -> PhysicalModel:
 def delta_mass(
     added: AddedMass,
     a: complex | NDArray[np.complex128],
-    masses_kg: NDArray[np.complex128] | NDArray[np.float64] | None = None,
     y_s: complex | NDArray[np.complex128] = 0.0,
+    off: NDArray[np.complex128] | None = None,
 ) -> NDArray[np.complex128]:
     """Mass matrix of the added weights about the CG of the *baseline*.
 
@@ -187,8 +187,8 @@ def delta_mass(
         Weights, positions counted from the middle of the front axle.
     a, y_s : complex or (...) complex128
         Place of the CG, m: behind the front axle, and to the left of the middle.
-    masses_kg : (..., n_weights) float64 or complex128, optional
-        Masses in place of the nominal ones.
+    off : (..., n_weights, 3) complex128, optional
+        By how much each weight differs from what is stated: mass, kg, and place x, y, m.
 
     Returns
     -------
@@ -197,10 +197,12 @@ def delta_mass(
     """
     a, y_s = np.broadcast_arrays(np.asarray(a, dtype=complex), np.asarray(y_s, dtype=complex))
     total = np.broadcast_to(added.matrix, (*a.shape, N_DOF, N_DOF)).astype(complex)
+    off = np.zeros((len(added.weights), 3), dtype=complex) if off is None else off
     for i, weight in enumerate(added.weights):
-        mass = weight.mass_kg if masses_kg is None else masses_kg[..., i]
+        mass = weight.mass_kg + off[..., i, 0]
         if isinstance(weight, BodyWeight):
-            r = np.stack([np.ones_like(a), -(weight.x_m + a), weight.y_m - y_s], axis=-1)
+            x, y = weight.x_m + off[..., i, 1] + a, weight.y_m + off[..., i, 2] - y_s
+            r = np.stack([np.ones_like(a), -x, y], axis=-1)
             tilt = np.diag([0.0, 1.0, 1.0]) * weight.height_m**2
             square = r[..., :, None] * r[..., None, :] + tilt
             total[..., :3, :3] += np.asarray(mass)[..., None, None] * square

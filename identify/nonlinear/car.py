@@ -121,7 +121,7 @@ def _coefficients(
     box = model.box
     full = box.full(eta)
     value = model.element_values(eta)
-    added = delta_mass(state.added, full[:, 19], box.masses_kg(eta, state), full[:, 27])
+    added = delta_mass(state.added, full[:, 19], full[:, 27], box.off_weights(eta, state))
     pull = -GRAVITY_M_S2 * (added[:, :, 0] + added[:, :, 3:].sum(axis=-1))
     corner = np.zeros((len(eta), 4, KNEES + len(model.knots)), dtype=complex)
     cross = box.cross_kg(eta)

@@ -22,7 +22,7 @@ from daq.runs import Excitation
 from daq.vehicle import MassState
 
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
-from ..fit.grey_box import GreyBox
+from ..fit.grey_box import GreyBox, weight_sigmas
 from ..fit.likelihood import normal_blocks
 from ..fit.varpro import Evaluated, evaluate, linear_coefficients, normal_block
 from ..model.facts import CORNERS
@@ -121,10 +121,9 @@ class KnownRuns:
 def _common(plan: Plan) -> tuple[Any, ...]:
     """Return all that the information of a run depends on beside its mass state and excitation."""
     uncertain = tuple(
-        (state.name, i)
+        (state.name, i, *weight_sigmas(weight))
         for state in plan.mass_states
         for i, weight in enumerate(state.added.weights)
-        if weight.sigma_kg > 0.0
     )
     return (
         plan.vehicle.tobytes(),

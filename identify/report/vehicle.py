@@ -72,14 +72,14 @@ def _weights(state: MassState) -> Table:
     rows = []
     for weight in state.added.weights:
         if isinstance(weight, BodyWeight):
-            at = (weight.x_m, weight.y_m, weight.height_m)
+            at = (weight.x_m, weight.y_m, weight.height_m, weight.position_sigma_m)
             place = (Cell("body"), *(Cell(f"{value:.3f}") for value in at))
         else:
-            place = (Cell(f"hub {weight.corner}"), Cell(""), Cell(""), Cell(""))
+            place = (Cell(f"hub {weight.corner}"), *(Cell("") for _ in range(4)))
         rows.append((*place, Cell(number(weight.mass_kg)), Cell(f"{weight.sigma_kg:.3g}")))
     return Table(
         f"Weights of mass state {state.name}",
-        ("on", "#x, m", "#y, m", "#above CG, m", "#mass, kg", "#uncertainty, kg"),
+        ("on", "#x, m", "#y, m", "#above CG, m", "#place ±, m", "#mass, kg", "#mass ±, kg"),
         tuple(rows),
         "Positions from the middle of the front axle: x forward, y to the left.",
     )

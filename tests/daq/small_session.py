@@ -96,7 +96,10 @@ def small_run(repeat: int, frames: FrameBatch) -> Run:
 def small_session(frames: FrameBatch | None = None) -> Session:
     """Two runs with frames, one without."""
     frames = mixed_frames(200) if frames is None else frames
-    weights = (BodyWeight(30.0, -1.0, 0.5, 0.1, 0.02), HubWeight(4.0, Corner.REAR_LEFT, 0.01))
+    weights = (
+        BodyWeight(30.0, -1.0, 0.5, 0.1, 0.02, 0.005),
+        HubWeight(4.0, Corner.REAR_LEFT, 0.01),
+    )
     half = len(frames) // 2
     return Session(
         Vehicle(

@@ -134,10 +134,18 @@ def test_weights_that_stay_keep_their_lines_and_headings_stay_above_what_follows
     ids=["inline", "scattered", "dotted", "crlf"],
 )
 def test_other_spellings_are_edited_too(text: str) -> None:
-    weights = (BodyWeight(20.0, -0.5, 0.4, 0.1, 0.02), HubWeight(3.0, Corner.REAR_LEFT))
+    weights = (BodyWeight(20.0, -0.5, 0.4, 0.1, 0.02, 0.01), HubWeight(3.0, Corner.REAR_LEFT))
     after = with_vehicle(with_weights(text, weights), "car", Structure())
     assert _bench(after).mass_states[1].added.weights == weights
     assert _bench(after).vehicle.name == "car"
+
+
+def test_only_a_weight_on_the_body_has_an_uncertain_place() -> None:
+    text = SHIPPED + "\n[[weight]]\nmass_kg = 3\nposition_sigma_m = 0.01\n"
+    with pytest.raises(InputError, match="position_sigma_m is for a weight on the body"):
+        _bench(text + "hub = 'FL'\n")
+    body = _bench(text + "x_m = 0.1\ny_m = 0.2\n").mass_states[1].added.weights[-1]
+    assert body == BodyWeight(3.0, 0.1, 0.2, position_sigma_m=0.01)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +175,7 @@ _KG = st.floats(1e-3, 1e4)
 _M = st.floats(-10.0, 10.0)
 _WEIGHTS = st.lists(
     st.one_of(
-        st.builds(BodyWeight, _KG, _M, _M, _M, st.floats(0.0, 10.0)),
+        st.builds(BodyWeight, _KG, _M, _M, _M, st.floats(0.0, 10.0), st.floats(0.0, 1.0)),
         st.builds(HubWeight, _KG, st.sampled_from(Corner), st.floats(0.0, 10.0)),
     ),
     max_size=6,

@@ -16,7 +16,12 @@ from daq.sim.instruments import HUBS, IMU, MESSAGES, Fitting, channels
 from daq.vehicle import AddedMass, BodyWeight, Corner, HubWeight, MassState
 
 SILENT = Spread(0.0, 0.0, 0.0, 0.0, 0.0)
-WEIGHTS = AddedMass((BodyWeight(80.0, -0.3, 0.4, sigma_kg=0.2), HubWeight(4.0, Corner.REAR_LEFT)))
+WEIGHTS = AddedMass(
+    (
+        BodyWeight(80.0, -0.3, 0.4, sigma_kg=0.2, position_sigma_m=0.01),
+        HubWeight(4.0, Corner.REAR_LEFT),
+    )
+)
 CAR = SimulatedCar(noise=SILENT, bias=SILENT)
 PLAN = Plan(
     bumps=(
@@ -80,8 +85,7 @@ def test_records_may_begin_with_the_decay() -> None:
 
 
 def test_the_session_states_what_people_know_and_not_what_is() -> None:
-    plan = replace(PLAN, place_sigma_m=0.01)
-    simulated = simulate(CAR, plan, 5)
+    simulated = simulate(CAR, PLAN, 5)
     stated = simulated.session.mass_states[1].added.weights[0]
     real = simulated.truth.mass_states[ADDED].weights[0]
     assert isinstance(stated, BodyWeight)

@@ -101,7 +101,7 @@ def test_weights_are_stated_with_their_uncertainty() -> None:
         body = [w for w in weights if isinstance(w, BodyWeight)]
         assert 0.07 < sum(w.mass_kg for w in body) / car.car.parameters.m_s < 0.14
         assert all(w.sigma_kg == pytest.approx(0.1732, abs=1e-4) for w in body)
-        assert car.plan.place_sigma_m == pytest.approx(0.01155, abs=1e-5)
+        assert all(w.position_sigma_m == pytest.approx(0.01155, abs=1e-5) for w in body)
 
 
 def test_a_simulated_car_has_the_elements_that_it_met() -> None:

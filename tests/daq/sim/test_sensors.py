@@ -209,9 +209,12 @@ def test_draws_follow_the_sigmas_of_the_bench() -> None:
 
 def test_weights_are_drawn_about_what_the_scales_showed() -> None:
     bench = load_bench(None)
-    weights = (BodyWeight(30.0, 0.1, 0.5, sigma_kg=0.3), BodyWeight(30.0, 0.1, -0.5))
+    unsure = BodyWeight(30.0, 0.1, 0.5, sigma_kg=0.3, position_sigma_m=0.02)
+    weights = (unsure, BodyWeight(30.0, 0.1, -0.5))
     state = replace(bench.mass_states[1], added=AddedMass(weights))
     bench = replace(bench, mass_states=(bench.mass_states[0], state))
     drawn = [truth(bench, SimulatedCar(), seed).mass_states["added"] for seed in range(300)]
     assert np.std([d.weights[0].mass_kg for d in drawn]) == pytest.approx(0.3, rel=0.15)
-    assert {d.weights[1].mass_kg for d in drawn} == {30.0}
+    places = np.array([(w.x_m, w.y_m) for d in drawn if isinstance(w := d.weights[0], BodyWeight)])
+    np.testing.assert_allclose(places.std(axis=0), 0.02, rtol=0.15)
+    assert {d.weights[1] for d in drawn} == {weights[1]}

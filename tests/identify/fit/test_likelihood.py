@@ -147,3 +147,24 @@ def test_uncertain_weights_widen_the_intervals() -> None:
     # Seven weights, each known to 5 %, cannot fix the scale to much less than 5 % / sqrt(7).
     assert stds[0] < 0.004
     assert 0.01 < stds[1] < 0.05
+
+
+def test_a_weight_beside_its_place_moves_the_car_unless_its_place_is_uncertain() -> None:
+    stated = (BodyWeight(65.0, 0.1, 0.6), BodyWeight(65.0, 0.1, -0.6), BodyWeight(65.0, -2.6, 0.3))
+    hubs = tuple(HubWeight(5.0, corner) for corner in Corner)
+    real = AddedMass((replace(stated[0], x_m=0.15, y_m=0.57), *stated[1:], *hubs))
+    states = (MASS_STATES[0], MassState("added", real))
+    decays = tuple(r.decay(START_S) for r in paper_records(200.0, 80.0, 9, mass_states=states))
+    sigma = noise_of(paper_records(200.0, 80.0, 9), 200.0)
+    far = {}
+    for sigma_m in (0.0, 0.03):
+        known = AddedMass((replace(stated[0], position_sigma_m=sigma_m), *stated[1:], *hubs))
+        box = GreyBox((GROUP,), (MASS_STATES[0], MassState("added", known)), None)
+        best = fit(box, decays, sigma, box.unknowns(TRUTH))
+        std = np.sqrt(np.diag(best.covariance))
+        far[sigma_m] = np.abs(best.eta[:15] - np.log(TRUTH)) / std[:15]
+    assert np.max(far[0.0]) > 6.0
+    assert np.max(far[0.03]) < 3.5
+    # 50 mm forward and 30 mm to the right.
+    assert box.corrections == ("x of weight 1 of state added", "y of weight 1 of state added")
+    np.testing.assert_allclose(box.pulls(best.eta), [0.05 / 0.03, -1.0], atol=0.35)

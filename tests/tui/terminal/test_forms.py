@@ -34,7 +34,7 @@ GOOD = vehicle_values(BENCH, "MK") | {
     "rear_track_m": "1.48",
 }
 WEIGHT = {"place": "body", "serial": "M-07", "mass_kg": "20", "sigma_kg": "0.01", "x_m": "-0.4",
-          "y_m": "0.55", "height_m": "0"}  # fmt: skip
+          "y_m": "0.55", "position_sigma_m": "0.005", "height_m": "0"}  # fmt: skip
 
 
 def test_the_bench_in_force_fills_a_form_without_errors() -> None:
@@ -144,6 +144,7 @@ def test_a_form_that_changes_nothing_leaves_the_text_alone() -> None:
         ({"x_m": "-4.5"}, "x_m", "-3.96 to 1.20 m", "beside the car"),
         ({"x_m": "-400"}, "x_m", "-8 to 3 m", "below"),
         ({"y_m": "1.2"}, "y_m", "-1.04 to 1.04 m", "beside the car"),
+        ({"position_sigma_m": "0.21"}, "position_sigma_m", "0 to 0.2 m", "above"),
         ({"height_m": "3"}, "height_m", "-1 to 2 m", "above"),
     ],
 )
@@ -160,7 +161,7 @@ def test_a_weight_on_a_hub_needs_no_position() -> None:
     typed = WEIGHT | {"place": "RL", "x_m": "what?", "y_m": ""}
     assert check_weight(typed, 2.76, 0.74) == ()
     assert weight_of(typed) == HubWeight(20.0, Corner.REAR_LEFT, 0.01)
-    body = BodyWeight(20.0, -0.4, 0.55, 0.0, 0.01)
+    body = BodyWeight(20.0, -0.4, 0.55, 0.0, 0.01, 0.005)
     assert weight_of(WEIGHT) == body
     for weight in (body, HubWeight(4.25, Corner.FRONT_RIGHT)):
         values = weight_values(weight, "M-07")

@@ -22,12 +22,14 @@ WEIGHT_FIELDS: tuple[Field, ...] = (
     Field("x_m", "x", "m", -8.0, 3.0, "the weight must be on the car",
           "forward of the middle of the front axle; most are negative"),
     Field("y_m", "y", "m", -1.5, 1.5, "the weight must be on the car", "to the left of the middle"),
+    Field("position_sigma_m", "Place ±", "m", 0.0, 0.2, "measure its place from the front axle",
+          "how well x and y are known, one standard deviation"),
     Field("height_m", "Height", "m", -1.0, 2.0, "the weight must be on the car",
           "above the centre of gravity"),
 )  # fmt: skip
 
 
-_ON_BODY = {"x_m", "y_m", "height_m"}
+_ON_BODY = {"x_m", "y_m", "position_sigma_m", "height_m"}
 _OVERHANG_M, _BESIDE_M = 1.2, 0.3
 
 
@@ -65,7 +67,8 @@ def weight_of(values: Values) -> Weight:
     if values["place"] != BODY:
         return HubWeight(mass, Corner(values["place"]), sigma)
     height = number(values.get("height_m", "")) or 0.0
-    return BodyWeight(mass, stated(values["x_m"]), stated(values["y_m"]), height, sigma)
+    place = number(values.get("position_sigma_m", "")) or 0.0
+    return BodyWeight(mass, stated(values["x_m"]), stated(values["y_m"]), height, sigma, place)
 
 
 def weight_values(weight: Weight, serial: str = "") -> dict[str, str]:
@@ -76,8 +79,8 @@ def weight_values(weight: Weight, serial: str = "") -> dict[str, str]:
         "sigma_kg": f"{weight.sigma_kg:.10g}",
     }
     if isinstance(weight, HubWeight):
-        return values | {"place": str(weight.corner), "x_m": "", "y_m": "", "height_m": ""}
-    place = {"x_m": weight.x_m, "y_m": weight.y_m, "height_m": weight.height_m}
+        return values | {"place": str(weight.corner)} | dict.fromkeys(sorted(_ON_BODY), "")
+    place = {name: getattr(weight, name) for name in sorted(_ON_BODY)}
     return values | {"place": BODY} | {name: f"{value:.10g}" for name, value in place.items()}
 
 

@@ -54,7 +54,14 @@ _QUIET_S = 0.3
 _REST_S = 2.0
 _PATIENCE_S = 60.0
 _ANOTHER = "new"
-_NEW = {"place": BODY, "serial": "", "mass_kg": "", "sigma_kg": "0.01", "height_m": "0"}
+_NEW = {
+    "place": BODY,
+    "serial": "",
+    "mass_kg": "",
+    "sigma_kg": "0.01",
+    "position_sigma_m": "0.005",
+    "height_m": "0",
+}
 
 
 class MassesScreen(BenchScreen):
