@@ -158,7 +158,8 @@ def read_logs(paths: Sequence[Path]) -> list[Log]:
 def _check(path: Path) -> None:
     where, known = str(path), ", ".join(FORMATS)
     if not path.is_file():
-        what = "is a directory" if path.is_dir() else "no such file"
+        other = "is a directory" if path.is_dir() else "is no regular file"
+        what = other if path.exists() else "no such file"
         raise InputError(where, what, f"name a log: {known}")
     if path.suffix.lower() not in FORMATS:
         raise InputError(where, f"{path.suffix or 'no suffix'} is no log format", f"use {known}")

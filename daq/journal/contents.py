@@ -58,14 +58,16 @@ class JournalLoss:
 
 @dataclass(frozen=True, slots=True)
 class JournalBlock:
-    """One message of the journal: frames or events."""
+    """Frames or events of a recording: some of its blocks, one after the other."""
 
     frames: FrameBatch
-    """Empty in a block of events."""
+    """Empty where there are events."""
     losses: HopLosses
-    """Cumulative counts up to this block."""
+    """Cumulative counts, the same for all of these frames."""
     events: tuple[Event, ...] = ()
-    """Empty in a block of frames."""
+    """Empty where there are frames."""
+    first: int = 0
+    """Number of frames that were stored together with the first."""
 
 
 @dataclass(frozen=True, slots=True)

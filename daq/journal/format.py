@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 
@@ -29,7 +30,7 @@ _CRC = struct.Struct("<I")
 _BLOCK = struct.Struct("<QII4Q")  # number, frames, payload width, HopLosses
 _COLUMNS = (("t_ns", "<i8"), ("can_id", "<u4"), ("flags", "<u2"), ("bus", "u1"), ("length", "u1"))
 _COLUMN_BYTES = sum(np.dtype(form).itemsize for _, form in _COLUMNS)
-BLOCK_HEAD = _CRC.size + _BLOCK.size
+_BLOCK_HEAD = _CRC.size + _BLOCK.size
 """Bytes of a message of frames before its first column, which is `t_ns`."""
 
 
@@ -109,36 +110,61 @@ def pack_frames(number: int, frames: FrameBatch, losses: HopLosses) -> bytes:
     return _CRC.pack(zlib.crc32(body)) + body
 
 
-def unpack_frames(message: bytes) -> tuple[int, FrameBatch, HopLosses]:
-    """Return number, frames and losses of a message of `pack_frames`.
+@dataclass(frozen=True, slots=True)
+class FrameBlock:
+    """A block of frames as it is stored, with a checksum that fits."""
+
+    number: int
+    """Its number in the recording."""
+    frames: int
+    """Number of its frames."""
+    width: int
+    """Bytes of payload of each frame, 8 or 64."""
+    counts: tuple[int, ...]
+    """The fields of `HopLosses`, counted by the process that wrote it."""
+    message: bytes
+    """The message of `pack_frames`."""
+
+    @property
+    def t_ns(self) -> NDArray[np.int64]:
+        """Time stamps of the frames, shape (frames,)."""
+        return np.frombuffer(self.message, "<i8", self.frames, _BLOCK_HEAD)
+
+
+def check_frames(message: bytes) -> FrameBlock:
+    """Return the block in a message of `pack_frames`.
 
     Raises ValueError if a single bit was changed.
     """
-    if len(message) < BLOCK_HEAD:
+    if len(message) < _BLOCK_HEAD:
         raise ValueError("too short for a block")
     if _CRC.unpack_from(message)[0] != zlib.crc32(memoryview(message)[_CRC.size :]):
         raise ValueError("checksum does not fit")
     number, n, width, *counts = _BLOCK.unpack_from(message, _CRC.size)
-    offset = BLOCK_HEAD
-    if len(message) != offset + n * (_COLUMN_BYTES + width):
+    if width not in (8, 64) or len(message) != _BLOCK_HEAD + n * (_COLUMN_BYTES + width):
         raise ValueError("length does not fit the number of frames")
+    return FrameBlock(number, n, width, tuple(counts), message)
+
+
+def unpack_frames(blocks: Sequence[FrameBlock]) -> FrameBatch:
+    """Return the frames of blocks of one width, joined: column by column, not block by block."""
     columns = {}
-    for name, form in _COLUMNS:
-        columns[name] = np.frombuffer(message, form, n, offset)
-        offset += columns[name].nbytes
-    data = np.frombuffer(message, np.uint8, n * width, offset).reshape(n, width)
-    return number, FrameBatch(**columns, data=data), HopLosses(*counts)
-
-
-def block_head(message: bytes) -> tuple[int, int]:
-    """Return number and frames of a block, unchecked, from the first `BLOCK_HEAD` bytes."""
-    number, frames, *_ = _BLOCK.unpack_from(message, _CRC.size)
-    return number, frames
+    before = _BLOCK_HEAD  # bytes of a block before the column, of which `row` in each frame
+    row = 0
+    for name, form in (*_COLUMNS, ("data", f"{blocks[0].width}u1")):
+        size = np.dtype(form).itemsize
+        parts = [
+            block.message[before + row * block.frames : before + (row + size) * block.frames]
+            for block in blocks
+        ]
+        columns[name] = np.frombuffer(b"".join(parts), form)
+        row += size
+    return FrameBatch(**columns)
 
 
 def first_stamp(message: bytes) -> int:
     """Return the time stamp of the first frame of a block that has one."""
-    return int.from_bytes(message[BLOCK_HEAD : BLOCK_HEAD + 8], "little", signed=True)
+    return int.from_bytes(message[_BLOCK_HEAD : _BLOCK_HEAD + 8], "little", signed=True)
 
 
 def pack_events(number: int, events: Sequence[Event]) -> bytes:
@@ -147,8 +173,18 @@ def pack_events(number: int, events: Sequence[Event]) -> bytes:
     return json.dumps({"crc32": zlib.crc32(_canonical(body)), **body}).encode()
 
 
-def unpack_events(message: bytes) -> tuple[int, tuple[Event, ...]]:
-    """Return number and events of a message of `pack_events`.
+@dataclass(frozen=True, slots=True)
+class EventBlock:
+    """A block of events."""
+
+    number: int
+    """Its number in the recording."""
+    events: tuple[Event, ...]
+    """In order."""
+
+
+def unpack_events(message: bytes) -> EventBlock:
+    """Return the block in a message of `pack_events`.
 
     Raises ValueError if it was changed.
     """
@@ -156,9 +192,17 @@ def unpack_events(message: bytes) -> tuple[int, tuple[Event, ...]]:
         body = json.loads(message)
         if body.pop("crc32") != zlib.crc32(_canonical(body)):
             raise ValueError("checksum does not fit")
-        return body["number"], tuple(Event(*fields) for fields in body["events"])
+        number, events = body["number"], tuple(Event(*fields) for fields in body["events"])
     except (KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"not the JSON of events: {error}") from error
+    if not all(map(_is_event, events)) or type(number) is not int or number < 0:
+        raise ValueError("not the JSON of events: a field is of another type")
+    return EventBlock(number, events)
+
+
+def _is_event(event: Event) -> bool:
+    texts = isinstance(event.code, str) and isinstance(event.text, str)
+    return texts and type(event.t_ns) is int and isinstance(event.value, int | float)
 
 
 def _canonical(body: object) -> bytes:

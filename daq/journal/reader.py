@@ -7,9 +7,6 @@ from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
-from mcap.opcode import Opcode
-from mcap.records import Channel, DataEnd, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, read_only
@@ -18,10 +15,12 @@ from ..bus.source import HopLosses
 from ..errors import InputError
 from ..runs import Event
 from .contents import HopCounts, JournalBlock, JournalContents, JournalLoss
-from .format import EVENTS_TOPIC, FRAMES_TOPIC, JournalHead, unpack_events, unpack_frames
+from .format import EventBlock, FrameBlock, JournalHead, unpack_frames
 from .gaps import DISK_GAP, FILE_GONE, RETENTION, Gap, parse_gap
-from .scan import LARGEST_RECORD_BYTES, holds_blocks, read_head
+from .segment_reader import CorruptBlock, SegmentReader
 
+_GROUP_FRAMES = 4096
+"""Frames that are unpacked together, about: the cost of a call is shared by all of them."""
 _GAP_TEXTS = {
     DISK_GAP: "found no room on the disk nor in memory",
     FILE_GONE: "gone: the file was taken away while it was written",
@@ -71,9 +70,13 @@ class _HopTable:
         self._t_ns = 0
 
     def add(self, block: JournalBlock) -> None:
-        if len(block.frames):
-            self._t_ns = max(self._t_ns, int(block.frames.t_ns.max()))
-        row = (self._t_ns, *_counts(block.losses))
+        t_ns = block.frames.t_ns
+        for part in (t_ns[: block.first], t_ns[block.first :]) if len(t_ns) else (t_ns,):
+            if len(part):
+                self._t_ns = max(self._t_ns, int(part.max()))
+            self._add_row((self._t_ns, *_counts(block.losses)))
+
+    def _add_row(self, row: tuple[int, ...]) -> None:
         # `HopCounts.between` uses the row before a span and the first one behind it: with both ends
         # of every level kept, it returns the same losses.
         if len(self._rows) >= 2 and self._rows[-1][1:] == row[1:] == self._rows[-2][1:]:
@@ -99,13 +102,16 @@ class JournalReader:
         self._missing: list[tuple[str, int, int]] = []  # file, first number, number after the last
         self._gaps: dict[tuple[str, Gap], None] = {}
         self._open: list[JournalLoss] = []  # losses that the next segment may repair
-        heads = {path: read_head(path) for path in paths}
-        found = {path: head for path, head in heads.items() if head is not None}
-        for path in heads.keys() - found.keys():
-            # Usually killed while it was created: nothing in it was reported as written.
-            note = f"{path.name}: has no complete beginning"
-            cut = path.stat().st_size if holds_blocks(path) else 0
-            self._lost = _plus(self._lost, JournalLoss(bytes_cut=cut, notes=(note,)))
+        found: dict[Path, tuple[JournalHead, int]] = {}
+        for path in paths:
+            with SegmentReader(path) as segment:
+                if segment.head is not None:
+                    found[path] = segment.head
+                    continue
+                # Usually killed while it was created: nothing in it was reported as written.
+                note = f"{path.name}: has no complete beginning"
+                cut = segment.file.size if segment.holds_blocks() else 0
+                self._lost = _plus(self._lost, JournalLoss(bytes_cut=cut, notes=(note,)))
         if not found:
             where = ", ".join(str(path) for path in paths) or "journal"
             raise InputError(where, "holds no recording", "name the files journal_*.mcap")
@@ -141,67 +147,61 @@ class JournalReader:
         expected = 0
         losses = before = HopLosses()
         head = self.head
+        group: list[FrameBlock] = []
         for path in self._paths:
             if self._heads[path] != head:  # another process: it repeats no block
                 self._settle()
+                if group:
+                    yield _joined(group, losses)
+                    group = []
                 before, head = losses, self._heads[path]
-            topics: dict[int, str] = {}
-            for record in self._records(path):
-                if isinstance(record, Channel):
-                    topics[record.id] = record.topic
-                if not isinstance(record, Message):
-                    continue
-                frames, counted = FrameBatch.empty(), losses
-                events: tuple[Event, ...] = ()
-                try:
-                    if topics.get(record.channel_id) == FRAMES_TOPIC:
-                        number, frames, since_start = unpack_frames(record.data)
-                        counted = _sum(before, since_start)
-                    elif topics.get(record.channel_id) == EVENTS_TOPIC:
-                        number, events = unpack_events(record.data)
-                    else:
-                        raise ValueError("no such channel")
-                except ValueError as error:
-                    note = f"{path.name}: block after {expected} is corrupt: {error}"
+            for block in self._blocks(path):
+                if isinstance(block, CorruptBlock):
+                    note = f"{path.name}: block after {expected} is corrupt: {block.text}"
                     self._open.append(JournalLoss(blocks_corrupt=1, notes=(note,)))
                     continue
-                if number < expected:
+                if block.number < expected:
                     continue  # written twice: the first time its fdatasync failed
-                if number == expected:
-                    self._open.clear()  # the block that was cut off before is this one
-                corrupt = sum(lost.blocks_corrupt for lost in self._open)
-                if number > expected + corrupt:
-                    self._missing.append((path.name, expected + corrupt, number))
-                self._settle()
-                expected, losses = number + 1, counted
-                for event in events:
+                if block.number != expected or self._open:
+                    self._account(path, expected, block.number)
+                expected = block.number + 1
+                if group and (isinstance(block, EventBlock) or not _belongs(block, group)):
+                    yield _joined(group, losses)
+                    group = []
+                if isinstance(block, FrameBlock):
+                    if not group:
+                        losses = _sum(before, block.counts)
+                    group.append(block)
+                    continue
+                for event in block.events:
                     if (gap := parse_gap(event)) and gap.recording == head.identity:
                         # Reported again before the segment with it was deleted: counts once.
                         self._gaps[event.code, gap] = None
-                yield JournalBlock(frames, losses, events)
+                yield JournalBlock(FrameBatch.empty(), losses, block.events)
+        if group:
+            yield _joined(group, losses)
         self._settle()
 
-    def _records(self, path: Path) -> Iterator[McapRecord]:
-        size = path.stat().st_size
-        good = 0
-        in_body = False
-        with path.open("rb") as file:
-            try:
-                for record in StreamReader(file, record_size_limit=LARGEST_RECORD_BYTES).records:
-                    in_body |= isinstance(record, Message | DataEnd)
-                    if in_body and file.tell() - good != _whole_bytes(record):
-                        # The library skips records of an unknown kind.
-                        note = f"{path.name}: a block is not one any more"
-                        self._open.append(JournalLoss(blocks_corrupt=1, notes=(note,)))
-                    if isinstance(record, DataEnd):
-                        return  # a summary follows, which is not needed here
-                    good = file.tell()
-                    yield record
-            except Exception:  # torn bytes raise any exception of the parser
-                self._lost = _plus(self._lost, _unclosed(path))
-                if size > good and not _is_end(path, good):
-                    note = f"{path.name}: last {size - good} bytes torn"
-                    self._open.append(JournalLoss(bytes_cut=size - good, notes=(note,)))
+    def _account(self, path: Path, expected: int, number: int) -> None:
+        """Note the blocks that are missing between two, and settle what was open before."""
+        if number == expected:
+            self._open.clear()  # the block that was cut off before is this one
+        corrupt = sum(lost.blocks_corrupt for lost in self._open)
+        if number > expected + corrupt:
+            self._missing.append((path.name, expected + corrupt, number))
+        self._settle()
+
+    def _blocks(self, path: Path) -> Iterator[FrameBlock | EventBlock | CorruptBlock]:
+        """Yield the blocks of a segment, and account for its end."""
+        with SegmentReader(path) as segment:
+            yield from segment.blocks()
+            if segment.sealed:
+                return
+            note = f"{path.name}: not closed"
+            self._lost = _plus(self._lost, JournalLoss(segments_unclosed=1, notes=(note,)))
+            if cut := segment.bytes_cut:
+                note = f"{path.name}: last {cut} bytes {segment.file.why_stopped}"
+                self._open.append(JournalLoss(bytes_cut=cut, notes=(note,)))
 
     def _settle(self) -> None:
         """Count the losses that no later block has repaired."""
@@ -210,23 +210,23 @@ class JournalReader:
         self._open.clear()
 
 
-def _is_end(path: Path, at: int) -> bool:
-    """Return whether the record cut off belongs to the end of the file, not to a block."""
-    with path.open("rb") as file:
-        file.seek(at)
-        return file.read(1) in (bytes([Opcode.METADATA]), bytes([Opcode.DATA_END]))
+def _belongs(block: FrameBlock, group: Sequence[FrameBlock]) -> bool:
+    """Return whether a block of frames is unpacked together with those before it."""
+    first = group[0]
+    alike = block.width == first.width and block.counts == first.counts
+    return alike and len(group) * max(block.frames, 1) < _GROUP_FRAMES
 
 
-def _unclosed(path: Path) -> JournalLoss:
-    return JournalLoss(segments_unclosed=1, notes=(f"{path.name}: not closed",))
+def _joined(group: Sequence[FrameBlock], losses: HopLosses) -> JournalBlock:
+    return JournalBlock(unpack_frames(group), losses, first=group[0].frames)
 
 
 def _plus(a: JournalLoss, b: JournalLoss) -> JournalLoss:
     return JournalLoss(*(x + y for x, y in zip(astuple(a), astuple(b), strict=True)))
 
 
-def _sum(a: HopLosses, b: HopLosses) -> HopLosses:
-    return HopLosses(*(x + y for x, y in zip(_counts(a), _counts(b), strict=True)))
+def _sum(a: HopLosses, counts: Sequence[int]) -> HopLosses:
+    return HopLosses(*(x + y for x, y in zip(_counts(a), counts, strict=True)))
 
 
 def _counts(losses: HopLosses) -> tuple[int, ...]:
@@ -241,13 +241,3 @@ def _overlap(first: int, stop: int, gaps: Sequence[Gap]) -> int:
         covered += max(0, min(stop, gap.stop) - begin)
         first = max(first, gap.stop)
     return covered
-
-
-def _whole_bytes(record: McapRecord) -> int:
-    """Return the size in the file of a record after the head, 0 for one of another kind."""
-    if isinstance(record, Message):
-        return 9 + 22 + len(record.data)
-    if isinstance(record, Metadata):
-        texts = (record.name, *record.metadata, *record.metadata.values())
-        return 9 + 4 + sum(4 + len(text.encode()) for text in texts)
-    return 9 + 4 if isinstance(record, DataEnd) else 0

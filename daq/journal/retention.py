@@ -6,6 +6,7 @@ complete, of one without a run, and of the open one those far from every run.
 
 from __future__ import annotations
 
+import logging
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
@@ -13,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..errors import InputError
+from ..regular_file import is_regular
 from ..runlog.runlog import Code
 from ..runs import Event
 from .built import built_recordings
@@ -26,6 +28,8 @@ bench.toml allows for a run."""
 _LOG_CODES = frozenset(Code)
 _SCANS = 8
 """Most old segments scanned in one call: a folder may have thousands."""
+
+_log = logging.getLogger("recorder")
 
 
 def expendable(
@@ -109,7 +113,12 @@ class Retention:
     def __init__(self, folder: Path, recording: str) -> None:
         self._folder = folder
         self._recording = recording
-        self._sizes = {path: path.stat().st_size for path in segments_in(folder)}
+        self._sizes: dict[Path, int] = {}
+        for path in segments_in(folder):
+            if is_regular(path):
+                self._sizes[path] = path.stat().st_size
+            else:
+                _log.warning("%s: is no file, and is left alone (move it away)", path)
         self._infos: dict[Path, SegmentInfo] = {}
 
     @property

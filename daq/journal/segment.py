@@ -176,7 +176,7 @@ class Segment:
 
     def _summary(self) -> Summary:
         blocks = [unpack_events(message) for message in self._events]
-        events = tuple((number, event) for number, block in blocks for event in block)
+        events = tuple((block.number, event) for block in blocks for event in block.events)
         first = self._stop if self.first is None else self.first
         return Summary(first, self._stop, self._frames, self._first_ns, self._last_ns, events)
 

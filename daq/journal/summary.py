@@ -7,25 +7,20 @@ gigabytes: walking through them takes minutes, reading the summaries takes no ti
 from __future__ import annotations
 
 import json
-import os
 import struct
 import zlib
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
-from io import BytesIO
-
-from mcap.data_stream import ReadDataStream
-from mcap.records import Metadata
 
 from ..runs import Event
+from .records import MAGIC, Kind, SegmentFile, parse_metadata
 
 SUMMARY_RECORD = "bumpbench_summary"
 
 _RECORD = struct.Struct("<BQ")  # kind, length
 _FOOTER = struct.Struct("<BQQQI8s")  # kind, length, start of MCAP's index, offsets, crc, magic
 _INDEX = struct.Struct("<QQI")  # offset, length, length of the name
-_FOOTER_KIND, _METADATA_KIND, _INDEX_KIND = 0x02, 0x0C, 0x0D
-_MAGIC = b"\x89MCAP0\r\n"
+_FOOTER_KIND, _INDEX_KIND = 0x02, 0x0D
 _LARGEST_BYTES = 1 << 16
 """Largest summary section of MCAP that is read, bytes: of a file without chunks it has channels,
 statistics and two entries of an index."""
@@ -52,21 +47,20 @@ def pack_summary(summary: Summary) -> dict[str, str]:
     return {"contents": text, "crc32": str(zlib.crc32(text.encode()))}
 
 
-def read_summary(fd: int, size: int) -> Summary | None:
-    """Return the summary of a file, None if it has no proper end or was written without one."""
+def read_summary(file: SegmentFile) -> Summary | None:
+    """Return the summary of a segment, None if it has no proper end or was written without one."""
     try:
-        tail = os.pread(fd, _FOOTER.size, size - _FOOTER.size)
+        tail = file.read_at(file.size - _FOOTER.size, _FOOTER.size)
         kind, length, start, _, _, magic = _FOOTER.unpack(tail)
-        if (kind, length, magic) != (_FOOTER_KIND, 20, _MAGIC) or not 0 < start < size:
+        if (kind, length, magic) != (_FOOTER_KIND, 20, MAGIC) or not 0 < start < file.size:
             return None
-        index = os.pread(fd, min(size - _FOOTER.size - start, _LARGEST_BYTES), start)
+        index = file.read_at(start, min(file.size - _FOOTER.size - start, _LARGEST_BYTES))
         for offset in _metadata_offsets(index):
-            kind, length = _RECORD.unpack(os.pread(fd, _RECORD.size, offset))
-            if kind != _METADATA_KIND or offset + length > start:
+            kind, length = _RECORD.unpack(file.read_at(offset, _RECORD.size))
+            if kind != Kind.METADATA or offset + length > start:
                 return None
-            content = os.pread(fd, length, offset + _RECORD.size)
-            record = Metadata.read(ReadDataStream(BytesIO(content)))
-            return _parsed(record.metadata)
+            content = file.read_at(offset + _RECORD.size, length)
+            return _parsed(parse_metadata(content)[1])
     except Exception:  # a foreign or torn file is walked through
         return None
     return None

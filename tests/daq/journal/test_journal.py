@@ -14,7 +14,7 @@ from mcap.stream_reader import StreamReader
 from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.errors import InputError
-from daq.journal.format import JournalHead, pack_events, pack_frames, unpack_events, unpack_frames
+from daq.journal.format import JournalHead, check_frames, pack_events, pack_frames, unpack_events
 from daq.journal.reader import JournalReader, read_journal
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalWriter
@@ -113,7 +113,7 @@ def test_one_changed_byte_of_a_block_is_never_accepted(data: st.DataObject) -> N
     at = data.draw(st.integers(0, len(message) - 1))
     changed = bytearray(message)
     changed[at] ^= data.draw(st.integers(1, 255))
-    unpack: Callable[[bytes], object] = unpack_events if message[:1] == b"{" else unpack_frames
+    unpack: Callable[[bytes], object] = unpack_events if message[:1] == b"{" else check_frames
     try:
         read = unpack(bytes(changed))
     except ValueError:

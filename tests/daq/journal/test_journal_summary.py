@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +13,10 @@ from daq.journal import scan as journal_scan
 from daq.journal.folder import last_recording
 from daq.journal.format import JournalHead
 from daq.journal.reader import read_journal
+from daq.journal.records import SegmentFile
 from daq.journal.scan import scan
-from daq.journal.summary import read_summary
+from daq.journal.segment_reader import SegmentReader
+from daq.journal.summary import Summary, read_summary
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 
@@ -57,11 +58,11 @@ def test_to_go_on_no_block_of_a_sealed_segment_is_read(
 ) -> None:
     *_, last = paths = record(tmp_path)
     last.write_bytes(last.read_bytes()[:-100])  # the recorder was killed
-    walked: list[int] = []
+    walked: list[Path] = []
 
-    def walking(fd: int, size: int) -> object:
-        walked.append(os.fstat(fd).st_ino)
-        return walk(fd, size)
+    def walking(segment: SegmentReader) -> Summary:
+        walked.append(segment.file.path)
+        return walk(segment)
 
     walk = journal_scan._walk
     monkeypatch.setattr(journal_scan, "_walk", walking)
@@ -69,7 +70,7 @@ def test_to_go_on_no_block_of_a_sealed_segment_is_read(
     assert tail is not None
     assert (tail.segments, tail.frames, tail.ended) == (paths, 3000, False)
     assert tail.events == (BUMP, NOTE)
-    assert walked == [last.stat().st_ino]
+    assert walked == [last]
 
 
 def test_the_end_of_a_recording_is_in_its_last_summary(tmp_path: Path) -> None:
@@ -88,8 +89,8 @@ def test_a_changed_byte_of_the_summary_is_never_believed(tmp_path: Path) -> None
         changed = bytearray(whole)
         changed[at] ^= 0x10
         path.write_bytes(changed)
-        with path.open("rb") as file:
-            summary = read_summary(file.fileno(), len(whole))
+        with SegmentFile(path) as file:
+            summary = read_summary(file)
         found = scan(path)
         assert found is not None
         assert summarised is not None

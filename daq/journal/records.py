@@ -1,0 +1,203 @@
+"""Reads the records of a segment from its beginning to its end, in large blocks.
+
+A segment is an MCAP file without chunks: a magic number, then records of kind, length and content.
+Reading stops at the first record that is not whole and at a hole, which a crash leaves in place of
+data that were not synced.  Memory is that of a block or of one record.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import Self
+
+from ..errors import InputError
+from ..regular_file import open_regular
+
+ADVICE = "move it away, and name the recorder's own files journal_*.mcap"
+MAGIC = b"\x89MCAP0\r\n"
+LARGEST_RECORD_BYTES = 64 << 20
+"""Longest record, bytes: a greater length comes from a torn or foreign file.  The largest block of
+frames has 6 MB, the largest DBC 5 MB."""
+_BLOCK_BYTES = 1 << 20
+"""Bytes read at once: more is not faster."""
+_RECORD = struct.Struct("<BQ")  # kind, length
+_CHUNK = struct.Struct("<QQQI")  # start, stop, size, checksum of the messages in it
+_TEXT, _LONG = struct.Struct("<I"), struct.Struct("<Q")
+
+
+class Kind(IntEnum):
+    """Kinds of records that a segment has, and the chunk that it never has."""
+
+    HEADER = 0x01
+    CHANNEL = 0x04
+    MESSAGE = 0x05
+    CHUNK = 0x06
+    ATTACHMENT = 0x09
+    METADATA = 0x0C
+    DATA_END = 0x0F
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A whole record of a file."""
+
+    kind: int
+    """A `Kind`, or any other number in a damaged file."""
+    content: bytes
+    """All bytes after its length."""
+
+
+class SegmentFile:
+    """An open segment; a context manager that closes it.
+
+    Raises InputError if it is no regular file, cannot be opened, or does not begin as MCAP does.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._fd = open_regular(path, ADVICE)
+        self.size = os.fstat(self._fd).st_size
+        """Size when it was opened, bytes; what is written later is not read."""
+        self.stop = 0
+        """Offset behind the last whole record that was read."""
+        self.why_stopped = ""
+        """Why `records` ended before the end of the file; empty if it did not."""
+        start = self.read_at(0, len(MAGIC))
+        # A crash may leave a new file with zeros in place of its beginning.
+        if len(start) == len(MAGIC) and any(start) and start != MAGIC:
+            self.close()
+            raise InputError(str(path), "is not a journal", ADVICE)
+
+    def read_at(self, offset: int, size: int) -> bytes:
+        """Return up to `size` bytes from `offset` on, fewer at the end and where the disk fails."""
+        parts = []
+        while size > 0:
+            try:
+                part = os.pread(self._fd, size, offset)
+            except OSError as error:
+                self.why_stopped = f"cannot be read ({error.strerror or error})"
+                break
+            if not part:
+                break
+            parts.append(part)
+            offset, size = offset + len(part), size - len(part)
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def records(self) -> Iterator[Record]:
+        """Yield the whole records in order, until the file ends or no record follows.
+
+        Raises InputError at a chunk: the recorder writes none, and a small one may unpack to
+        gigabytes.
+        """
+        at = self.stop = len(MAGIC)
+        block, first = b"", at  # bytes of the file, and the offset of the first
+        while at < self.size:
+            if at + _RECORD.size > first + len(block):
+                block, first = self.read_at(at, _BLOCK_BYTES), at
+            if at + _RECORD.size > min(first + len(block), self.size):
+                self.why_stopped = self.why_stopped or "torn"
+                return
+            kind, length = _RECORD.unpack_from(block, at - first)
+            content, stop = at + _RECORD.size, at + _RECORD.size + length
+            if kind == length == 0:
+                self.why_stopped = f"are a hole: zeros from byte {at} on"
+                return
+            if length > LARGEST_RECORD_BYTES or stop > self.size:
+                self.why_stopped = "torn"
+                return
+            if stop <= first + len(block):
+                record = Record(kind, block[content - first : stop - first])
+            else:
+                record = Record(kind, self.read_at(content, length))
+                if len(record.content) < length:
+                    self.why_stopped = self.why_stopped or "torn"
+                    return
+            if kind == Kind.CHUNK and _is_chunk(record.content):
+                what = "has MCAP chunks, which the recorder never writes"
+                raise InputError(str(self.path), what, ADVICE)
+            at = self.stop = stop
+            yield record
+        self.why_stopped = ""
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._fd)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def text_at(content: bytes, at: int) -> tuple[str, int]:
+    """Return a text with its length before it, and the offset behind it.
+
+    Raises ValueError if it does not fit into the content.
+    """
+    (length,) = _unpack(_TEXT, content, at)
+    at += _TEXT.size
+    if at + length > len(content):
+        raise ValueError("a text is cut off")
+    return content[at : at + length].decode(), at + length
+
+
+def parse_metadata(content: bytes) -> tuple[str, dict[str, str]]:
+    """Return name and entries of a metadata record.
+
+    Raises ValueError if it is not one, or goes on behind its entries.
+    """
+    name, at = text_at(content, 0)
+    (length,) = _unpack(_TEXT, content, at)
+    at += _TEXT.size
+    if at + length != len(content):
+        raise ValueError("the entries do not fill the record")
+    entries = {}
+    while at < len(content):
+        key, at = text_at(content, at)
+        entries[key], at = text_at(content, at)
+    return name, entries
+
+
+def parse_attachment(content: bytes) -> tuple[str, bytes]:
+    """Return name and data of an attachment record.
+
+    Raises ValueError if it is not one.
+    """
+    name, at = text_at(content, 16)  # after two times
+    _, at = text_at(content, at)
+    (length,) = _unpack(_LONG, content, at)
+    at += _LONG.size
+    if at + length + 4 != len(content):  # a checksum follows
+        raise ValueError("the data do not fill the record")
+    return name, content[at : at + length]
+
+
+def parse_channel(content: bytes) -> tuple[int, str]:
+    """Return number and topic of a channel record.
+
+    Raises ValueError if it is not one.
+    """
+    topic, _ = text_at(content, 4)  # after two numbers, the second of them the schema's
+    return int.from_bytes(content[:2], "little"), topic
+
+
+def _is_chunk(content: bytes) -> bool:
+    """Return whether this is a chunk, and not a block whose kind was changed by damage."""
+    try:
+        _, at = text_at(content, _CHUNK.size)
+        (length,) = _unpack(_LONG, content, at)
+    except ValueError:
+        return False
+    return at + _LONG.size + int(length) == len(content)
+
+
+def _unpack(form: struct.Struct, content: bytes, at: int) -> tuple[int, ...]:
+    if at + form.size > len(content):
+        raise ValueError("a record is cut off")
+    return form.unpack_from(content, at)

@@ -1,0 +1,187 @@
+"""Segments that are no file of the recorder's, or hold what it never wrote."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import struct
+import time
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mcap.writer import CompressionType, Writer
+
+from daq.bus.source import HopLosses
+from daq.errors import InputError
+from daq.journal.folder import last_recording, recordings_of, segments_in
+from daq.journal.format import BENCH_NAME, DBC_NAME, HEAD_RECORD, PROFILE, head_record
+from daq.journal.reader import read_journal
+from daq.journal.scan import scan
+from daq.journal.writer import JournalWriter
+
+from ..crash_disk import QuickFile
+from ..crash_frames import HEAD, block, numbers
+from .test_journal import LIMITS
+
+BLOCK_FRAMES = 100
+
+
+def segment(folder: Path, blocks: int = 3) -> tuple[Path, list[int]]:
+    """Write a segment as a killed writer leaves it.
+
+    Returns its path and where its blocks begin and end.
+    """
+    folder.mkdir(exist_ok=True)
+    writer = JournalWriter(folder, HEAD, LIMITS, QuickFile)
+    path = segments_in(folder)[-1]
+    edges = [path.stat().st_size]
+    for k in range(blocks):
+        writer.append(block(BLOCK_FRAMES * k, BLOCK_FRAMES), HopLosses())
+        edges.append(path.stat().st_size)
+    writer.close()
+    os.truncate(path, edges[-1])
+    return path, edges
+
+
+def test_a_hole_of_30_gb_behind_the_last_block_is_not_read(tmp_path: Path) -> None:
+    path, (*_, end) = segment(tmp_path)
+    os.truncate(path, end + 30_000_000_000)
+    began_s = time.process_time()
+    tracemalloc.start()
+    contents, info = read_journal([path]), scan(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert time.process_time() - began_s < 1.0
+    assert peak < 20_000_000
+    assert numbers(contents.frames).tolist() == list(range(300))
+    assert contents.lost.bytes_cut == 30_000_000_000
+    assert f"last 30000000000 bytes are a hole: zeros from byte {end} on" in contents.lost.text
+    assert info is not None
+    assert (info.stop, info.frames, info.sealed) == (3, 300, False)
+
+
+def test_nothing_behind_a_hole_is_believed(tmp_path: Path) -> None:
+    path, (_, second, third, end) = segment(tmp_path)
+    data = bytearray(path.read_bytes())
+    data[second:third] = bytes(third - second)
+    path.write_bytes(data)
+    contents = read_journal([path])
+    assert numbers(contents.frames).tolist() == list(range(100))
+    assert contents.lost.bytes_cut == end - second
+    assert "hole" in contents.lost.text
+
+
+@pytest.mark.parametrize("kind", sorted({*range(16), 0x80 | 5, 255} - {5}))
+def test_a_block_whose_kind_was_changed_costs_that_block_alone(tmp_path: Path, kind: int) -> None:
+    path, (_, second, *_) = segment(tmp_path)
+    data = bytearray(path.read_bytes())
+    data[second] = kind
+    path.write_bytes(data)
+    contents = read_journal([path])
+    assert numbers(contents.frames).tolist() == [*range(100), *range(200, 300)]
+    assert (contents.lost.blocks_corrupt, contents.lost.bytes_cut) == (1, 0)
+    assert "block after 1 is corrupt: its kind was changed" in contents.lost.text
+    info = scan(path)
+    assert info is not None
+    assert (info.stop, info.frames) == (3, 200)
+
+
+@pytest.mark.parametrize(("size", "found"), [(67_108_864, "no such channel"), (67_108_865, "torn")])
+def test_a_record_has_64_mib_at_most(tmp_path: Path, size: int, found: str) -> None:
+    path, (*_, end) = segment(tmp_path)
+    with path.open("ab") as file:
+        file.write(struct.pack("<BQ", 5, size))
+    os.truncate(path, end + 9 + size)
+    contents = read_journal([path])
+    assert numbers(contents.frames).tolist() == list(range(300))
+    assert found in contents.lost.text
+
+
+def chunked(path: Path, compression: CompressionType, megabytes: int) -> None:
+    """Write an MCAP file with the journal's head, and zeros in a chunk."""
+    writer = Writer(str(path), compression=compression, chunk_size=1 << 40)
+    writer.start(PROFILE, HEAD.software)
+    channel = writer.register_channel("frames", "bumpbench-frames-1", 0)
+    writer.add_metadata(HEAD_RECORD, head_record(HEAD, 1))
+    for name, text in ((BENCH_NAME, HEAD.bench_text), (DBC_NAME, HEAD.dbc_text)):
+        writer.add_attachment(0, 0, name, "text/plain", text.encode())
+    writer.add_message(channel, 0, bytes(megabytes << 20), 0)
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize(
+    ("compression", "megabytes"),
+    [(CompressionType.NONE, 1), (CompressionType.LZ4, 64), (CompressionType.ZSTD, 64)],
+)
+def test_chunks_are_refused_and_never_unpacked(
+    tmp_path: Path, compression: CompressionType, megabytes: int
+) -> None:
+    path = tmp_path / "journal_0001.mcap"
+    chunked(path, compression, megabytes)
+    tracemalloc.start()
+    for read in (lambda: read_journal([path]), lambda: scan(path)):
+        with pytest.raises(InputError, match="has MCAP chunks, which the recorder never writes"):
+            read()
+    assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    tracemalloc.stop()
+
+
+def _bind(path: Path) -> None:
+    place = os.open(path.parent, os.O_RDONLY)
+    with socket.socket(socket.AF_UNIX) as end:
+        end.bind(f"/proc/self/fd/{place}/{path.name}")  # a socket's path has 107 bytes at most
+    os.close(place)
+
+
+STRANGE: dict[str, tuple[Callable[[Path], object], str]] = {
+    "FIFO": (os.mkfifo, "is a FIFO, not a file"),
+    "directory": (os.mkdir, "is a directory, not a file"),
+    "socket": (_bind, "is a socket, not a file"),
+    "link to a device": (lambda path: path.symlink_to("/dev/zero"), "is a symbolic link"),
+    "link to nothing": (lambda path: path.symlink_to("nothing"), "is a symbolic link"),
+    "link to a segment": (lambda path: path.symlink_to("journal_0001.mcap"), "is a symbolic link"),
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_what_is_no_file_is_refused_in_one_line(tmp_path: Path, name: str) -> None:
+    make, why = STRANGE[name]
+    one, _ = segment(tmp_path)
+    path = tmp_path / "journal_0002.mcap"
+    make(path)
+    for read in (lambda: read_journal([one, path]), lambda: recordings_of(segments_in(tmp_path))):
+        with pytest.raises(InputError, match=why) as caught:
+            read()
+        assert str(caught.value).startswith(str(path))
+        assert "move it away" in str(caught.value)
+
+
+def test_a_device_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="/dev/zero: is a device, not a file"):
+        read_journal([Path("/dev/zero")])
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_a_recorder_goes_on_beside_what_is_no_file(
+    tmp_path: Path, name: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    segment(tmp_path)
+    STRANGE[name][0](tmp_path / "journal_0002.mcap")
+    tail = last_recording(tmp_path)
+    assert tail is not None
+    assert tail.frames == 300
+    with (
+        caplog.at_level(logging.WARNING),
+        JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, tail) as writer,
+    ):
+        writer.append(block(300, 100), HopLosses())
+    assert [path.name for path in writer.paths] == ["journal_0003.mcap"]
+    (line,) = caplog.messages
+    assert line.startswith(str(tmp_path / "journal_0002.mcap"))
+    assert "move it away" in line
+    assert numbers(read_journal([*tail.segments, *writer.paths]).frames).tolist() == list(
+        range(400)
+    )
