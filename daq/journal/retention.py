@@ -118,7 +118,7 @@ class Retention:
             if is_regular(path):
                 self._sizes[path] = path.stat().st_size
             else:
-                _log.warning("%s: is no file, and is left alone (move it away)", path)
+                _log.warning("%s: is no regular file, and is left alone (move it away)", path)
         self._infos: dict[Path, SegmentInfo] = {}
 
     @property
