@@ -26,6 +26,7 @@ RESERVED = {
         f"tui/terminal/{room}" for room in ("app", "palette", "themes", "screens/", "widgets/")
     ),
     "textual_serve": ("tui/browser/",),
+    "aiohttp": ("tui/browser/",),
     "asammdf": ("daq/formats/",),
     "pandas": ("daq/formats/", "daq/session_tables.py", "daq/sessions.py", "tui/commands/batch/"),
     "matplotlib": ("identify/report/", "identify/study/figures/", "identify/plots.py"),

@@ -9,9 +9,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from aiohttp import web
 from textual_serve.server import Server
 
 from dbc import InputError
+
+from .guard import Guard
 
 HOST = "127.0.0.1"
 """Other hosts get no page: a page gives the same control as the terminal at the bench."""
@@ -27,11 +30,19 @@ def serve(arguments: Sequence[str]) -> None:
     # A network that swallows what is sent to the world would keep the library's own page blank: it
     # fetches a font there.
     command = shlex.join([sys.executable, "-m", "tui", *arguments])
-    _Quiet(command, HOST, _free_port(), title="Bumpbench", templates_path=_PAGES).serve()
+    port = _free_port()
+    _Guarded(command, port, Guard(HOST, port)).serve()
 
 
-class _Quiet(Server):
-    """Says where to look, and nothing else."""
+class _Guarded(Server):
+    """Serves whoever has the link, and prints that link and nothing else."""
+
+    def __init__(self, command: str, port: int, guard: Guard) -> None:
+        super().__init__(command, HOST, port, title="Bumpbench", templates_path=_PAGES)
+        self._guard = guard
+
+    async def _make_app(self) -> web.Application:
+        return self._guard.application(await super()._make_app())
 
     def initialize_logging(self) -> None:
         """Say nothing of every page that is asked for."""
@@ -40,8 +51,8 @@ class _Quiet(Server):
     async def on_startup(self, app: object) -> None:
         """Say where the terminal is."""
         sys.stderr.write(
-            f"open {self.public_url} in a browser of this machine; Ctrl-C ends this server, "
-            "the recorder goes on\n"
+            f"open {self._guard.link} in a browser of this machine; who has the link has the "
+            "terminal; Ctrl-C ends this server, the recorder goes on\n"
         )
 
 
