@@ -1,5 +1,11 @@
 """Settings for all tests, made before NumPy is imported."""
 
+import atexit
 import os
+import shutil
+import tempfile
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in `tui`: small matrices
+if "RUNTIME_DIRECTORY" not in os.environ:  # no sockets of tests among those of the user
+    os.environ["RUNTIME_DIRECTORY"] = tempfile.mkdtemp(prefix="bumpbench-")
+    atexit.register(shutil.rmtree, os.environ["RUNTIME_DIRECTORY"], ignore_errors=True)

@@ -6,10 +6,10 @@ from dbc.lazy import lazy
 
 if TYPE_CHECKING:
     from .address import control_address as control_address
+    from .address import is_running as is_running
     from .client import Client as Client
     from .client import OrderRefused as OrderRefused
     from .client import RecorderGone as RecorderGone
-    from .client import is_running as is_running
     from .figures_file import write_figures as write_figures
     from .lock import lone_recorder as lone_recorder
     from .messages import STATUS as STATUS

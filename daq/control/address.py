@@ -1,9 +1,16 @@
-"""The addresses of a folder's recorder: two sockets in a directory of this user alone."""
+"""The addresses of a folder's recorder: two sockets in a directory of one user alone.
+
+A directory is used only if it is proven to be ours: made by this user, no symbolic link, and not to
+be written by others.  None has a fixed name in the system's folder for temporary files, where
+another user could take it first.
+"""
 
 from __future__ import annotations
 
 import os
+import socket
 import stat
+from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -13,6 +20,8 @@ from ..errors import InputError
 MAX_PATH_BYTES = 100
 """Longest path of a Unix socket, bytes: the kernel truncates it at 108 without an error."""
 _DIRECTORY = "RUNTIME_DIRECTORY"
+_SERVICE = Path("/run/bumpbench")
+"""Directory that systemd makes for the unit; only root can make one there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +40,14 @@ class Address:
 
 
 def control_address(folder: Path) -> Address:
-    """Return the address of a folder's recorder; its directory is made if it is not there.
+    """Return where the recorder of a folder listens; where it would if there is none.
 
-    The directory is systemd's `RUNTIME_DIRECTORY` if that is set, else one in /tmp, and not the
-    user's run-time directory, which is deleted when the last login ends: a recorder outlives it.
+    That is in systemd's `RUNTIME_DIRECTORY` if that is set; else in the run-time directory of the
+    user (`XDG_RUNTIME_DIR`), or below the home directory where there is none.  A recorder may have
+    been started with other settings than a client, or by the service: a client looks everywhere.
 
-    Raises InputError if the directory cannot be made, belongs to another user, or its path is too
-    long; or if the name of the folder is not UTF-8.
+    Raises InputError if no directory can be used: it cannot be made, belongs to another user, can
+    be written by others, or its path is too long; or if the name of the folder is not UTF-8.
     """
     if not hasattr(os, "getuid"):
         what = "has no sockets that only one user can reach"
@@ -46,27 +56,87 @@ def control_address(folder: Path) -> Address:
         str(folder.resolve()).encode()
     except UnicodeEncodeError as error:
         raise InputError(str(folder), "has a name that is not UTF-8", "rename it") from error
-    named = os.environ.get(_DIRECTORY, "").split(":")[0]
-    directory = Path(named) if named else Path("/tmp", f"bumpbench-{os.getuid()}")
-    _make_private(directory)
     name = sha256(os.fsencode(folder.resolve())).hexdigest()[:16]
-    control, news = directory / f"{name}.control", directory / f"{name}.news"
-    if len(os.fsencode(control)) > MAX_PATH_BYTES:
-        advice = f"set {_DIRECTORY} to a shorter path"
-        raise InputError(str(directory), "is too long for the path of a socket", advice)
-    return Address(f"ipc://{control}", f"ipc://{news}")
+    places = _places()
+    owners = {os.getuid(), _owner(folder)}
+    for place in (*places, _SERVICE):
+        address = _address(place, name)
+        if _fault(place, owners) == "" and is_running(address):
+            return address
+    faults = []
+    for place in places:
+        try:
+            with suppress(OSError):  # else the next line reports it
+                place.parent.mkdir(parents=True, exist_ok=True)
+            make_private(place)
+            return _checked(_address(place, name))
+        except InputError as error:
+            faults.append(error)
+    raise faults[0]
 
 
-def _make_private(directory: Path) -> None:
-    """Make a directory that no other user can enter, or check that it is one."""
+def is_running(address: Address) -> bool:
+    """Return whether a recorder listens at an address."""
+    with socket.socket(socket.AF_UNIX) as probe, suppress(OSError):
+        probe.settimeout(1.0)
+        probe.connect(str(address.paths[0]))
+        return True
+    return False
+
+
+def make_private(directory: Path) -> None:
+    """Make a directory that no other user can enter, or check that it is one.
+
+    Raises InputError if that is not possible.
+    """
     try:
         directory.mkdir(mode=0o700, exist_ok=True)
-        found = directory.lstat()
-        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+        if fault := _fault(directory, {os.getuid()}):
             advice = f"set {_DIRECTORY} to a directory of your own"
-            raise InputError(str(directory), "belongs to somebody else", advice)
-        if stat.S_IMODE(found.st_mode) & 0o077:
-            directory.chmod(0o700)
+            raise InputError(str(directory), fault, advice)
+        directory.chmod(0o700)
     except OSError as error:
         what = error.strerror or str(error)
         raise InputError(str(directory), what, f"set {_DIRECTORY} to another directory") from error
+
+
+def _places() -> tuple[Path, ...]:
+    """Return the directories in which this process may listen, the best first."""
+    if named := os.environ.get(_DIRECTORY, "").split(":")[0]:
+        return (Path(named),)
+    user = Path(os.environ.get("XDG_RUNTIME_DIR") or f"/run/user/{os.getuid()}")
+    state = Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser()
+    ours = (user / "bumpbench",) if _owner(user) == os.getuid() else ()
+    return (*ours, state / "bumpbench" / "run")
+
+
+def _address(place: Path, name: str) -> Address:
+    return Address(f"ipc://{place / name}.control", f"ipc://{place / name}.news")
+
+
+def _checked(address: Address) -> Address:
+    control, _ = address.paths
+    if len(os.fsencode(control)) > MAX_PATH_BYTES:
+        advice = f"set {_DIRECTORY} to a shorter path"
+        raise InputError(str(control.parent), "is too long for the path of a socket", advice)
+    return address
+
+
+def _fault(directory: Path, owners: set[int]) -> str:
+    """Return why a directory may be another user's; empty if it is not."""
+    try:
+        found = directory.lstat()
+    except OSError as error:
+        return error.strerror or str(error)
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid not in owners:
+        return "belongs to somebody else"
+    return "can be written by others" if found.st_mode & 0o022 else ""
+
+
+def _owner(path: Path) -> int:
+    """Return the number of the user who owns a directory; -1 if it is not there, or is a link."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return -1
+    return found.st_uid if stat.S_ISDIR(found.st_mode) else -1

@@ -7,7 +7,6 @@ twice a second, so that control is not left with a dead one.
 from __future__ import annotations
 
 import os
-import socket
 import threading
 import time
 from contextlib import suppress
@@ -17,7 +16,7 @@ import zmq
 from pydantic import ValidationError
 
 from ..errors import BumpbenchError
-from .address import Address
+from .address import Address, is_running
 from .messages import (
     LIVE,
     LIVE_TOPIC,
@@ -46,15 +45,6 @@ class RecorderGone(BumpbenchError):  # noqa: N818 - that is what happened
 
 class OrderRefused(Exception):  # noqa: N818 - the recorder's word, not a failure
     """The recorder refused an order; the text is one line for a person."""
-
-
-def is_running(address: Address) -> bool:
-    """Return whether a recorder listens at an address."""
-    with socket.socket(socket.AF_UNIX) as probe, suppress(OSError):
-        probe.settimeout(1.0)
-        probe.connect(str(address.paths[0]))
-        return True
-    return False
 
 
 class Client:

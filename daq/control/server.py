@@ -22,7 +22,7 @@ from pydantic import ValidationError
 from pydantic_core import from_json
 
 from ..errors import InputError, printable
-from .address import Address
+from .address import Address, make_private
 from .messages import (
     LIVE,
     LIVE_TOPIC,
@@ -51,6 +51,8 @@ _HELD_NEWS = 16
 """Statuses that wait for this thread; further ones replace the oldest."""
 _LINGER_MS = 300
 """Time for sending the last messages at the end, ms."""
+LOOK_S = 1.0
+"""Seconds between two looks whether the sockets are still there."""
 _POLL_MS = 500
 """Longest wait for a request, ms, before answers that are overdue are refused."""
 
@@ -93,6 +95,8 @@ class Server:
         for end in (self._requests, self._publisher):
             end.linger = _LINGER_MS
             end.sndhwm = _HELD_MESSAGES
+        self._address = address
+        self._looked_s, self._deaf = time.monotonic(), False
         try:
             self._requests.bind(address.control)
             self._publisher.bind(address.news)
@@ -100,7 +104,6 @@ class Server:
             self._release()
             what = f"cannot listen: {error.strerror}"
             raise InputError(str(address.paths[0]), what, "see who owns that directory") from error
-        self._paths = address.paths
         self._thread = threading.Thread(target=self._run, name="control", daemon=True)
         self._thread.start()
 
@@ -115,7 +118,7 @@ class Server:
         self._wake()
         self._thread.join()
         self._release()
-        for path in self._paths:
+        for path in self._address.paths:
             path.unlink(missing_ok=True)
 
     def _release(self) -> None:
@@ -153,6 +156,28 @@ class Server:
                 *envelope, message = self._requests.recv_multipart(zmq.NOBLOCK)
                 self._take(envelope, message)
         self._answer_pending()
+        if time.monotonic() - self._looked_s > LOOK_S:
+            self._looked_s = time.monotonic()
+            self._listen_again()
+
+    def _listen_again(self) -> None:
+        """Bind sockets whose files are gone: a logout deletes a user's run-time directory."""
+        gone = [path for path in self._address.paths if not path.is_socket()]
+        if not gone:
+            return
+        try:
+            make_private(gone[0].parent)
+            ends = (self._requests, self._address.control), (self._publisher, self._address.news)
+            for end, endpoint in ends:
+                with suppress(zmq.ZMQError):  # it was not bound again the last time
+                    end.unbind(endpoint)
+                end.bind(endpoint)
+            _log.warning("control: %s was deleted, and is there again", gone[0])
+            self._deaf = False
+        except (InputError, zmq.ZMQError) as error:
+            if not self._deaf:
+                _log.warning("control: no client can connect: %s", error)
+            self._deaf = True
 
     def _send_news(self, status: Status, live: Live | None) -> None:
         now_s = time.monotonic()

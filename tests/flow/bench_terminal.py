@@ -21,8 +21,8 @@ from pathlib import Path
 from textual.pilot import Pilot
 
 from daq.bench.config import default_bench_text
-from daq.control.address import control_address
-from daq.control.client import Client, is_running
+from daq.control.address import control_address, is_running
+from daq.control.client import Client
 from daq.control.messages import Status
 from daq.control.orders import AskStatus, Mark, ShutDown
 from tui.recorders.process import start_demo_recorder, wait_for_recorder

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import stat
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -15,8 +17,8 @@ from pathlib import Path
 import pytest
 import zmq
 
-from daq.control.address import Address, control_address
-from daq.control.client import Client, OrderRefused, RecorderGone, is_running
+from daq.control.address import Address, control_address, is_running
+from daq.control.client import Client, OrderRefused, RecorderGone
 from daq.control.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status
 from daq.control.orders import Arm, AskBench, AskStatus, Hello, Mark, Order, Pause
 from daq.control.peers import Peers
@@ -372,6 +374,95 @@ def test_the_directory_is_private_and_ones_own(
     monkeypatch.setattr(os, "getuid", lambda: tmp_path.stat().st_uid + 1)
     with pytest.raises(InputError, match="belongs to somebody else"):
         control_address(tmp_path)
+
+
+@pytest.fixture
+def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    """Directories of a user without settings of systemd: for run-time files, and for state."""
+    user, state = tmp_path / "u", tmp_path / "s"
+    user.mkdir(mode=0o700)
+    monkeypatch.delenv("RUNTIME_DIRECTORY")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(user))
+    monkeypatch.setenv("XDG_STATE_HOME", str(state))
+    monkeypatch.setattr("daq.control.address.MAX_PATH_BYTES", 200)
+    monkeypatch.setattr("daq.control.address._SERVICE", tmp_path / "service")
+    return user / "bumpbench", state / "bumpbench" / "run"
+
+
+def _directory(tmp_path: Path) -> Path:
+    return control_address(tmp_path).paths[0].parent
+
+
+def test_the_directory_is_that_of_the_user_and_never_a_shared_one(
+    tmp_path: Path, places: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    user, state = places
+    assert _directory(tmp_path) == user
+    user.rmdir()
+    user.symlink_to(tmp_path)  # somebody else was faster
+    assert _directory(tmp_path) == state
+    assert stat.S_IMODE(state.stat().st_mode) == 0o700
+    state.rmdir()
+    state.write_text("")
+    with pytest.raises(InputError, match="belongs to somebody else"):
+        control_address(tmp_path)
+    state.unlink()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))  # after the last logout
+    assert _directory(tmp_path) == state
+    assert not (tmp_path / "gone").exists()
+
+
+@pytest.mark.parametrize(("mode", "ours"), [(0o755, True), (0o720, False), (0o702, False)])
+def test_a_directory_that_others_may_have_written_to_is_not_used(
+    tmp_path: Path, places: tuple[Path, Path], mode: int, ours: bool
+) -> None:
+    user, state = places
+    user.mkdir()
+    user.chmod(mode)
+    assert _directory(tmp_path) == (user if ours else state)
+
+
+def test_a_recorder_with_other_settings_is_found(
+    tmp_path: Path,
+    places: tuple[Path, Path],
+    engine: Engine,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    short = Path(tempfile.mkdtemp(prefix="bb"))
+    try:
+        monkeypatch.setenv("RUNTIME_DIRECTORY", str(short))
+        there = control_address(tmp_path)
+        server = Server(engine.submit, there)
+        monkeypatch.delenv("RUNTIME_DIRECTORY")
+        assert control_address(tmp_path) != there
+        monkeypatch.setattr("daq.control.address._SERVICE", short)  # as root sees the unit's
+        assert control_address(tmp_path) == there
+        short.chmod(0o777)  # it may be anybody's
+        assert control_address(tmp_path) != there
+        server.close()
+    finally:
+        shutil.rmtree(short)
+
+
+@pytest.mark.parametrize("folder_too", [False, True])
+def test_sockets_that_were_deleted_are_bound_again(
+    tmp_path: Path, server: Server, address: Address, folder_too: bool
+) -> None:
+    client = Client(address, "Anna", control=True)
+    if folder_too:
+        shutil.rmtree(address.paths[0].parent)
+    else:
+        for path in address.paths:
+            path.unlink()
+    assert not is_running(address)
+    until(lambda: is_running(address))
+    second = Client(address, "Bert", control=False)
+    server.publish(a_status(7), None)
+    assert second.ask(AskStatus()).status is not None
+    assert client.ask(AskStatus()).status is not None  # its connection never broke
+    assert stat.S_IMODE(address.paths[0].parent.stat().st_mode) == 0o700
+    second.close()
+    client.close()
 
 
 def test_no_sockets_no_recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
