@@ -56,8 +56,7 @@ class NonlinearEngine:
     def parts(self, at: Point, equations: Normal) -> dict[str, NormalBlock]:
         """Return the shares at a point whose normal equations are known."""
         problem = at.problem
-        model, free = problem.model, problem.free
-        place = np.searchsorted(self.shown, free)
+        place = np.searchsorted(self.shown, problem.free)
         size = len(self.shown)
 
         def spread(
@@ -67,14 +66,10 @@ class NonlinearEngine:
             H[np.ix_(place, place)], g[place] = matrix, right
             return NormalBlock(cost, H, g)
 
-        misfits, slopes = model.box.fact_misfits(at.eta)
-        slopes = slopes[:, free]
-        weight = problem.prior[free] ** -2
-        pull = (at.eta - problem.centre)[free]
-        result = {
-            FACTS: spread(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits),
-            PRIORS: spread(float(weight @ pull**2), np.diag(weight), -weight * pull),
-        }
+        result = {}
+        for name, terms in ((FACTS, problem.fact_terms), (PRIORS, problem.prior_terms)):
+            misfits, slopes = terms(at.eta)
+            result[name] = spread(float(misfits @ misfits), slopes.T @ slopes, slopes.T @ misfits)
         for run, b, found in zip(problem.runs, equations.blocks, at.predicted, strict=True):
             X = b.B.T @ inverse(b.A)
             result[run.decay.label] = spread(found.cost, b.C - X @ b.B, b.shared - X @ b.own)

@@ -15,8 +15,12 @@ _PROGRESSION_1_M = 2.5
 """Of k_2/k_s and of the tyre's beta, 1/m: 25 % more stiffness after 5 and 10 cm."""
 _CUBIC_1_M2 = 60.0
 """Of k_3/k_s: 45 % more stiffness after 5 cm."""
-_KNEE = 2.0
-"""Of a damper's change of slope, over its coefficient."""
+_SIDES, _KNEE, _FAST_KNEE = 2.0, 0.7, 0.25
+"""Of a damper's change of slope over its coefficient: at rest, up to `_FAST_M_S`, beyond it.
+
+A curve that falls as the speed grows feeds energy into the car and has no finite path on a mount:
+where few samples are that fast, these keep it from falling."""
+_FAST_M_S = 0.2
 _TYRE_DAMPING = 0.2
 """Of a tyre's damping, over the damper's coefficient."""
 _SPLIT = 0.3
@@ -42,7 +46,6 @@ def weak_priors(
         "k_2": _PROGRESSION_1_M * k_s,
         "k_3": _CUBIC_1_M2 * k_s,
         "b_t": _PROGRESSION_1_M,
-        "h_": _KNEE * c_s,
         "s_c": _SPLIT,
         "dF_": _FRICTION_SPLIT_N,
         "dk_": _CORNER_SPLIT,
@@ -55,6 +58,11 @@ def weak_priors(
         kind = next((k for k in size if e.name.startswith(k)), None)
         if kind is not None:
             own[i] = size[kind] / e.scale
+    for axle in "fr":
+        for j, knot in enumerate(model.knots, start=1):
+            share = _SIDES if knot == 0.0 else _KNEE if abs(knot) < _FAST_M_S else _FAST_KNEE
+            at = model.names.index(f"h_{axle}{j}") - model.first
+            own[at] = share * c_s / model.elements[at].scale
     box = model.box.prior_sigma.copy()
     for i, name in enumerate(model.box.parameters):
         if name.startswith("c_t"):

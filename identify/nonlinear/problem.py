@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from . import integrator
 from .car import MOUNT, Car, Model, car
+from .falling import too_flat
 from .level import Grade
 from .path import Own, step_of
 from .run import Block, Predicted, Rows, Run, block, predict, rows_of
@@ -18,6 +19,9 @@ _FRICTION_PRIOR = 1.0
 """Standard deviation of the share of friction that acts at the start."""
 _MOUNT_PRIOR_M = 5e8
 """Standard deviation, m, of the mount's first deflection beyond its force, over sigma squared."""
+
+Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""What is known less what the unknowns give, and the slopes of the latter, in sigmas."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,18 @@ class Problem:
     def releasing(self, free: NDArray[np.intp]) -> Problem:
         """Return the problem with other free unknowns."""
         return replace(self, free=free)
+
+    def fact_terms(self, eta: NDArray[np.float64]) -> Terms:
+        """Return misfits, (n,), of what was measured beside the runs, and slopes, (n, F)."""
+        misfits, slopes = self.model.box.fact_misfits(eta)
+        return misfits, slopes[:, self.free]
+
+    def prior_terms(self, eta: NDArray[np.float64]) -> Terms:
+        """Return the same of the priors, and of damper curves that would fall."""
+        root = 1.0 / self.prior[self.free]
+        pull = (self.centre - eta)[self.free] * root
+        short, slopes = too_flat(self.model, eta)
+        return np.concatenate([pull, short]), np.vstack([np.diag(root), slopes[:, self.free]])
 
     @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -98,9 +114,8 @@ def point(
     for one, own in zip(each, owns, strict=True):
         if one.has_mount:
             cost += float(np.sum((own.mount / _mount_sd(one)) ** 2))
-    misfits, _ = model.box.fact_misfits(eta)
-    cost += float(misfits @ misfits)
-    cost += float(np.sum(((eta - problem.centre) / problem.prior)[problem.free] ** 2))
+    for misfits, _ in (problem.fact_terms(eta), problem.prior_terms(eta)):
+        cost += float(misfits @ misfits)
     return Point(problem, eta, owns, each, rows, tuple(found), cost, grade)
 
 
@@ -116,11 +131,11 @@ def normal(at: Point) -> Normal:
         _own_priors(block(model, run, one, at.rows, own, found, acts, at.grade), one, own)
         for run, one, own, found in zip(problem.runs, at.cars, at.owns, at.predicted, strict=True)
     ]
-    misfits, slopes = model.box.fact_misfits(at.eta)
-    slopes = slopes[:, problem.free]
-    weight = problem.prior[problem.free] ** -2
-    shared = slopes.T @ slopes + np.diag(weight)
-    right = slopes.T @ misfits - weight * (at.eta - problem.centre)[problem.free]
+    n = len(problem.free)
+    shared, right = np.zeros((n, n)), np.zeros(n)
+    for misfits, slopes in (problem.fact_terms(at.eta), problem.prior_terms(at.eta)):
+        shared += slopes.T @ slopes
+        right += slopes.T @ misfits
     return Normal(tuple(blocks), shared, right)
 
 

@@ -29,13 +29,13 @@ _GAPS_M = (0.012, 0.018, 0.025, 0.033, 0.042)
 """Gaps at which a bump stop is tried: a stop that is not touched yet has no slope by its gap."""
 _LARGEST_RATE = 1.5
 """Rate, 1e5 N/m, that a bump stop begins with at most."""
-_LAST_KNOTS = "K9"
+_LAST_KNOTS = "K13"
 """Knees of the last stage: real curves bend between those of the first stages."""
 _PAYS = 4.0
 """Logarithms of the number of samples that the mounts must gain: two of the criterion's limit."""
 _STAGE_STEPS = 25
 _LAST_STEPS = 40
-_POLISH_STEPS = 12
+_POLISH_STEPS = 25
 _CONVERGED = 0.05
 _POLISHED = 0.1
 
@@ -90,6 +90,8 @@ def release(
         log(f"{', '.join(stage)}: chi2/n {best.cost / n:.3f} after {best.iterations} steps")
     if best is None:
         return None
+    problem = best.point.problem
+    model = problem.model
     if "damper_mounts" not in chosen and _mounts_pay(problem, best, allowed, log):
         start = best.eta.copy()
         _begin_mounts(model, start)
@@ -100,7 +102,7 @@ def release(
         )  # fmt: skip
         if found is not None and found.cost < best.cost:
             best, chosen = found, (*chosen, "damper_mounts")
-    whole = replace(best.point.problem, runs=runs)
+    whole = replace(problem, runs=runs)
     polished = fit(
         whole, best.eta, best.point.owns, POLISH, tolerance=_POLISHED, max_iterations=_POLISH_STEPS
     )

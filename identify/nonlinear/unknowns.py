@@ -6,12 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-KNOTS = {
+KNOTS: dict[str, tuple[float, ...]] = {
     "K1": (0.0,),
     "K3": (-0.15, 0.0, 0.15),
     "K5": (-0.3, -0.1, 0.0, 0.1, 0.3),
     "K7": (-0.4, -0.2, -0.08, 0.0, 0.08, 0.2, 0.4),
-    "K9": (-0.4, -0.25, -0.15, -0.07, 0.0, 0.07, 0.15, 0.25, 0.4),
+    "K13": (
+        -0.5,
+        -0.35,
+        -0.22,
+        -0.14,
+        -0.08,
+        -0.04,
+        0.0,
+        0.04,
+        0.08,
+        0.14,
+        0.22,
+        0.35,
+        0.5,
+    ),
 }
 """Speeds of the knees of a damper curve, m/s; negative in rebound."""
 

@@ -16,6 +16,7 @@ from dbc.finding import Finding, Severity
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
+from .scale import scale_facts
 
 _LIMIT_SIGMAS = 4.0
 _LEAST_REDUNDANCY = 1e-5
@@ -104,7 +105,7 @@ def _stated(estimation: Estimation) -> tuple[NDArray[np.float64], NDArray[np.flo
     return np.vstack([slopes, stated]), np.concatenate([misfits, -pulls])
 
 
-def _directions(box: GreyBox) -> tuple[tuple[str, ...], NDArray[np.float64]]:
+def suspects(box: GreyBox) -> tuple[tuple[str, ...], NDArray[np.float64]]:
     """Return the suspects: each statement alone, and all weights together, (n_stated, k)."""
     labels = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
     names = [*labels, *box.corrections]
@@ -115,7 +116,8 @@ def _directions(box: GreyBox) -> tuple[tuple[str, ...], NDArray[np.float64]]:
             if weight.sigma_kg > 0.0:
                 at = names.index(f"weight {i} of state {state.name}")
                 together[at] = weight.mass_kg / weight.sigma_kg
-    if np.count_nonzero(together) > 1:
+    # Without a fact nothing else fixes the scale: gravity's second order is no witness.
+    if np.count_nonzero(together) > 1 and scale_facts(box):
         columns.append(together)
         return (*names, ALL_WEIGHTS), np.array(columns).T
     return tuple(names), np.eye(len(names))
@@ -125,7 +127,7 @@ def _snooped(
     box: GreyBox, Q: NDArray[np.float64], left: NDArray[np.float64]
 ) -> tuple[Contradiction, ...]:
     """Name the worst suspect, take it out, and go on until none is at odds."""
-    names, D = _directions(box)
+    names, D = suspects(box)
     first = np.einsum("ik,ij,jk->k", D, Q, D)
     scale = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)
     found: list[Contradiction] = []

@@ -13,7 +13,7 @@ from dbc.finding import Severity
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.uncertainty import estimates
 from identify.pipeline import grey_box, usable_records
-from identify.trust.contradiction import contradictions
+from identify.trust.contradiction import contradictions, suspects
 from identify.trust.finding import Verdict
 from identify.trust.judge import judge
 from identify.trust.scale import scale_findings
@@ -111,3 +111,12 @@ def test_one_wrong_load_is_named_alone() -> None:
     assert estimates(result.box, result.fit)["m_s"].std < 3.0
     (wrong,) = contradictions(result)
     assert wrong.name.startswith("rear_axle_kg")
+
+
+def test_without_scales_no_common_factor_is_suspected() -> None:
+    bare = grey_box(session := _session((), 1.0, 0.1), usable_records(session))
+    scales = (Fact("total_mass_kg", 1500.0, 1.0),)
+    weighed = type(bare)(bare.groups, bare.mass_states, bare.geometry, bare.structure, scales)
+    assert len(bare.corrections) > 6
+    assert suspects(bare)[0] == bare.corrections
+    assert suspects(weighed)[0][-1] == "all weights by a common factor"
