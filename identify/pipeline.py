@@ -33,7 +33,6 @@ from .modes.mode_names import mode_names
 from .modes.pairing import pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import closed_form
-from .real_car import explained_by_elements
 from .trust.finding import Quality
 from .trust.judge import judge
 from .trust.shortcomings import shortcomings
@@ -123,6 +122,8 @@ def identify_parameters(
     estimation = first_estimate(box, records, generic_vehicles())
     forces = None
     if not estimation.holds:
+        from .real_car import explained_by_elements  # with Numba: a third of a second to import
+
         stage = partial(progress, 0.2)
         real = explained_by_elements(session, estimation, stage)
         if real is None:

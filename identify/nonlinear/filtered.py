@@ -10,7 +10,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from ..model.low_pass import LowPass
 
@@ -61,6 +60,8 @@ def filtered(
     -------
     (m, ...) float64
     """
+    from scipy.signal import lfilter  # a second to import, and Numba does without
+
     h = 2.0 * step_s
     first, middle, last = values[:-1:2], values[1::2], values[2::2]
     k = np.clip((times_s / h).astype(int), 0, len(first) - 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,10 @@ from ..elements.damper import knee
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, Estimate
 from .car import F_C, GAP, KNEE_M_S, KNEES, C, Car
-from .fit import Optimum
 from .path import travel_speeds
+
+if TYPE_CHECKING:
+    from .fit import Optimum  # with Numba, which a reader of results needs not
 
 _AXLES = ("front", "rear")
 _POINTS = 61
