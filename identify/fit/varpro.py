@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
-from ..model.exponentials import Change, Products, Spectrum, products, spectrum
-from ..model.low_pass import low_pass_of
+from ..model.exponentials import Change, Outputs, Products, Spectrum, products, spectrum
+from ..model.low_pass import LowPass, low_pass_of
 from .grey_box import GreyBox, System
 
 _N = 14  # states of the vehicle
@@ -23,6 +23,26 @@ _RANK = 1e-12  # directions of the linear part below this, relative, are not obs
 _CERTAIN = 0.01
 """Condition in units of 1 / `_RANK` below which every direction is shown: that by column sums is
 never below that by eigenvalues."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroupAt:
+    """A channel group at one point of the unknowns: what all its recordings have in common."""
+
+    outputs: Outputs
+    """Its channels in modal coordinates."""
+    d_outputs: NDArray[np.complex128]
+    """Change of rows times gain with each unknown, shape (P, n_channels, 14)."""
+    on_state: NDArray[np.float64]
+    """From the initial state to the basis, shape (n_channels, 28, 14)."""
+    low_pass: LowPass
+    """Of each channel."""
+    weight: NDArray[np.float64]
+    """Inverse variance of each channel, shape (n_channels,)."""
+    late_s: float
+    """Lateness beyond the nominal one."""
+    late: int | None
+    """Which unknown that is; None if it is exact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,34 +57,69 @@ class Evaluated:
     """Eigenvalues and eigenvectors of the state matrix."""
     change: Change
     """Change of the state matrix with each unknown."""
-    delays_s: NDArray[np.float64]
-    """Lateness of each group beyond its nominal one, shape (n_groups,)."""
-    sigma: Mapping[str, float]
-    """Standard deviation of the noise, SI."""
+    groups: tuple[GroupAt, ...]
+    """As `box.groups`."""
+
+    def group(self, group: ChannelGroup) -> GroupAt:
+        """Return what is known of a group at this point."""
+        return self.groups[self.box.groups.index(group)]
 
     def time_s(self, recording: Recording) -> NDArray[np.float64]:
         """Return when the motion was as sampled, lateness as estimated."""
-        late = float(self.delays_s[self.box.groups.index(recording.group)])
-        return recording.time_s - late
+        return recording.time_s - self.group(recording.group).late_s
 
     def basis(self, recording: Recording) -> NDArray[np.float64]:
         """Return the functions that the recording consists of, (n_samples, 28 + order + 1)."""
         time = self.time_s(recording)
-        own = low_pass_of(recording.group.channels[0]).transients(time)
-        return np.hstack([self.modes.basis(time), own, np.ones((len(time), 1))])
+        own = self.group(recording.group).low_pass.transients(time)
+        out = self.modes.basis(time, own.shape[1] + 1)
+        out[:, 2 * _N : -1] = own
+        out[:, -1] = 1.0
+        return out
 
     def weights(self, group: ChannelGroup) -> NDArray[np.float64]:
         """Return the inverse variance of each channel of a group."""
-        return np.array([self.sigma[channel.name] ** -2 for channel in group.channels])
+        return self.group(group).weight
 
 
 def evaluate(
     box: GreyBox, eta: NDArray[np.float64], mass_state: str, sigma: Mapping[str, float]
 ) -> Evaluated:
-    """Evaluate a mass state at the unknowns `eta`."""
+    """Evaluate a mass state at the unknowns `eta`; `sigma`: standard deviation of the noise, SI."""
     system = box.system(eta, mass_state)
     modes = spectrum(system.A)
-    return Evaluated(box, system, modes, modes.change(system.dA), box.delays_s(eta), sigma)
+    change = modes.change(system.dA)
+    late_s = box.delays_s(eta).tolist()
+    groups = tuple(
+        _group_at(box, i, system, modes, change, sigma, late_s[i]) for i in range(len(box.groups))
+    )
+    return Evaluated(box, system, modes, change, groups)
+
+
+def _group_at(
+    box: GreyBox,
+    index: int,
+    system: System,
+    modes: Spectrum,
+    change: Change,
+    sigma: Mapping[str, float],
+    late_s: float,
+) -> GroupAt:
+    channels = box.groups[index].channels
+    low_pass = low_pass_of(channels[0])
+    rows = np.array([system.rows[c.name] for c in channels]) @ modes.V
+    d_rows = np.array([system.d_rows[c.name] for c in channels]) @ modes.V
+    outputs = modes.outputs(rows, change, low_pass)
+    filtered = rows * outputs.gain
+    return GroupAt(
+        outputs,
+        (d_rows * outputs.gain).swapaxes(0, 1),
+        (modes.to_real[:, :_N] @ (filtered[..., None] * modes.W)).real,
+        low_pass,
+        np.array([sigma[c.name] ** -2 for c in channels]),
+        late_s,
+        box.delay_index(index),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,18 +160,15 @@ def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.flo
     tuple of (n_channels, m, n_linear) float64
         One for each recording.
     """
-    modes = at.modes
-    own = [1 + len(low_pass_of(r.group.channels[0]).poles) for r in decay.recordings]
-    total = sum(n * len(r.group.channels) for n, r in zip(own, decay.recordings, strict=True))
+    groups = [at.group(r.group) for r in decay.recordings]
+    own = [1 + len(group.low_pass.poles) for group in groups]
+    total = sum(n * len(group.weight) for n, group in zip(own, groups, strict=True))
     result = []
     column = _N
-    for n_own, recording in zip(own, decay.recordings, strict=True):
-        group = recording.group
-        gain = low_pass_of(group.channels[0]).gain(modes.poles)
-        rows = _modal_rows(at, group) * gain
-        stack = np.zeros((len(rows), 2 * _N + n_own, _N + total))
-        stack[:, : 2 * _N, :_N] = (modes.to_real[:, :_N] @ (rows[..., None] * modes.W)).real
-        for c in range(len(rows)):
+    for n_own, group in zip(own, groups, strict=True):
+        stack = np.zeros((len(group.weight), 2 * _N + n_own, _N + total))
+        stack[:, : 2 * _N, :_N] = group.on_state
+        for c in range(len(stack)):
             stack[c, 2 * _N :, column : column + n_own] = np.eye(n_own)
             column += n_own
         result.append(stack)
@@ -143,11 +195,6 @@ def _plain_inverse(scaled: NDArray[np.float64]) -> NDArray[np.float64] | None:
         return None
     condition = np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1)
     return 0.5 * (inverse + inverse.T) if condition < _CERTAIN / _RANK else None
-
-
-def _modal_rows(at: Evaluated, group: ChannelGroup) -> NDArray[np.complex128]:
-    rows = np.array([at.system.rows[c.name] for c in group.channels])
-    return np.asarray(rows @ at.modes.V)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,15 +245,11 @@ def slopes(at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> NDA
     z : (14,) complex128
         Initial state in modal coordinates.
     """
-    modes, low_pass = at.modes, low_pass_of(group.channels[0])
-    rows = _modal_rows(at, group)
-    d_rows = np.array([at.system.d_rows[c.name] for c in group.channels]) @ modes.V
-    gain = low_pass.gain(modes.poles)
-    on = modes.propagator_slope(rows, at.change, z, low_pass)  # (P, n_channels, 28)
-    on[..., :_N] += (d_rows * gain * z).swapaxes(0, 1)
-    late = at.box.delay_index(at.box.groups.index(group))
-    if late is not None:
-        on[late, :, :_N] -= rows * gain * modes.poles * z
+    modes, one = at.modes, at.group(group)
+    on = modes.propagator_slope(one.outputs, at.change, z)  # (P, n_channels, 28)
+    on[..., :_N] += one.d_outputs * z
+    if one.late is not None:
+        on[one.late, :, :_N] -= one.outputs.rows * (one.outputs.gain * modes.poles * z)
     return np.asarray((on @ modes.to_real.T).real.transpose(1, 2, 0))
 
 
@@ -227,8 +270,8 @@ def motion(
         Of the motion by time: 0 for the motion itself, 1 for its rate of change.
     """
     modes = at.modes
-    gain = low_pass_of(group.channels[0]).gain(modes.poles)
-    on_exp = _modal_rows(at, group) * (gain * z * modes.poles**derivative)
+    seen = at.group(group).outputs
+    on_exp = seen.rows * (seen.gain * z * modes.poles**derivative)
     return np.asarray((on_exp @ modes.to_real[:, :_N].T).real)
 
 

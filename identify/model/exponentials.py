@@ -52,6 +52,20 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
+class Outputs:
+    """Some channels in modal coordinates: one preparation serves all recordings of a mass state."""
+
+    rows: NDArray[np.complex128]
+    """Output rows (row V), shape (n_channels, n)."""
+    through: NDArray[np.complex128]
+    """The rows times `Change.apart`, shape (P, n_channels, n)."""
+    gain: NDArray[np.complex128]
+    """Of the channels' low-pass at the poles, shape (n,)."""
+    gain_slope: NDArray[np.complex128]
+    """Its derivative by the pole, s, shape (n,)."""
+
+
+@dataclass(frozen=True, slots=True)
 class Spectrum:
     """Eigenvalues and eigenvectors of a real state matrix, and how real functions span them."""
 
@@ -63,10 +77,13 @@ class Spectrum:
     to_real: NDArray[np.complex128]
     """Coefficients on (exp, t exp) to coefficients on the real basis, shape (2 n, 2 n)."""
 
-    def basis(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the real basis at the given times, (n_samples, 2 n)."""
+    def basis(self, time_s: NDArray[np.float64], beside: int = 0) -> NDArray[np.float64]:
+        """Return the real basis at the given times, (n_samples, 2 n + beside).
+
+        The last `beside` columns are left for the caller to fill.
+        """
         n = len(self.poles)
-        out = np.empty((len(time_s), 2 * n))
+        out = np.empty((len(time_s), 2 * n + beside))
         upper = np.flatnonzero(self.poles.imag > 0)
         real = np.flatnonzero(self.poles.imag == 0)
         wave = waves(time_s, self.poles[upper])
@@ -75,7 +92,7 @@ class Spectrum:
             out[:, real] = np.exp(np.multiply.outer(time_s, self.poles[real].real))
         else:  # the pairs already lie as they shall
             out[:, :n] = wave.view(np.float64)
-        np.multiply(time_s[:, None], out[:, :n], out=out[:, n:])
+        np.multiply(time_s[:, None], out[:, :n], out=out[:, n : 2 * n])
         return out
 
     def change(self, dA: NDArray[np.float64]) -> Change:
@@ -87,35 +104,35 @@ class Spectrum:
         inverse = np.where(same, 0.0, 1.0 / np.where(same, 1.0, gap))
         return Change(modal * inverse, modal * same)
 
+    def outputs(self, rows: NDArray[np.complex128], change: Change, low_pass: LowPass) -> Outputs:
+        """Prepare channels with one low-pass; `rows`, (n_channels, n): row V of each."""
+        gain, slope = low_pass.gain(self.poles), low_pass.gain_slope(self.poles)
+        return Outputs(rows, rows @ change.apart, gain, slope)
+
     def propagator_slope(
-        self,
-        rows: NDArray[np.complex128],
-        change: Change,
-        z: NDArray[np.complex128],
-        low_pass: LowPass,
+        self, seen: Outputs, change: Change, z: NDArray[np.complex128]
     ) -> NDArray[np.complex128]:
         """Coefficients of ``row . d(H(A) exp(A t)) . x0`` on (exp, t exp).
 
         Parameters
         ----------
-        rows : (n_channels, n) complex128
-            Output rows in modal coordinates (row V).
+        seen : Outputs
+            The channels (`outputs`).
         change : Change
             Of the state matrix (`change`).
         z : (n,) complex128
             Initial state in modal coordinates (W x0).
-        low_pass : LowPass
-            H, the filter of these channels.
 
         Returns
         -------
         (P, n_channels, 2 n) complex128
             By the divided differences of ``H(l) exp(l t)`` (Daleckii and Krein).
         """
-        apart = rows * (change.apart @ z)[:, None] - (rows @ change.apart) * z
-        together = rows * (change.together @ z)[:, None]
-        gain, slope = low_pass.gain(self.poles), low_pass.gain_slope(self.poles)
-        return np.concatenate([apart * gain + together * slope, together * gain], axis=-1)
+        apart = seen.rows * (change.apart @ z)[:, None] - seen.through * z
+        together = seen.rows * (change.together @ z)[:, None]
+        return np.concatenate(
+            [apart * seen.gain + together * seen.gain_slope, together * seen.gain], axis=-1
+        )
 
 
 def spectrum(A: NDArray[np.float64]) -> Spectrum:

@@ -25,10 +25,14 @@ class LowPass:
 
     def gain(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the transfer function H at complex frequencies `s`, rad/s."""
+        if not len(self.poles):
+            return np.ones_like(s)
         return np.asarray(np.prod(-self.poles / (s[..., None] - self.poles), axis=-1))
 
     def gain_slope(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return dH/ds."""
+        if not len(self.poles):
+            return np.zeros_like(s)
         return np.asarray(-self.gain(s) * np.sum(1.0 / (s[..., None] - self.poles), axis=-1))
 
     def transients(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:

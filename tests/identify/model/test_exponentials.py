@@ -41,7 +41,8 @@ def test_slope_of_the_propagator_is_its_derivative(name: str) -> None:
     row, x0 = rng.standard_normal(n), rng.standard_normal(n)
     dA = rng.standard_normal((n, n)) * np.abs(A).max() * (A != 0)
     change = modes.change(dA[None])
-    on = modes.propagator_slope((row @ modes.V)[None], change, modes.W @ x0, NO_FILTER)[0, 0]
+    seen = modes.outputs((row @ modes.V)[None], change, NO_FILTER)
+    on = modes.propagator_slope(seen, change, modes.W @ x0)[0, 0]
     slope = modes.basis(TIMES) @ (modes.to_real @ on).real
     # The block matrix exponential holds the exact derivative (Van Loan 1978).
     expected = [row @ expm(np.block([[A, dA], [0 * A, A]]) * t)[:n, n:] @ x0 for t in TIMES]
