@@ -137,6 +137,8 @@ def first_estimate(
 
 def later_estimate(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> Estimation:
     """Fit the decays from later on; the first estimate where no later start holds either."""
+    if not later_may_hold(first, starts):
+        return first
     box, records, rest = first.box, first.records, first.rest
     begin, laters = _laters(records)
     near, generic = first.fit.eta, box.unknowns(starts[0])
@@ -151,17 +153,21 @@ def later_estimate(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> 
 
 
 def later_may_hold(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> bool:
-    """Return whether a later start explains nearly all, by a rough fit of the last one."""
-    begin, laters = _laters(first.records)
-    if not laters:
+    """Return whether a later start explains nearly all, by a rough fit of the last one.
+
+    What holds from some start on holds from any later one: if the last does not, none does.
+    """
+    begin, _ = _laters(first.records)
+    if not begin:
         return False
-    eta = first.box.unknowns(starts[0])
-    found = _search(first.box, first.records, first.rest, begin[-1], eta)
     n = sum(
         record.decay(float(s)).thinned(_SEARCH_RATE_HZ).n_values
         for record, s in zip(first.records, begin[-1], strict=True)
     )
-    return found.cost < _BASIN_CHI2 * n
+    return any(
+        _search(first.box, first.records, first.rest, begin[-1], eta).cost < _BASIN_CHI2 * n
+        for eta in (first.fit.eta, first.box.unknowns(starts[0]))
+    )
 
 
 def _laters(
