@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -59,32 +60,43 @@ def test_a_whole_campaign_lacks_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("session", "gate", "words"),
+    ("made", "gate", "words"),
     [
-        (replace(campaign("linear", 1), runs=()), "no_runs", ("bounce, pitch and roll",)),
+        (lambda: replace(campaign("linear", 1), runs=()), "no_runs", ("bounce, pitch and roll",)),
         (
-            with_runs(campaign("linear", 1), lambda r: replace(r, status=RunStatus.REJECTED)),
+            lambda: with_runs(
+                campaign("linear", 1), lambda r: replace(r, status=RunStatus.REJECTED)
+            ),
             "no_runs",
             ("no accepted run",),
         ),
-        (_channels("body_acc_z"), "channels", ("one channel only (body_acc_z)", "each hub")),
-        (_only(ADDED), "mass_states", ("no accepted baseline run", "weigh")),
-        (_only(BASELINE), "mass_states", ("no accepted run with added mass", "weigh")),
-        (_with_added(), "mass_states", ("no accepted run with added mass",)),
-        (_with_added(BodyWeight(130.0, -1.2, 0.0)), "added_mass", ("singular", "weigh")),
-        (_with_added(*SPREAD), "added_mass", ("singular",)),
-        (_with_added(*HUB_WEIGHTS), "added_mass", ("singular",)),
-        (_with_added(*SPREAD, *HUB_WEIGHTS[:3]), "added_mass", ("singular", "move with z_uD:")),
         (
-            _with_added(matrix=np.diag([130, 250, 0, 4, 4, 5, 5])),
+            lambda: _channels("body_acc_z"),
+            "channels",
+            ("one channel only (body_acc_z)", "each hub"),
+        ),
+        (lambda: _only(ADDED), "mass_states", ("no accepted baseline run", "weigh")),
+        (lambda: _only(BASELINE), "mass_states", ("no accepted run with added mass", "weigh")),
+        (lambda: _with_added(), "mass_states", ("no accepted run with added mass",)),
+        (lambda: _with_added(BodyWeight(130.0, -1.2, 0.0)), "added_mass", ("singular", "weigh")),
+        (lambda: _with_added(*SPREAD), "added_mass", ("singular",)),
+        (lambda: _with_added(*HUB_WEIGHTS), "added_mass", ("singular",)),
+        (
+            lambda: _with_added(*SPREAD, *HUB_WEIGHTS[:3]),
+            "added_mass",
+            ("singular", "move with z_uD:"),
+        ),
+        (
+            lambda: _with_added(matrix=np.diag([130, 250, 0, 4, 4, 5, 5])),
             "added_mass",
             ("singular", "move with phi:"),
         ),
     ],
 )
 def test_what_is_missing_is_refused_with_advice(
-    session: Session, gate: str, words: tuple[str, ...]
+    made: Callable[[], Session], gate: str, words: tuple[str, ...]
 ) -> None:
+    session = made()
     (finding,) = _missing(session)
     assert finding.code == gate
     assert finding.severity is Severity.ERROR
@@ -99,13 +111,18 @@ def test_what_is_missing_is_refused_with_advice(
 
 @pytest.mark.parametrize("vehicle", [TOTAL, SPRING])
 @pytest.mark.parametrize(
-    "session",
-    [_only(ADDED), _only(BASELINE), _with_added(), _with_added(BodyWeight(130.0, -1.2, 0.0))],
+    "made",
+    [
+        lambda: _only(ADDED),
+        lambda: _only(BASELINE),
+        lambda: _with_added(),
+        lambda: _with_added(BodyWeight(130.0, -1.2, 0.0)),
+    ],
 )
 def test_scales_or_a_known_spring_stand_in_for_added_mass(
-    session: Session, vehicle: Vehicle
+    made: Callable[[], Session], vehicle: Vehicle
 ) -> None:
-    assert _missing(replace(session, vehicle=vehicle)) == ()
+    assert _missing(replace(made(), vehicle=vehicle)) == ()
 
 
 def test_a_track_fixes_no_scale() -> None:

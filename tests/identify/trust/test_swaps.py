@@ -38,11 +38,11 @@ def _exchanged(session: Session, a: str, b: str) -> Session:
 
 
 SWAPPED = {
-    "mass states swapped": _other_state(campaign("linear", 1)),
-    "hub acceleration of front left and rear left swapped": _exchanged(
+    "mass states swapped": lambda: _other_state(campaign("linear", 1)),
+    "hub acceleration of front left and rear left swapped": lambda: _exchanged(
         campaign("linear", 1), "hub_acc_fl", "hub_acc_rl"
     ),
-    "pitch_rate and roll_rate swapped": _exchanged(
+    "pitch_rate and roll_rate swapped": lambda: _exchanged(
         campaign("friction", 1), "pitch_rate", "roll_rate"
     ),
 }
@@ -50,7 +50,7 @@ SWAPPED = {
 
 @pytest.mark.parametrize("name", SWAPPED)
 def test_a_swap_is_named_and_refused(name: str) -> None:
-    session = SWAPPED[name]
+    session = SWAPPED[name]()
     records = usable_records(session)
     estimation = estimate(grey_box(session, records), records, generic_vehicles())
     (finding,) = causes_of(estimation, ()).findings
