@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 from zlib import crc32
 
 import numpy as np
 
-from daq.bench.config import default_bench_text, parse_bench
+from daq.bench.campaign import Campaign
+from daq.bench.config import Bench, default_bench_text, parse_bench
 from daq.control.messages import (
     BusState,
     BusStatus,
@@ -72,6 +75,11 @@ INSTRUCTIONS = {
     "warp": "Roll front left and rear right over the boards.",
     "rear_pitch": "Roll the rear wheels over the board.",
 }
+
+
+@cache
+def _parsed(text: str) -> Bench:
+    return parse_bench(text, "bench.toml", Path(), dbc_text="")
 
 
 class FakeRecorder:
@@ -241,11 +249,11 @@ class FakeRecorder:
     # What it says -------------------------------------------------------------------------------
 
     @property
-    def bench(self):  # type: ignore[no-untyped-def]
-        return parse_bench(self.bench_text, "bench.toml", None, dbc_text="")  # type: ignore[arg-type]
+    def bench(self) -> Bench:
+        return _parsed(self.bench_text)
 
     @property
-    def campaign(self):  # type: ignore[no-untyped-def]
+    def campaign(self) -> Campaign:
         return self.bench.campaign
 
     @property

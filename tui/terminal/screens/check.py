@@ -77,7 +77,7 @@ class CheckScreen(BenchScreen):
         super().__init__()
         self._items: tuple[CheckItem, ...] = ()
         self._rows: list[CheckRow] = []
-        self._asking = False
+        self._asking = self._asked = False
         self._corner: Corner | None = None
         self._begin_bin = 0
         self._pushed: dict[Corner, Wiggle] = {}
@@ -107,7 +107,7 @@ class CheckScreen(BenchScreen):
 
     def show_status(self, status: Status) -> None:
         """Show the lines."""
-        if not self._items and not self._asking:
+        if not self._asked:  # then each second: an answer brings a status of its own
             self.run_worker(self._ask(WINDOW_S))
         self._show_rows()
 
@@ -133,7 +133,7 @@ class CheckScreen(BenchScreen):
         """Ask for the check of the last seconds; return True if the recorder answered."""
         if self._asking or self.bench_app.status is None:
             return False
-        self._asking = True
+        self._asking = self._asked = True
         try:
             reply = await self.bench_app.ask(AskCheck(seconds))
         finally:
