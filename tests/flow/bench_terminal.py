@@ -16,6 +16,7 @@ import termios
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from itertools import groupby
 from pathlib import Path
 
 from textual.pilot import Pilot
@@ -181,6 +182,11 @@ class Seat:
         if "SPACE =" in self.text or "SPACE starts" in self.text:
             self._pressed_s = now_s
             await self.pilot.press("space")
+
+    def went_through(self) -> list[str]:
+        """Return the screens of the steps in the order in which they were met."""
+        names = [name.removesuffix("Screen") for name in self.screens]
+        return [name for name, _ in groupby(n for n in names if n not in ("Home", "Report"))]
 
     def sees(self, words: str) -> Callable[[], bool]:
         """Return whether words are on the screen."""

@@ -4,54 +4,57 @@ from __future__ import annotations
 
 import asyncio
 import shutil
-from itertools import groupby
 from pathlib import Path
 
 import pytest
 
 from daq import read_session
+from daq.control.messages import SessionState
 from daq.errors import InputError
 from daq.replay.recorded_source import whole_frames
 from daq.runlog.runlog import LoggedStatus
 from tui.recorders.process import start_replay_recorder, wait_for_recorder
 from tui.terminal.state.steps import BenchStep, progress
 
-from .bench_terminal import PtyTerminal, demo_bench, end_recorder, seat, terminal_on
+from .bench_terminal import PtyTerminal, demo_bench, seat, terminal_on
 
 KINDS = 6
-SCREENS = ["Vehicle", "Check", "Run", "Masses", "Run", "Identify", "Results"]
+RECORDING = ["Vehicle", "Check", "Run", "Masses", "Run", "Identify"]
+RESULTS = ["Identify", "Results"]
 
 
 def campaign_by_space(folder: Path, speed: float, repeats: int) -> Path:
-    """Go through a campaign, pressing SPACE whenever the screen says so; return the session."""
+    """Record a campaign, pressing SPACE whenever the screen says so; return the session."""
 
     async def act() -> Path:
         app = terminal_on(bench.folder)
         async with seat(app) as operator:
             await operator.until(
-                lambda: "WRITTEN   verdict ok" in operator.text, operator.space_if_told
+                lambda: operator.went_through()[-1:] == RECORDING[-1:], operator.space_if_told
             )
+            await operator.until(operator.sees(f"{KINDS * repeats} runs accepted"))
+            assert operator.went_through() == RECORDING
             status = app.status
             assert status is not None
-            await operator.until(lambda: progress(app.status).done == frozenset(BenchStep))
-            assert app.step is BenchStep.REPORT
             assert [run.status for run in status.runs].count(
                 LoggedStatus.ACCEPTED
             ) == KINDS * repeats
-            seen = [name.removesuffix("Screen") for name in operator.screens]
-            own = [name for name in seen if name not in ("Home", "Report")]
-            assert [name for name, _ in groupby(own)] == SCREENS
-            return Path(status.session.path)
+            await operator.until(
+                lambda: app.status is not None and app.status.session.state is SessionState.READY,
+                operator.space_if_told,
+            )
+            assert app.status is not None
+            return Path(app.status.session.path)
 
     with demo_bench(folder, speed, repeats) as bench:
         bench.started()
         return asyncio.run(act())
 
 
-def replay(folder: Path, session: Path, speed: float) -> None:
-    """Play a session to a terminal, to its end."""
+def results_by_space(folder: Path, session: Path, speed: float) -> Path:
+    """Play a session to a terminal, then press SPACE until its report is there; return that."""
 
-    async def act() -> None:
+    async def act() -> Path:
         app = terminal_on(folder)
         async with seat(app, (140, 40)) as operator:
             await operator.until(lambda: app.status is not None and not app.status.due)
@@ -61,35 +64,29 @@ def replay(folder: Path, session: Path, speed: float) -> None:
             # The recording stays with the terminal: its runs are there to be identified.
             await operator.until(lambda: app.step is BenchStep.IDENTIFY, operator.space_if_told)
             await operator.until(operator.sees(f"{KINDS} runs accepted"))
+            await operator.until(
+                lambda: "WRITTEN   verdict ok" in operator.text, operator.space_if_told
+            )
+            await operator.until(lambda: progress(app.status).done == frozenset(BenchStep))
+            assert app.step is BenchStep.REPORT
+            assert operator.went_through()[-2:] == RESULTS
+            return Path(app.status.session.path).with_suffix(".html")
 
     player = start_replay_recorder(folder, session, speed)
     try:
         wait_for_recorder(player, folder)
-        asyncio.run(act())
+        return asyncio.run(act())
     finally:
         player.kill()
         player.wait()
 
 
-def unattended(folder: Path, speed: float, repeats: int) -> None:
-    """Let `tui --demo --auto` alone, as it is started from a shell, until the report is there."""
-    with demo_bench(folder, speed, repeats) as bench:
-        alone = ("--demo", "--auto", "--speed", f"{speed:g}", "--out", str(bench.folder))
-        terminal = PtyTerminal(str(bench.bench), *alone)
-        try:
-            terminal.until(b"WRITTEN")
-        finally:
-            terminal.kill()
-            end_recorder(bench.folder)
-    assert list(bench.folder.glob("session_*.html"))
-
-
-def test_a_campaign_by_space_alone_and_its_replay(tmp_path: Path) -> None:
+def test_a_campaign_by_space_alone_and_from_its_replay_to_the_report(tmp_path: Path) -> None:
     session = campaign_by_space(tmp_path, 6.0, 1)
     recorded = read_session(session)
     assert len(recorded.runs) == KINDS
-    assert recorded.vehicle.name in session.with_suffix(".html").read_text("utf-8")
-    replay(tmp_path / "replayed", session, 20.0)
+    report = results_by_space(tmp_path / "replayed", session, 20.0)
+    assert recorded.vehicle.name in report.read_text("utf-8")
     alone = tmp_path / "alone.h5"  # what lay between the runs is in the journal only
     shutil.copy(session, alone)
     with pytest.raises(InputError, match="next to its journal"):
