@@ -9,10 +9,11 @@ INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(
 demo: .venv/demo
 	$(BIN)/bumpbench demo
 
-# One thread of BLAS for each worker: two that wait for each other take twice the time.
+# One thread of BLAS for each worker: two that wait for each other take twice the time.  Bytecode is
+# kept, whatever the environment says: the tests start hundreds of processes.
 test: .venv/test
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --quiet --numprocesses auto --dist loadfile \
-	    --no-loadscope-reorder
+	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 \
+	    $(BIN)/python -m pytest --quiet --numprocesses auto --dist worksteal
 
 # Every promised Python that is here or can be had, and the lowest stated versions: some 10 minutes.
 test-pythons: .venv/test
