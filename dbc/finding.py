@@ -43,7 +43,7 @@ class Finding:
     where: str = ""
     """The place in a file, as `FILE:LINE` or a path within it; may be empty."""
     figures: Mapping[str, float] = field(default_factory=dict, hash=False)
-    """What else was measured of its subject, by name, SI."""
+    """Other quantities measured on its subject, by name, SI."""
 
     @property
     def passed(self) -> bool:

@@ -22,8 +22,7 @@ def lazy(
 ) -> tuple[list[str], Callable[[], list[str]], Callable[[str], object]]:
     """Return `__all__`, `__dir__` and `__getattr__` of the package that calls this.
 
-    A name is looked up in its file at each access, so that whoever replaces it there replaces it
-    here.
+    A name is looked up in its file at each access, so that a replacement there is seen here.
     """
     tree = ast.parse(Path(str(sys.modules[package].__file__)).read_text("utf-8"))
     homes = {

@@ -21,7 +21,7 @@ from .trust.finding import Verdict
 from .trust.survival import Loss
 
 NOT_DETERMINED = "not determined"
-"""What stands in the place of a number that the data do not determine, in every printed form."""
+"""Printed in the place of a number that the data do not determine, in every form of a result."""
 
 
 class EstimateEntry(TypedDict):

@@ -17,7 +17,7 @@ _SPEEDS_M_S = np.linspace(-1.0, 1.0, 401)
 
 @dataclass(frozen=True, slots=True)
 class TrueElements:
-    """What a car has beyond its linear parameters."""
+    """Elements that a car has beyond its linear parameters, with their true values."""
 
     groups: tuple[str, ...]
     """As in `[vehicle.structure]`; empty for a linear car."""

@@ -51,7 +51,7 @@ class Pattern(NamedTuple):
     """Shares of bounce, pitch, roll and warp in the motion, 0..1; empty if unknown."""
     likeness: Mapping[Excitation, float]
     """Likeness to each kind of bump, 0..1; equal for kinds that these sensors cannot separate, or
-    that the campaign does not tell apart."""
+    that the campaign does not distinguish."""
     words: str
     """The motion in words."""
     by: str

@@ -1,4 +1,4 @@
-"""What unknowns that are not free yet would gain, to first order."""
+"""Gain of freeing each unknown that is still held, to first order."""
 
 from __future__ import annotations
 

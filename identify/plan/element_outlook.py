@@ -1,4 +1,4 @@
-"""What a plan will know of the elements of a real car: friction, damper curves, mounts, stops."""
+"""Precision of a real car's elements by a plan: friction, damper curves, mounts, stops."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ from .expected_elements import ExpectedElements, unknowns_with
 
 
 class Kind(NamedTuple):
-    """Runs that tell the same."""
+    """Runs of one mass state and excitation, which carry the same information."""
 
     mass_state: str
     excitation: Excitation

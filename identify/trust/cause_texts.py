@@ -44,7 +44,7 @@ _ADVICE = {
 
 @dataclass(frozen=True, slots=True)
 class Causes:
-    """What is called the cause of a misfit, and everything that was tried as one."""
+    """The named cause of a misfit, and everything that was tried as one."""
 
     findings: tuple[Finding, ...] = ()
     """The cause that is named, if any."""

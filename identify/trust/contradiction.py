@@ -33,7 +33,7 @@ class Contradiction:
     """One statement that the runs contradict."""
 
     name: str
-    """The statement; others that the runs cannot tell from it follow after "or"."""
+    """The statement; others that the runs do not separate from it follow after "or"."""
     sigmas: float
     """Its misfit in its own standard deviations, those named before it taken out."""
     direction: NDArray[np.float64]

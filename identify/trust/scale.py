@@ -1,4 +1,4 @@
-"""What the scale of all masses rests on: free decays know ratios only."""
+"""The scale of all masses and what it rests on: free decays determine ratios only."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ _LINEAR = {"anti_roll_bars", "tyre_damping", "cg_offset"}
 
 @dataclass(frozen=True, slots=True)
 class ExpectedCar:
-    """What a campaign is planned for."""
+    """The car that a campaign is planned for."""
 
     vehicle: NDArray[np.float64]
     """Parameters, (28,)."""

@@ -1,4 +1,4 @@
-"""What opens over a screen: a list to choose from, lines of text, a question."""
+"""Dialogs over a screen: a list to choose from, lines of text, a question."""
 
 from __future__ import annotations
 
