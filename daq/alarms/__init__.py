@@ -1,6 +1,7 @@
 """Alarms: what is wrong with buses, sensors and the recorder, found by a pure fold."""
 
 from .debounce import ALARM, ALARM_END
+from .host import with_not_recording
 from .texts import EXPLAINED, GRAVITY, Explanation
 from .watch import CLOCK_STEP, AlarmState, Turn, acknowledged, reconfigured, watch
 
@@ -16,4 +17,5 @@ __all__ = [
     "acknowledged",
     "reconfigured",
     "watch",
+    "with_not_recording",
 ]

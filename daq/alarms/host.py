@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from dbc.finding import Finding
 
 from ..bench.config import RecorderConfig
-from ..control.messages import DiskStatus, QueueStatus
+from ..control.messages import Alarm, DiskStatus, QueueStatus, Status, StorageStatus
 from ..journal.disk_space import Room, low_text
 from .inputs import Count, Key, fault
 
 CLOCK_STEP_S = 0.05
 """Largest drift of the wall clock against the monotonic one, s, that is not taken for a step."""
 _QUEUE_HIGH = 0.5
+_NOT_RECORDING_S = 0.9
+"""Time for which frames arrive and none is stored that is an alarm, s: with the tenth of a second
+between two turns it is raised within one second."""
 
 
 def host_symptoms(
-    config: RecorderConfig, disk: DiskStatus, queue: QueueStatus, failed: Mapping[str, str]
+    config: RecorderConfig,
+    disk: DiskStatus,
+    queue: QueueStatus,
+    failed: Mapping[str, str],
+    storage: StorageStatus,
 ) -> list[Finding]:
     """Return the faults of the recorder itself."""
-    found = []
+    found = _not_recording(storage)
     if disk.failed:
         held = f"; {disk.held_frames} frames are held in memory" if disk.held_frames else ""
         found.append(fault("journal_failed", "", f"{disk.failed}{held}"))
@@ -32,6 +40,27 @@ def host_symptoms(
         found.append(fault("queue_high", "", f"{queue.blocks} of {queue.room} blocks wait"))
     found += [fault("consumer_failed", name, why) for name, why in failed.items()]
     return found
+
+
+def with_not_recording(status: Status, storage: StorageStatus, wall_ns: int) -> Status:
+    """Return a status with the alarm that the recorder's writer cannot raise, as it hangs itself.
+
+    `status`: the last one that it has published.  Returns the same object if there is no alarm to
+    add.
+    """
+    found = _not_recording(storage)
+    if not found or any(alarm.code == found[0].code for alarm in status.alarms):
+        return status
+    since_ns = wall_ns - round(storage.late_s * 1e9)
+    alarm = Alarm(found[0].code, "", found[0].text, found[0].advice, since_ns)
+    return replace(status, alarms=(alarm, *status.alarms), storage=storage)
+
+
+def _not_recording(storage: StorageStatus) -> list[Finding]:
+    if storage.late_s < _NOT_RECORDING_S:
+        return []
+    text = f"frames arrive, and none was stored for {storage.late_s:.1f} s"
+    return [fault("not_recording", "", text)]
 
 
 def dropped_since(before: int, after: int) -> dict[Key, Count]:

@@ -23,8 +23,14 @@ class Explanation:
 
 EXPLAINED = MappingProxyType(
     {
+        "not_recording": Explanation(
+            "not recording",
+            "Frames arrive, and for a second none of them was stored on the disk",
+            "see the other alarms for the cause; if there is none, restart the recorder and report "
+            "it",
+        ),
         "journal_failed": Explanation(
-            "nothing is recorded",
+            "the disk refuses",
             "The disk refuses the journal; frames are held in memory and stored once it takes them",
             "make room on the disk, or mount and plug it again",
         ),

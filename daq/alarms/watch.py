@@ -13,7 +13,14 @@ from dbc.samples import Decoded
 from ..bench.config import RecorderConfig
 from ..bus.source import HopLosses, LinkFacts
 from ..clocks import Now
-from ..control.messages import Alarm, BusState, BusStatus, DiskStatus, QueueStatus
+from ..control.messages import (
+    Alarm,
+    BusState,
+    BusStatus,
+    DiskStatus,
+    QueueStatus,
+    StorageStatus,
+)
 from ..runs import Event
 from ..samples.health import HealthState
 from ..samples.mapping import MappedChannel
@@ -49,6 +56,8 @@ class Turn:
     """The disk as published."""
     queue: QueueStatus
     """The queue as published."""
+    storage: StorageStatus = field(default_factory=StorageStatus)
+    """What arrived and what was stored before this turn."""
     failed: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Parts of the recorder that were switched off after errors, and why."""
 
@@ -127,7 +136,7 @@ def watch(
     well = [status.state in (BusState.OK, BusState.ERROR_PASSIVE) for status in statuses]
     expected = tuple(dict.fromkeys(m.message.name for m in mapped))
     names = [link.name for link in turn.links]
-    symptoms = host_symptoms(config, turn.disk, turn.queue, turn.failed)
+    symptoms = host_symptoms(config, turn.disk, turn.queue, turn.failed, turn.storage)
     for (each, link), status in zip(pairs, statuses, strict=True):
         symptoms += bus_symptoms(each, link, status, silent_s, now_s)
     symptoms += message_symptoms(messages, codec, expected, names, well, now_s)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 
-from prometheus_client import CollectorRegistry, Gauge, write_to_textfile
+from prometheus_client import CollectorRegistry, Gauge, Metric, write_to_textfile
+from prometheus_client.core import CounterMetricFamily
 
 from .messages import BusState, Status
 
@@ -25,6 +27,16 @@ def write_figures(path: Path, status: Status) -> None:
         for key, value in values.items():
             gauge.labels(key).set(value)
 
+    storage, codes = status.storage, {alarm.code for alarm in status.alarms}
+    figure("recording", "1, or 0 if frames arrive and are not stored", "not_recording" not in codes)
+    figure("campaign", "1 during a campaign, 0 between two", bool(status.recording))
+    figure("unstored_seconds", "For how long frames arrive and none is stored", storage.late_s)
+    registry.register(
+        _Counters(
+            received_frames=("Frames of all buses since the start", storage.received_frames),
+            stored_frames=("Frames put on the disk since the start", storage.stored_frames),
+        )
+    )
     figure("status_seconds", "Wall clock of these figures", status.wall_ns * 1e-9)
     figure("recorded_frames", "Frames on the disk", status.disk.recorded_frames)
     figure("lag_seconds", "Age of the oldest frame that is not on the disk", status.disk.lag_s)
@@ -46,10 +58,7 @@ def write_figures(path: Path, status: Status) -> None:
         "alarms",
         "Alarms that stand, by code",
         "code",
-        {
-            code: sum(alarm.code == code for alarm in status.alarms)
-            for code in {alarm.code for alarm in status.alarms}
-        },
+        {code: sum(alarm.code == code for alarm in status.alarms) for code in codes},
     )
     heard = (BusState.OK, BusState.ERROR_PASSIVE)
     for name, help_text, value in (
@@ -61,3 +70,14 @@ def write_figures(path: Path, status: Status) -> None:
     ):
         family(name, help_text, "bus", {bus.name: float(value(bus)) for bus in status.buses})
     write_to_textfile(str(path), registry)
+
+
+class _Counters:
+    """Collects numbers that only grow, each with its help text."""
+
+    def __init__(self, **counters: tuple[str, int]) -> None:
+        self._counters = counters
+
+    def collect(self) -> Iterator[Metric]:
+        for name, (help_text, value) in self._counters.items():
+            yield CounterMetricFamily(f"bumpbench_{name}", help_text, value)

@@ -76,8 +76,9 @@ class Alarm:
     """A fault that is present now."""
 
     code: str
-    """`bus_silent`, `bus_off`, `error_passive`, `disconnected`, `stale`, `queue_high`, `disk_low`,
-    `journal_failed`, `clock_step`, `stuck`, `saturated`, ... (`daq.alarms`)."""
+    """`not_recording`, `bus_silent`, `bus_off`, `error_passive`, `disconnected`, `stale`,
+    `queue_high`, `disk_low`, `journal_failed`, `clock_step`, `stuck`, `saturated`, ...
+    (`daq.alarms`)."""
     subject: str
     """The bus, message, channel or folder; empty for the recorder itself."""
     text: str
@@ -113,7 +114,8 @@ class DiskStatus:
     free_bytes: int
     journal_bytes: int
     recorded_frames: int
-    """Frames on the disk (fdatasync'ed): the only meaning of "recorded"."""
+    """Frames of this recording, or of the time since the last one, that are on the disk
+    (fdatasync'ed): the only meaning of "recorded"."""
     lag_s: float
     """Age of the oldest frame that was received and is not on the disk."""
     held_frames: int = 0
@@ -135,6 +137,18 @@ class QueueStatus:
     blocks: int
     high: int
     room: int
+
+
+@dataclass(frozen=True, slots=True)
+class StorageStatus:
+    """What arrives compared with what is on the disk, since the recorder was started."""
+
+    received_frames: int = 0
+    """Frames of all buses, those included that found no room in the queue."""
+    stored_frames: int = 0
+    """Frames on the disk (fdatasync'ed), of all campaigns and of the times between them."""
+    late_s: float = 0.0
+    """Time for which frames have arrived and none was stored, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +199,8 @@ class Status:
     t_ns: int
     """Time stamp of the latest frame; 0 before the first."""
     recording: str
-    """Identity of the recording; changes with `Start` and `Stop`."""
+    """Identity of the campaign's recording; changes with `Start`.  Empty between two campaigns,
+    after `Stop`: what is on the bus is recorded then, too."""
     folder: str
     vehicle: str
     bench_crc32: int
@@ -234,6 +249,7 @@ class Status:
     protocol: int = PROTOCOL
     revision: int = 0
     """Revision of the run log, of which `runs`, `notes` and `overrides` are parts."""
+    storage: StorageStatus = StorageStatus()
 
     @property
     def own_session(self) -> str:

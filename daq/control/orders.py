@@ -68,7 +68,7 @@ class AskCheck:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """End the recording and begin a new one."""
+    """Begin a campaign; one that is under way is ended."""
 
     bench_text: str = ""
     """A new bench.toml (same buses and DBC); empty leaves the one in force."""
@@ -85,7 +85,7 @@ class Configure:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """End the recording and derive its session file; the recorder lives on, idle."""
+    """End the campaign and derive its session file; what is on the bus is recorded on."""
 
     order: Literal["stop"] = "stop"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -50,15 +50,19 @@ def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
 
 def last_recording(folder: Path) -> JournalTail | None:
     """Return the state of the newest recording in a folder; None if there is none."""
-    newest: list[SegmentInfo] = []
-    for path in reversed(segments_in(folder)):
-        info = _scanned(path)
-        if info is None:
-            continue
-        if newest and info.recording != newest[0].recording:
-            break
-        newest.append(info)
-    return _tail(newest[::-1]) if newest else None
+    return next(_newest_first(folder), None)
+
+
+def last_campaign(folder: Path) -> JournalTail | None:
+    """Return the state of the newest recording that is a campaign; None if there is none."""
+    return next((tail for tail in _newest_first(folder) if tail.head.campaign), None)
+
+
+def _newest_first(folder: Path) -> Iterator[JournalTail]:
+    """Yield the state of each recording; a folder may have thousands of segments."""
+    scanned = (info for path in reversed(segments_in(folder)) if (info := _scanned(path)))
+    for _, infos in groupby(scanned, key=lambda info: info.recording):
+        yield _tail(list(infos)[::-1])
 
 
 def recording_of(segments: Sequence[Path]) -> JournalTail:

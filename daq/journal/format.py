@@ -26,6 +26,7 @@ PROFILE = "bumpbench"
 FRAMES_TOPIC, EVENTS_TOPIC = "frames", "events"
 HEAD_RECORD, BENCH_NAME, DBC_NAME = "bumpbench", "bench.toml", "bench.dbc"
 
+_CAMPAIGN, _BETWEEN = "campaign", "between"
 _CRC = struct.Struct("<I")
 _BLOCK = struct.Struct("<QII4Q")  # number, frames, payload width, HopLosses
 _COLUMNS = (("t_ns", "<i8"), ("can_id", "<u4"), ("flags", "<u2"), ("bus", "u1"), ("length", "u1"))
@@ -54,6 +55,8 @@ class JournalHead:
     first_segment: int = 0
     """Number of the recording's first segment, which names the session file also when that segment
     has been deleted to make room; 0 in journals of older versions."""
+    campaign: bool = True
+    """False for what is on the bus between two campaigns: it is recorded too, and has no runs."""
 
     @property
     def identity(self) -> str:
@@ -70,6 +73,7 @@ def head_record(head: JournalHead, segment: int) -> dict[str, str]:
         "segment": str(segment),
         "recording": head.recording,
         "first_segment": str(head.first_segment),
+        "span": _CAMPAIGN if head.campaign else _BETWEEN,
         "bench_crc32": str(zlib.crc32(head.bench_text.encode())),
         "dbc_crc32": str(zlib.crc32(head.dbc_text.encode())),
     }
@@ -93,6 +97,7 @@ def parse_head(
         int(record["monotonic_ns"]),
         record.get("recording", ""),
         int(record.get("first_segment", 0)),
+        record.get("span", _CAMPAIGN) == _CAMPAIGN,
     )
     return head, int(record["segment"])
 

@@ -107,12 +107,13 @@ def _near(info: SegmentInfo, times_ns: Sequence[int]) -> bool:
 class Retention:
     """The segments in a folder except the one being written: their sizes, and which may go.
 
-    `recording`: identity of the open recording.  Raises OSError if the folder cannot be read.
+    `recording`: identity of the open recording; changes with it.  Raises OSError if the folder
+    cannot be read.
     """
 
     def __init__(self, folder: Path, recording: str) -> None:
         self._folder = folder
-        self._recording = recording
+        self.recording = recording
         self._sizes: dict[Path, int] = {}
         for path in segments_in(folder):
             if is_regular(path):
@@ -150,7 +151,7 @@ class Retention:
         if len(unknown) > _SCANS:
             return None
         built = built_recordings(self._folder, self._infos.values())
-        may = expendable(tuple(self._infos.values()), self._recording, built, now_ns)
+        may = expendable(tuple(self._infos.values()), self.recording, built, now_ns)
         return oldest(may, excess_bytes)
 
     def delete(self, info: SegmentInfo) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from .folder import segment_number
 from .gaps import Gap
 from .segment import Block
 
@@ -26,8 +27,8 @@ class WriteLedger:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The segments that have blocks."""
-        return tuple(self._spans)
+        """The segments that have blocks, in order."""
+        return tuple(sorted(self._spans, key=segment_number))
 
     def note(self, path: Path, blocks: Sequence[Block]) -> int:
         """Add blocks that are on the disk; return their number of frames."""

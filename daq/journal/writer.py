@@ -1,4 +1,7 @@
-"""Writes a recording to the disk for weeks, through every fault of the disk.
+"""Writes the journal to the disk for weeks, through every fault of the disk.
+
+The journal begins and ends with the process.  Campaigns, and the times between them, are recordings
+in it: one ends and the next begins between two segments, without a frame left out.
 
 Segments end by size and by age, and at the first write error: the block goes into a new one.  While
 the disk refuses everything, blocks wait in memory and are tried again each second; the frames that
@@ -23,7 +26,7 @@ from ..runs import Event
 from .backlog import Backlog
 from .contents import JournalTail
 from .disk_space import DiskWatch, Room, room_on
-from .folder import next_segment, segment_number
+from .folder import next_segment
 from .format import EVENTS_TOPIC, FRAMES_TOPIC, JournalHead, head_record, pack_events, pack_frames
 from .gaps import DISK_GAP, ENDED, FILE_GONE, gap_event
 from .retention import Retention, parting_events
@@ -46,14 +49,17 @@ class JournalError(BumpbenchError, OSError):
 
 
 class JournalWriter:
-    """Writes one recording; a context manager that closes it.
+    """Writes one recording after the other; a context manager that closes the journal.
 
     `folder`: created if it is not there.  Segment numbers go on from those in it: a wrong clock
-    must not decide on names.  `head`: written into every segment.  With `resume`, its `recording`
-    is that of the tail.  `limits`: when segments end, when old ones are deleted, room left free;
-    may be changed at any time.  `resume`: state of the recording that is resumed.  Raises
-    JournalError if the folder cannot be written at all.  For a disk that is full or fails, blocks
-    wait.
+    must not decide on names.  `head`: written into every segment of the first recording.  With
+    `resume`, its `recording` is that of the tail.  `limits`: when segments end, when old ones are
+    deleted, room left free; may be changed at any time.  `resume`: state of the recording that is
+    resumed.  Raises JournalError if the folder cannot be written at all.  For a disk that is full
+    or fails, blocks wait.
+
+    `head`, `ledger`: those of the present recording.  `stored_frames`: number of frames of all
+    recordings that this writer has put on the disk.
     """
 
     def __init__(
@@ -65,13 +71,13 @@ class JournalWriter:
         resume: JournalTail | None = None,
         room: Callable[[Path], Room] = room_on,
     ) -> None:
-        self._folder, self._head, self.limits = folder, head, limits
+        self._folder, self.limits = folder, limits
         self._create = create
-        self._number = resume.next_number if resume else 0
-        self._t_ns = resume.t_ns if resume else 0
-        self._recorded = resume.frames if resume else 0
-        self._backlog = Backlog(head.identity)
-        self._ledger = WriteLedger(head.identity)
+        self._adopt(head)
+        if resume is not None:
+            self._number, self._t_ns = resume.next_number, resume.t_ns
+            self._recorded = resume.frames
+        self.stored_frames = 0
         self._segment: Segment | None = None
         self._now_s: float | None = None
         self._checked_s = self._opened_s = self._warned_s = 0.0
@@ -93,6 +99,24 @@ class JournalWriter:
                     "choose another folder",
                 ) from error
             self._failed = _reason(error)
+
+    def begin(self, head: JournalHead) -> bool:
+        """End the recording and begin the next one; return whether that could be done.
+
+        It cannot while blocks wait in memory: they belong to the present recording, which goes on.
+
+        `head`: of the next recording; the number of its first segment is set here.
+        """
+        if not self.flush():
+            return False
+        self.append_events([Event(self._t_ns, ENDED)])
+        if len(self._backlog):
+            return False
+        self._seal()
+        self._adopt(replace(head, first_segment=next_segment(self._folder)))
+        self._retention.recording = head.identity
+        self._open_next()
+        return True
 
     def append(self, frames: FrameBatch, losses: HopLosses) -> None:
         """Store a block of frames; `status.recorded_frames` counts those on the disk.
@@ -145,8 +169,8 @@ class JournalWriter:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The segments with blocks of this writer, in order."""
-        return tuple(sorted(self._ledger.paths, key=segment_number))
+        """The segments with blocks of the present recording, in order."""
+        return self.ledger.paths
 
     def flush(self) -> bool:
         """Write the blocks that wait in memory; return whether all are on the disk."""
@@ -165,7 +189,7 @@ class JournalWriter:
     def close(self, ended: bool = False) -> None:
         """Finish the file; what was recorded is safe without this, too.
 
-        `ended`: True if the recording is over; else it may be resumed.
+        `ended`: True if the present recording is over; else it may be resumed.
         """
         if len(self._backlog):
             self.flush()
@@ -178,6 +202,11 @@ class JournalWriter:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _adopt(self, head: JournalHead) -> None:
+        self.head = head
+        self._number = self._t_ns = self._recorded = 0
+        self._backlog, self.ledger = Backlog(head.identity), WriteLedger(head.identity)
 
     # -- blocks ---------------------------------------------------------------------------------
 
@@ -204,7 +233,9 @@ class JournalWriter:
                 self._leave(Segment.abandon)
                 continue
             self._failed = ""
-            self._recorded += self._ledger.note(self._segment.path, blocks)
+            frames = self.ledger.note(self._segment.path, blocks)
+            self._recorded += frames
+            self.stored_frames += frames
             return True
         return False
 
@@ -232,7 +263,7 @@ class JournalWriter:
         self._disk.settle()
         number = next_segment(self._folder)
         path = self._folder / f"journal_{number:04d}.mcap"
-        segment = Segment(self._create(path), path, head_record(self._head, number), self._head)
+        segment = Segment(self._create(path), path, head_record(self.head, number), self.head)
         self._opened_s, self._checked_bytes = self._now_s or 0.0, 0
         return segment
 
@@ -297,7 +328,7 @@ class JournalWriter:
             return
         replaced = segment.path if segment is not None and "replaced" in text else None
         self._leave(Segment.release)
-        gone = self._ledger.take_gone(replaced)
+        gone = self.ledger.take_gone(replaced)
         for path in gone:
             self._retention.forget(path)
         frames = sum(gap.frames for gap in gone.values())
@@ -324,9 +355,9 @@ class JournalWriter:
         if going is None:
             return  # not all old segments are scanned yet
         for info in going:
-            self.append_events(parting_events(info, self._head.identity, self._t_ns))
+            self.append_events(parting_events(info, self.head.identity, self._t_ns))
             self._retention.delete(info)
-            self._ledger.forget(info.path)
+            self.ledger.forget(info.path)
         self._retention_warning = (
             ""
             if going

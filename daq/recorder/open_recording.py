@@ -1,4 +1,7 @@
-"""Begins a recording, or resumes one that a killed recorder had left open."""
+"""Begins a recording, or resumes one that a killed recorder had left open.
+
+A recording is a campaign, or what is on the bus between two campaigns; all go into one journal.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,10 @@ from ..clocks import Now
 from ..errors import BumpbenchError
 from ..journal.built import is_outdated
 from ..journal.contents import JournalTail, session_name
-from ..journal.folder import last_recording, next_segment
+from ..journal.folder import last_campaign, last_recording, next_segment
 from ..journal.format import JournalHead
 from ..journal.segment import JournalFile, SyncedFile
+from ..journal.write_ledger import WriteLedger
 from ..journal.writer import JournalWriter
 from ..runlog.fold import fold
 from ..runlog.runlog import Code, RunLog
@@ -35,36 +39,53 @@ _log = logging.getLogger("recorder")
 
 @dataclass(frozen=True, slots=True)
 class OpenRecording:
-    """A recording with its open journal."""
+    """A recording with the open journal."""
 
-    identity: str
-    """Its identity in every segment."""
+    head: JournalHead
+    """In every segment of it."""
     writer: JournalWriter
+    """Writes the whole journal: the next recording has the same one."""
+    ledger: WriteLedger
+    """Its segments written by this recorder."""
     recording: Recording
     session: Path
-    """Its session file."""
+    """Its session file, if it is a campaign."""
     before: tuple[Path, ...] = ()
     """Segments written by earlier recorders."""
 
     @property
+    def campaign(self) -> str:
+        """Identity of the campaign; empty between two campaigns."""
+        return self.head.identity if self.head.campaign else ""
+
+    @property
     def segments(self) -> tuple[Path, ...]:
         """All existing segments, in order; the oldest may have been deleted."""
-        return (*(path for path in self.before if path.exists()), *self.writer.paths)
+        return (*(path for path in self.before if path.exists()), *self.ledger.paths)
 
-    def end(self, why: str) -> None:
-        """End the recording, and the run that is being recorded.
+    def next(
+        self, bench: Bench, why: str, now: Now, barrier: FaultBarrier, *, campaign: bool
+    ) -> OpenRecording:
+        """End this recording, and the run that is being recorded, and begin the next one.
 
-        Raises OrderError if the disk refuses the frames that wait in memory: they would be lost.
+        `why`: the reason, for that run.  Raises InputError if bench.toml and DBC do not fit
+        together, and OrderError if the disk refuses the frames that wait in memory; this recording
+        goes on then.
         """
-        if not self.writer.flush():
+        recording = Recording(bench, bench_codec(bench), self.writer, None, barrier)
+        if self.writer.flush():
+            self.recording.cut(why)
+        if not self.writer.begin(_head(bench, self.head.software, now, campaign=campaign)):
             disk = self.writer.status
             why_not = f"the disk refuses ({disk.failed}): {disk.held_frames} frames wait in memory"
             raise OrderError(f"{why_not}; make room first")
-        self.recording.cut(why)
-        self.writer.close(ended=True)
+        self.writer.limits = bench.recorder
+        head, ledger = self.writer.head, self.writer.ledger
+        session = self.session.with_name(session_name(head.first_segment))
+        return OpenRecording(head, self.writer, ledger, recording, session)
 
 
-def begin(
+def open_journal(
     journal: Path,
     bench: Bench,
     software: str,
@@ -73,36 +94,47 @@ def begin(
     create: CreateFile = SyncedFile,
     tail: JournalTail | None = None,
 ) -> OpenRecording:
-    """Begin a recording, or resume the one whose state is `tail`.
+    """Open the journal and begin a campaign in it, or resume the one whose state is `tail`.
 
     Raises InputError if bench.toml and DBC do not fit together.  Raises JournalError if the journal
     cannot be written at all.
     """
     codec = bench_codec(bench)
-    identity = tail.head.recording if tail else uuid.uuid4().hex
-    monotonic_ns = round(now.monotonic_s * 1e9)
+    head = _head(bench, software, now, campaign=True)
     first = tail.first_segment if tail else next_segment(journal)
-    head = JournalHead(
-        bench.text, bench.dbc_text, software, now.wall_ns, monotonic_ns, identity, first
-    )
+    identity = tail.head.recording if tail else head.recording
+    head = replace(head, recording=identity, first_segment=first)
     writer = JournalWriter(journal, head, bench.recorder, create, tail)
     run_log = fold(tail.events) if tail else RunLog()
     recording = Recording(bench, codec, writer, run_log, barrier)
     if tail is not None:
         recording.note(Code.RESUMED, float(tail.frames), software, now)
+    before = tail.segments if tail else ()
     session = journal.parent / session_name(first)
-    return OpenRecording(identity, writer, recording, session, tail.segments if tail else ())
+    return OpenRecording(head, writer, writer.ledger, recording, session, before)
+
+
+def _head(bench: Bench, software: str, now: Now, *, campaign: bool) -> JournalHead:
+    return JournalHead(
+        bench.text,
+        bench.dbc_text,
+        software,
+        now.wall_ns,
+        round(now.monotonic_s * 1e9),
+        uuid.uuid4().hex,
+        campaign=campaign,
+    )
 
 
 def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | None:
-    """Return the recording in a folder that can be resumed, and its bench; None if there is none.
+    """Return the campaign in a folder that can be resumed, and its bench; None if there is none.
 
     It goes on with its own bench.toml, which has the changes made during the recording, but with
     the buses and limits given now.  With another DBC it cannot be resumed.
     """
     try:
         tail = last_recording(journal)
-        if tail is None or tail.ended or not tail.head.recording:
+        if tail is None or tail.ended or not tail.head.recording or not tail.head.campaign:
             return None
         text = fold(tail.events).bench_text or tail.head.bench_text
         if tail.head.dbc_text != bench.dbc_text:
@@ -121,9 +153,9 @@ def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | None:
 
 
 def unfinished(journal: Path) -> tuple[Path, JournalTail] | None:
-    """Return the last recording in a folder and its session file, if that is still to be built."""
+    """Return the last campaign in a folder and its session file, if that is still to be built."""
     try:
-        tail = last_recording(journal)
+        tail = last_campaign(journal)
     except OSError:
         return None
     if tail is None:

@@ -17,6 +17,7 @@ from dbc.frames import FrameBatch
 from ..bus.link import Link
 from ..bus.source import HopLosses, LinkFacts, SourceLosses
 from ..control.messages import QueueStatus
+from .storage_watch import StorageWatch
 
 READ_TIMEOUT_S = 0.1
 """Longest wait for frames, s, before the counts are checked."""
@@ -92,12 +93,12 @@ class PieceQueue:
 class Reader(threading.Thread):
     """Reads one link until it is halted."""
 
-    def __init__(self, number: int, link: Link, pieces: PieceQueue) -> None:
+    def __init__(self, number: int, link: Link, pieces: PieceQueue, watch: StorageWatch) -> None:
         super().__init__(name=f"reader {link.facts().name}", daemon=True)
         self.link = link
         self.number = number
         self.dropped = 0
-        self._pieces = pieces
+        self._pieces, self._watch = pieces, watch
         self._halt, self._left = threading.Event(), threading.Event()
 
     def run(self) -> None:
@@ -107,6 +108,7 @@ class Reader(threading.Thread):
             frames = self.link.read(READ_TIMEOUT_S)
             if self._left.is_set():
                 break  # it hung: its bus may have another reader by now
+            self._watch.received(len(frames), time.monotonic())
             counts = (self.link.facts().losses, self.dropped)
             if len(frames) or counts != reported:
                 if self._pieces.put(self._piece(frames, counts[0])):
@@ -135,15 +137,16 @@ class Reader(threading.Thread):
 class Readers:
     """All readers of a recorder, which put into one queue, and the sum of their counts."""
 
-    def __init__(self, pieces: PieceQueue) -> None:
-        self._pieces = pieces
+    def __init__(self, pieces: PieceQueue, watch: StorageWatch | None = None) -> None:
+        self._pieces, self._watch = pieces, watch or StorageWatch()
         self._readers: list[Reader] = []
         self._ended = HopLosses()
         self._counts: dict[int, HopLosses] = {}
 
     def start(self, links: Sequence[Link]) -> None:
         """Start a reader for each link."""
-        self._readers = [Reader(number, link, self._pieces) for number, link in enumerate(links)]
+        numbered = enumerate(links)
+        self._readers = [Reader(n, link, self._pieces, self._watch) for n, link in numbered]
         for reader in self._readers:
             reader.start()
 

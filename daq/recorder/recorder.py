@@ -1,8 +1,9 @@
 """Runs a recorder: a reader thread for each bus, a bounded queue, one writer thread to the disk.
 
-Ten times a second the writer, in the caller's thread, passes the frames that were read to
-`Recording.step`, carries out orders and publishes the status.  It ends by an order or a signal,
-never because of a bus or a disk.
+Its journal is open as long as it runs: what is on the bus is on the disk, during a campaign and
+between two.  Ten times a second the writer, in the caller's thread, passes the frames that were
+read to `Recording.step`, carries out orders and publishes the status.  It ends by an order or a
+signal, never because of a bus or a disk.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from ..bus.source import HopLosses, LinkFacts
 from ..bus.steady_clock import STEADY_CLOCK
 from ..clocks import Now
 from ..control.heartbeat import Heartbeats
-from ..control.messages import DiskStatus, Live, Reply, Status
+from ..control.messages import Live, Reply, Status, StorageStatus
 from ..control.orders import (
     AskBench,
     AskCheck,
@@ -39,21 +40,20 @@ from ..control.orders import (
 from ..journal.built import built_revision
 from ..journal.contents import JournalTail
 from ..journal.segment import SyncedFile
-from ..journal.writer import JournalWriter
 from ..runlog.fold import fold
 from ..samples.bench_mapping import bench_mapping
 from .bench_checks import configured
 from .checking import Checks
 from .derivation import Derivation
 from .fault_barrier import FaultBarrier
-from .frame_store import Nowhere
-from .open_recording import CreateFile, OpenRecording, begin, resumable, unfinished
+from .open_recording import CreateFile, OpenRecording, open_journal, resumable, unfinished
 from .order_queue import OrderQueue
 from .orders import OrderError
 from .readers import PieceQueue, Readers
 from .recording import Recording
 from .restart_measures import recall
-from .status import NO_DISK, Host
+from .status import Host
+from .storage_watch import StorageWatch
 
 BLOCK_S = 0.1
 """Seconds between two blocks of the journal; a power cut loses the frames since the last one."""
@@ -113,16 +113,15 @@ class Recorder:
         self._resume = resume
         self._create = create
         self._pieces = pieces or PieceQueue()
-        self._readers = Readers(self._pieces)
+        self._storage = StorageWatch()
+        self._readers = Readers(self._pieces, self._storage)
         self._orders = OrderQueue()
         self._ended = False
         self._barrier = FaultBarrier()
         self._derivation = Derivation()
         self._checks = Checks()
-        self._opened: OpenRecording | None = None
-        self._recording = Recording(bench, bench_codec(bench), Nowhere(), barrier=self._barrier)
+        self._opened: OpenRecording  # since `run` has begun
         self._hops_before = HopLosses()
-        self._idle_disk = NO_DISK
         self._lag_s = 0.0
         self._next_s = 0.0
         self._heartbeats = Heartbeats((), time.monotonic(), 0.0)
@@ -145,11 +144,15 @@ class Recorder:
         """Return the heartbeats of all threads."""
         return self._heartbeats
 
+    def storage(self) -> StorageStatus:
+        """Return what arrives compared with what is stored; from any thread, never blocks."""
+        return self._storage.status(time.monotonic())
+
     def run(self, stop: threading.Event, publish: Publish) -> None:
         """Record until `stop` is set or an order to shut down comes.
 
         On return the readers have ended, all frames that they read are in the journal, and its
-        file is sealed; the recording can be resumed unless it was stopped.
+        file is sealed; a campaign that was not stopped can be resumed.
 
         Parameters
         ----------
@@ -165,12 +168,18 @@ class Recorder:
         """
         try:
             self._resume_or_begin()
-            self._start_readers()
-            self._cycle(publish)
-            while not (stop.is_set() or self._ended):
+            try:
+                self._start_readers()
                 self._cycle(publish)
+                while not (stop.is_set() or self._ended):
+                    self._cycle(publish)
+            finally:
+                self._finish(publish)
         finally:
-            self._finish(publish)
+            self._orders.close()
+            self._orders.cancel()
+            self._derivation.close()
+            self._checks.close()
 
     # The writer's thread -----------------------------------------------------------------------
 
@@ -191,12 +200,13 @@ class Recorder:
         now = _now()
         pieces = self._readers.take(BLOCK_FRAMES)
         batch = FrameBatch.concatenate([piece.frames for piece in pieces])
-        facts, writer = links or self._readers.facts(), self._writer
+        facts, writer = links or self._readers.facts(), self._opened.writer
         hops, queue = self._readers.hops().since(self._hops_before), self._pieces.status
-        self._recording.step(batch, hops, now, facts, self._disk(), queue)
-        if writer is not None:
-            writer.maintain(now.monotonic_s)
-        disk = self._disk()
+        storage = self._storage.status(now.monotonic_s)
+        self._recording.step(batch, hops, now, facts, writer.status, queue, storage)
+        writer.maintain(now.monotonic_s)
+        self._storage.stored(writer.stored_frames)
+        disk = writer.status
         done_s = time.monotonic()
         self._lag_s = max((done_s - piece.received_s for piece in pieces), default=0.0)
         durable = not (disk.failed or disk.held_frames)
@@ -213,23 +223,17 @@ class Recorder:
         self._barrier.run("publish", now, lambda: publish(self._status(now), live))
 
     def _status(self, now: Now) -> Status:
-        opened = self._opened
-        disk = replace(self._disk(), lag_s=max(self._disk().lag_s, self._lag_s))
+        disk = self._opened.writer.status
         host = Host(
-            opened.identity if opened else "",
+            self._opened.campaign,
             str(self._folder),
             self._software,
-            disk,
+            replace(disk, lag_s=max(disk.lag_s, self._lag_s)),
             self._pieces.status,
             self._derivation.status,
+            self._storage.status(now.monotonic_s),
         )
         return self._recording.status(now, host)
-
-    def _disk(self) -> DiskStatus:
-        if self._opened is not None:
-            self._idle_disk = replace(self._opened.writer.status, lag_s=0.0, failed="")
-            return self._opened.writer.status
-        return self._idle_disk
 
     def _carry_out(self, order: Order | Bench, by: str, answer: Future[Reply]) -> None:
         try:
@@ -252,17 +256,17 @@ class Recorder:
                 return Reply(0, bench_text=self._recording.bench.text)
             case AskCheck():
                 frames = self._recording.recent(order.seconds)
+                self._recording.note("check", order.seconds, by, now)
                 self._checks.begin(self._recording.bench, frames, answer)
                 return None
             case Start():
                 bench = configured(self._bench, order.bench_text or self._recording.bench.text)
-                self._end("a new recording was begun")
-                self._begin(bench, now)
+                self._go_on(bench, "a new campaign was begun", now, campaign=True)
             case Stop():
-                self._required()
-                self._end("the recording was ended")
+                bench = self._campaign().recording.bench
+                self._go_on(bench, "the campaign was ended", now, campaign=False)
             case Build():
-                opened = self._required()
+                opened = self._campaign()
                 opened.writer.cut()
                 self._derive(opened)
             case ShutDown():
@@ -270,7 +274,7 @@ class Recorder:
             case Bench():
                 self._reload(order, now)
             case _:
-                opened = self._required()
+                opened = self._campaign()
                 self._recording.carry_out(order, by, now)
                 opened.writer.limits = self._recording.bench.recorder
         return Reply(0, status=self._status(now))
@@ -278,64 +282,56 @@ class Recorder:
     # Recordings --------------------------------------------------------------------------------
 
     @property
-    def _writer(self) -> JournalWriter | None:
-        return self._opened.writer if self._opened else None
+    def _recording(self) -> Recording:
+        return self._opened.recording
 
-    def _required(self) -> OpenRecording:
-        if self._opened is None:
-            raise OrderError("nothing is being recorded: start a recording first")
+    def _campaign(self) -> OpenRecording:
+        if not self._opened.campaign:
+            raise OrderError("no campaign is under way: begin one first")
         return self._opened
 
     def _resume_or_begin(self) -> None:
-        """Resume the last recording, or build its session file if necessary and begin a new one."""
+        """Resume the last campaign, or build its session file if necessary and begin a new one."""
         now = _now()
         found = resumable(self._journal, self._bench) if self._resume else None
         if found is not None:
             tail, bench = found
             STEADY_CLOCK.begin(tail.t_ns)
-            opened = self._open_recording(bench, now, tail)
-            self._use(opened)
-            revision = built_revision(self._journal, opened.identity)
+            opened = self._open_journal(bench, now, tail)
+            revision = built_revision(self._journal, opened.campaign)
             if revision is not None:
-                self._derivation.recall(opened.session, opened.identity, revision)
+                self._derivation.recall(opened.session, opened.campaign, revision)
             recall(tail, bench, self._recording.measures.update)
             return
         if (left := unfinished(self._journal)) is not None:
             session, last = left
             revision = fold(last.events).revision
             self._derivation.begin(session, last.segments, last.head.identity, revision)
-        self._begin(self._bench, now)
+        STEADY_CLOCK.begin()
+        self._open_journal(self._bench, now)
 
-    def _begin(self, bench: Bench, now: Now) -> None:
-        STEADY_CLOCK.begin()  # only here: within a recording, setting a clock must not move time
-        self._use(self._open_recording(bench, now))
-
-    def _use(self, opened: OpenRecording) -> None:
-        self._opened, self._recording = opened, opened.recording
-        self._bench = opened.recording.bench
-        self._hops_before = self._readers.hops()  # earlier losses are not losses of this recording
-
-    def _open_recording(
+    def _open_journal(
         self, bench: Bench, now: Now, tail: JournalTail | None = None
     ) -> OpenRecording:
-        return begin(self._journal, bench, self._software, now, self._barrier, self._create, tail)
+        software, barrier, create = self._software, self._barrier, self._create
+        self._opened = open_journal(self._journal, bench, software, now, barrier, create, tail)
+        self._bench = bench
+        return self._opened
 
-    def _end(self, why: str) -> None:
-        """End the recording and start building its session file."""
-        opened = self._opened
-        if opened is None:
-            return
+    def _go_on(self, bench: Bench, why: str, now: Now, *, campaign: bool) -> None:
+        """End the recording, start building its session file, and begin the next recording."""
         self._store()
-        opened.end(why)
-        self._opened = None
-        bench = opened.recording.bench
-        self._recording = Recording(bench, bench_codec(bench), Nowhere(), barrier=self._barrier)
-        self._hops_before = self._readers.hops()
-        self._derive(opened)
+        before = self._opened
+        self._opened = before.next(bench, why, now, self._barrier, campaign=campaign)
+        STEADY_CLOCK.begin()  # only here: within a recording, setting a clock must not move time
+        self._bench = bench
+        self._hops_before = self._readers.hops()  # earlier losses are not losses of this recording
+        if before.campaign:
+            self._derive(before)
 
     def _derive(self, opened: OpenRecording) -> None:
         revision = opened.recording.revision
-        self._derivation.begin(opened.session, opened.segments, opened.identity, revision)
+        self._derivation.begin(opened.session, opened.segments, opened.campaign, revision)
 
     def _reload(self, bench: Bench, now: Now) -> None:
         bench_mapping(bench, bench_codec(bench))
@@ -346,13 +342,13 @@ class Recorder:
         if rewired:
             self._stop_readers()
         try:
-            if bench.dbc_text != before.dbc_text and self._opened is not None:
-                self._end("the DBC was changed")
-                self._begin(bench, now)
+            if bench.dbc_text != before.dbc_text:
+                self._go_on(bench, "the DBC was changed", now, campaign=True)
+            elif not self._opened.campaign and bench.text != before.text:
+                self._go_on(bench, "a new bench.toml was read", now, campaign=True)
             else:
                 self._recording.reconfigure(bench, now)
-            if self._writer is not None:
-                self._writer.limits = bench.recorder
+            self._opened.writer.limits = bench.recorder
             self._bench = bench
         finally:
             if rewired:  # with the old bench, if the new one could not be adopted
@@ -376,15 +372,12 @@ class Recorder:
     def _finish(self, publish: Publish) -> None:
         self._orders.close()
         self._stop_readers()
-        self._orders.cancel()
-        if self._writer is not None:
-            self._writer.close()
-            if held := self._writer.status.held_frames:
-                _log.error("%d frames were in memory, and the disk did not take them", held)
+        writer = self._opened.writer
+        writer.close(ended=not self._opened.campaign)
+        if held := writer.status.held_frames:
+            _log.error("%d frames were in memory, and the disk did not take them", held)
         self._derivation.poll()
         self._publish(publish)
-        self._derivation.close()
-        self._checks.close()
 
 
 def _now() -> Now:

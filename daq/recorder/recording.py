@@ -20,7 +20,7 @@ from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
 from ..bus.source import HopLosses, LinkFacts
 from ..clocks import Now
-from ..control.messages import DiskStatus, Live, Phase, QueueStatus, Status
+from ..control.messages import DiskStatus, Live, Phase, QueueStatus, Status, StorageStatus
 from ..control.orders import Acknowledge, Arm, Choose, Configure, Order, Pause
 from ..runlog.entries import verdict_entry
 from ..runlog.fold import advance
@@ -38,13 +38,13 @@ from .live import LiveRing
 from .orders import OrderError, order_event
 from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings
-from .status import NO_DISK, NO_QUEUE, Host, State, build_status
+from .status import NO_DISK, NO_QUEUE, NO_STORAGE, Host, State, build_status
 
 RESTAMPED = "restamped"
 
 
 class Recording:
-    """One recording of a campaign.
+    """One recording: of a campaign, or of what is on the bus between two, where nothing is armed.
 
     `store`: for frames and events; the caller closes it.  `run_log`: of a recording that is
     resumed.  Raises InputError if a channel and the DBC do not fit, or no channel can trigger.
@@ -129,13 +129,14 @@ class Recording:
         links: Sequence[LinkFacts] = (),
         disk: DiskStatus = NO_DISK,
         queue: QueueStatus = NO_QUEUE,
+        storage: StorageStatus = NO_STORAGE,
     ) -> tuple[Event, ...]:
         """Process one block of frames; called without frames, too, for the alarms.
 
         `batch`: in order of arrival; may be empty.  `hops`: cumulative counts up to this block,
-        since this recorder was started.  `links`, `disk`, `queue`: their present state.  Returns
-        the events stored: `bump` and `run_end` have the label of their run.  Raises JournalError if
-        the store raises it; nothing else is done with the block then.
+        since this recorder was started.  `links`, `disk`, `queue`, `storage`: their present state.
+        Returns the events stored: `bump` and `run_end` have the label of their run.  Raises
+        JournalError if the store raises it; nothing else is done with the block then.
         """
         if len(batch) or hops != self._hops:
             self._store.append(batch, hops)
@@ -150,7 +151,7 @@ class Recording:
         if restamped:
             text = "time stamps of another epoch: frames are stamped on arrival"
             self._log_event(Event(self._t_ns, RESTAMPED, hops.restamped, text), events)
-        turn = Turn(now, batch, None, self._health, links, hops, disk, queue)
+        turn = Turn(now, batch, None, self._health, links, hops, disk, queue, storage)
         turn = self._barrier.value("decode", now, turn, lambda: self._decoded(turn))
         if turn.decoded is not None:
             self._barrier.run("samples", now, lambda: self._take(turn, events))

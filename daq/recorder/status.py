@@ -15,6 +15,7 @@ from ..control.messages import (
     QueueStatus,
     SessionStatus,
     Status,
+    StorageStatus,
     Tally,
 )
 from ..runlog.runlog import Change, LoggedRun, LoggedStatus, RunLog, next_step
@@ -23,7 +24,8 @@ from .run_loop import LoopState
 
 NO_DISK = DiskStatus(1 << 62, 0, 0, 0.0)
 NO_QUEUE = QueueStatus(0, 0, 1)
-"""Disk and queue of a recording that has none."""
+NO_STORAGE = StorageStatus()
+"""Disk, queue and storage of a recording that has none."""
 _FULL_RUNS = 100
 """Newest runs of which a status has all findings; a long campaign has sixty."""
 
@@ -33,13 +35,14 @@ class Host:
     """The part of a status that is not known to the recording itself."""
 
     recording: str
-    """Identity of the recording."""
+    """Identity of the campaign; empty between two campaigns."""
     folder: str
     software: str
     """Name and version of the program."""
     disk: DiskStatus
     queue: QueueStatus
     session: SessionStatus
+    storage: StorageStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +98,7 @@ def build_status(now: Now, host: Host, bench: Bench, run_log: RunLog, state: Sta
         session=host.session,
         software=host.software,
         revision=run_log.revision,
+        storage=host.storage,
     )
 
 

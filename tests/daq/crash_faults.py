@@ -48,7 +48,7 @@ def fail_once(folder: Path, kind: str, nth: int) -> bool:
     assert not writer.status.failed
     assert writer.status.recorded_frames == n
     writer.close()
-    contents = read_journal(writer.paths)
+    contents = read_journal(writer.ledger.paths)
     assert np.array_equal(numbers(contents.frames), np.arange(n)), f"{kind} {nth}"
     assert not contents.lost.any, contents.lost.text
     return disk.failed

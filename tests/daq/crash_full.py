@@ -102,7 +102,7 @@ def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
         largest = max(largest, _resident_bytes()) if clock.block % 50 == 0 else largest
     recorded, dropped = writer.status.recorded_frames, writer.status.dropped_frames
     if recorded:
-        read = numbers(read_journal(writer.paths).frames)
+        read = numbers(read_journal(writer.ledger.paths).frames)
         assert np.array_equal(read[:recorded], np.arange(recorded)), "acknowledged frames lost"
     disk.give_back()
     given_s = clock.now_s
@@ -114,7 +114,7 @@ def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
         clock.turn()
     dropped = writer.status.dropped_frames
     writer.close(ended=True)
-    contents = read_journal(writer.paths)
+    contents = read_journal(writer.ledger.paths)
     read = numbers(contents.frames)
     assert len(read) == writer.status.recorded_frames == clock.offered - dropped
     assert np.all(np.diff(read) > 0), "frames are doubled or in disorder"

@@ -65,7 +65,7 @@ def take_away(folder: Path, how: Callable[[Path], object]) -> float:
     for k in range(20):
         writer.append(block(k * _FRAMES, _FRAMES), HopLosses())
         writer.maintain(0.1 * k)
-    assert len(writer.paths) == 2
+    assert len(writer.ledger.paths) == 2
     assert not writer.status.warning.startswith("journal")
     how(folder)
     k = 20
@@ -134,7 +134,7 @@ def _refused(writer: JournalWriter, begin: Callable[[], object], end: Callable[[
     assert not writer.status.failed
     assert writer.status.recorded_frames == 80 * _FRAMES
     writer.close()
-    contents = read_journal(writer.paths)
+    contents = read_journal(writer.ledger.paths)
     assert np.array_equal(numbers(contents.frames), np.arange(80 * _FRAMES))
     assert not contents.lost.any, contents.lost.text
 

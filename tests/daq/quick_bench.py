@@ -11,7 +11,7 @@ import pytest
 
 from daq.bench.config import Bench, BusConfig, parse_bench
 from daq.journal.contents import JournalContents
-from daq.journal.folder import segments_in
+from daq.journal.folder import recordings
 from daq.journal.reader import read_journal
 from daq.recorder import judging
 from daq.verdict import RunMeasure
@@ -45,7 +45,8 @@ def two(quick: Bench) -> Bench:
 
 
 def stored(folder: Path) -> JournalContents:
-    return read_journal(segments_in(folder / "journal"))
+    """Return the first campaign of a folder."""
+    return read_journal(recordings(folder / "journal")[0].segments)
 
 
 class Gated(Script):

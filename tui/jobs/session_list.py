@@ -100,13 +100,13 @@ def _session_files(folder: Path) -> list[Path]:
 
 
 def _unfinished(folder: Path, names: set[str]) -> SessionEntry | None:
-    """Return the newest recording of a folder's journal if no session file is made of it."""
+    """Return the newest campaign of a folder's journal if no session file is made of it."""
     from daq.bench import parse_bench
-    from daq.journal import last_recording
+    from daq.journal import last_campaign
     from daq.runlog import LoggedStatus, fold
 
     try:
-        tail = last_recording(folder / "journal")
+        tail = last_campaign(folder / "journal")
         if tail is None:
             return None
         log = fold(tail.events)

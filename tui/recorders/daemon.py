@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 BY = "record"
 """Author of the daemon's own orders, in the journal."""
-TURN_S = 0.2
+TURN_S = 0.1
+"""Seconds between two turns of the main thread."""
 FIGURES_S = 5.0
 SAME_S = 0.5
 """Seconds within which two signals count as one: timeout(1) signals process and group."""
@@ -42,9 +43,10 @@ class Habits:
     """Options of a recorder's life."""
 
     arm: bool
-    """Arm the whole campaign of each recording at its start; else a terminal arms."""
+    """Arm each campaign as a whole at its start; else a terminal arms."""
     keep_on: bool
-    """Go on with the next vehicle's recording after a campaign, until a signal comes."""
+    """Go on recording after a campaign, until a signal comes; the next begins by an order or by a
+    new bench.toml."""
     figures: Path | None
     """Prometheus text file, written every 5 s."""
     reread: Callable[[], Bench]
@@ -52,7 +54,7 @@ class Habits:
     follow: Callable[[Status], None] = lambda _: None
     """Called with every status, in the writer's thread."""
     stay: bool = False
-    """Keep a complete recording open, so that a terminal can go on to its results."""
+    """Keep a complete campaign open, so that a terminal can go on to its results."""
     end: threading.Event = field(default_factory=threading.Event)
     """Ends the recorder as a signal does."""
 
@@ -141,8 +143,9 @@ class _Daemon:
                 signals.reload.clear()
                 self._reload()
             self._lead(self._status, signals.end.is_set())
-            self._report(self._status)
-            stage(*progress_words(self._status))
+            status = self._watched(self._status)
+            self._report(status)
+            stage(*progress_words(status))
         self._systemd.stopping()
         if self._failure:
             raise self._failure
@@ -160,8 +163,17 @@ class _Daemon:
         self._habits.follow(status)
         self._server.publish(status, live)
 
+    def _watched(self, status: Status) -> Status:
+        """Return the status; if the writer itself hangs, with that alarm, and publish it."""
+        from daq.alarms import with_not_recording
+
+        watched = with_not_recording(status, self._recorder.storage(), time.time_ns())
+        if watched is not status:
+            self._server.publish(watched, None)
+        return watched
+
     def _lead(self, status: Status, end: bool) -> None:
-        """Arm each recording once; end it when its campaign is complete."""
+        """Arm each campaign once; end it when it is complete, once more if that was refused."""
         from daq.control import Arm, Phase, SessionState, Stop, Until
 
         waits = status.phase is Phase.IDLE and status.recording not in ("", self._armed)
@@ -174,7 +186,11 @@ class _Daemon:
         if over and status.recording not in ("", self._ended):
             self._ended = status.recording
             self._ending = self._recorder.submit(Stop(), BY)
-        elif self._ending and self._ending.done() and not self._habits.keep_on:
+        elif self._ending and self._ending.done() and self._habits.keep_on:
+            if self._ending.exception():
+                self._ended = ""
+            self._ending = None
+        elif self._ending and self._ending.done():
             derived = status.session.state in (SessionState.READY, SessionState.FAILED)
             if derived or self._ending.exception():
                 self._stop.set()

@@ -9,10 +9,16 @@ if TYPE_CHECKING:
     from daq import Status
 
 
+BETWEEN = "between two campaigns, recording goes on"
+
+
 def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
     """Yield the log lines of a change of status, each with the key that limits its number."""
     if before is None:
         yield f"recording {status.vehicle} into {status.folder}", ""
+    elif before.recording != status.recording:
+        now = f"campaign of {status.vehicle} begun" if status.recording else BETWEEN
+        yield now, ""
     known = {(alarm.code, alarm.subject) for alarm in before.alarms} if before else set()
     for alarm in status.alarms:
         if (alarm.code, alarm.subject) not in known:
@@ -36,6 +42,9 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
 
 def progress_words(status: Status) -> tuple[float, str]:
     """Return how far the campaign is, as a share and in words."""
+    if not status.recording:
+        building = status.session.state == "building"
+        return 1.0, "building the session file" if building else BETWEEN
     planned = sum(tally.planned for tally in status.tallies)
     done = sum(min(tally.accepted, tally.planned) for tally in status.tallies)
     text = f"{done} of {planned} runs"
@@ -67,6 +76,7 @@ def status_lines(status: Status) -> Iterator[str]:
             f"bus {bus.name}: {bus.state}, {bus.frames_per_s:,.0f} frames/s, load {bus.load:.0%},"
             f" {bus.frames:,} frames, {bus.error_frames:,} error frames, reopened {bus.reopened}"
         )
+    yield _storage_line(status)
     queue, disk = status.queue, status.disk
     yield (
         f"{disk.recorded_frames:,} frames on the disk; journal {disk.journal_bytes / 1e6:,.0f} MB;"
@@ -80,3 +90,12 @@ def status_lines(status: Status) -> Iterator[str]:
         session = status.session
         state = f"{session.state}, outdated" if status.outdated else str(session.state)
         yield f"session {state}: {' '.join(t for t in (session.path, session.text) if t)}"
+
+
+def _storage_line(status: Status) -> str:
+    """Return whether what arrives is stored."""
+    storage = status.storage
+    counts = f"{storage.stored_frames:,} of {storage.received_frames:,} frames stored"
+    if any(alarm.code == "not_recording" for alarm in status.alarms):
+        return f"NOT RECORDING for {storage.late_s:.1f} s: {counts} since the start"
+    return f"recording: {counts} since the start"

@@ -12,7 +12,7 @@ from daq.alarms.host import dropped_since, host_symptoms
 from daq.alarms.inputs import Count, Window, fault
 from daq.bench.config import RecorderConfig
 from daq.clocks import Now
-from daq.control.messages import DiskStatus, QueueStatus
+from daq.control.messages import DiskStatus, QueueStatus, StorageStatus
 
 
 def now(monotonic_s: float) -> Now:
@@ -102,26 +102,27 @@ def test_error_frames_are_an_alarm_from_five_in_a_second_on(number: int, alarms:
     assert len(window.symptoms(window.numbers(1.0))) == alarms
 
 
+STORED = StorageStatus(100, 100, 0.0)
 ROOM = DiskStatus(10**12, 0, 0, 0.0, total_bytes=2 * 10**12)
 
 
 @pytest.mark.parametrize(("blocks", "high"), [(300, False), (301, True)])
 def test_a_queue_is_high_when_more_than_half_full(blocks: int, high: bool) -> None:
-    found = host_symptoms(RecorderConfig(), ROOM, QueueStatus(blocks, 600, 600), {})
+    found = host_symptoms(RecorderConfig(), ROOM, QueueStatus(blocks, 600, 600), {}, STORED)
     assert [s.code for s in found] == ["queue_high"] * high
     assert [s.text for s in found] == ["301 of 600 blocks wait"] * high
 
 
 def test_faults_of_the_disk_and_of_a_part_are_named() -> None:
     disk = replace(ROOM, failed="full", held_frames=12, warning="a file is gone")
-    found = host_symptoms(RecorderConfig(), disk, QueueStatus(0, 0, 600), {"derive": "why"})
+    found = host_symptoms(RecorderConfig(), disk, QueueStatus(0, 0, 600), {"derive": "why"}, STORED)
     assert [(s.code, s.subject, s.text) for s in found] == [
         ("journal_failed", "", "full; 12 frames are held in memory"),
         ("journal_warning", "", "a file is gone"),
         ("consumer_failed", "derive", "why"),
     ]
     (failed,) = host_symptoms(
-        RecorderConfig(), replace(ROOM, failed="full"), QueueStatus(0, 0, 600), {}
+        RecorderConfig(), replace(ROOM, failed="full"), QueueStatus(0, 0, 600), {}, STORED
     )
     assert failed.text == "full"
     assert dropped_since(3, 3) == {}

@@ -71,9 +71,9 @@ def test_a_campaign_becomes_a_session_file(quick: Bench, codec: Codec, tmp_path:
     session = read_session(status.session.path)
     assert [run.label for run in session.runs] == LABELS
     assert Path(status.session.path).name == "session_0001.h5"
-    recorded = [s.disk.recorded_frames for s in running.published]
+    recorded = [s.disk.recorded_frames for s in running.published if s.recording]
     assert recorded == sorted(recorded)
-    assert recorded[-1] == len(frames)
+    assert recorded[-1] == len(frames) == status.storage.stored_frames
 
 
 def test_a_bus_fails_and_comes_back_while_the_other_goes_on(
@@ -238,7 +238,7 @@ def test_recordings_follow_each_other_in_one_process(
         running.until(lambda s: s.session.state is SessionState.READY)
         running.order(Stop())
         for order in (Arm(), Mark("x"), Stop(), Build()):
-            with pytest.raises(OrderError, match="nothing is being recorded"):
+            with pytest.raises(OrderError, match="no campaign is under way"):
                 running.order(order)
         running.until(lambda s: s.session.state is SessionState.READY)
     assert {path.name for path in tmp_path.glob("*.h5")} == {"session_0001.h5", "session_0002.h5"}

@@ -149,10 +149,9 @@ def test_a_session_is_built_of_what_retention_has_left(
         running.order(Arm(Until.COMPLETE))
         gate.set()
         running.until(lambda s: s.disk.recorded_frames == 2400)
-        writer = running.recorder._writer
-        assert writer is not None
-        gone = writer.paths[1]
-        writer._ledger.forget(gone)  # as retention does
+        writer = running.recorder._opened.writer
+        gone = writer.ledger.paths[1]
+        writer.ledger.forget(gone)  # as retention does
         gone.unlink()
         running.order(Stop())
         status = running.until(lambda s: s.session.state in ENDED)
@@ -174,7 +173,7 @@ def test_a_recording_keeps_its_session_file_when_its_first_segment_has_gone(
         status = running.order(Stop()).status
     assert status is not None
     assert Path(status.session.path).name == "session_0001.h5"
-    (info,) = recordings(journal)  # by which `recover` and the terminal go
+    info, *_ = recordings(journal)  # by which `recover` and the terminal go
     assert (info.recording, info.session_name) == (first.recording, "session_0001.h5")
 
 
@@ -218,8 +217,7 @@ def test_whose_bench_toml_holds_is_said(
     with Running(changed, tmp_path, sources(Script([]))) as running:
         status = running.until(lambda s: s.recording != "")
         assert (status.recording, status.vehicle) == (first.recording, "Ford Granada")
-        writer = running.recorder._writer
-        assert writer is not None
+        writer = running.recorder._opened.writer
         assert writer.limits == limits  # the disk is the host's affair
     assert "goes on with its own bench.toml" in caplog.text
     caplog.clear()
@@ -300,8 +298,7 @@ def test_a_reload_that_fails_leaves_the_buses_read(
 def test_limits_of_the_disk_can_be_changed_while_it_records(quick: Bench, tmp_path: Path) -> None:
     with Running(quick, tmp_path, sources(Script([]))) as running:
         running.until(lambda s: s.recording != "")
-        writer = running.recorder._writer
-        assert writer is not None
+        writer = running.recorder._opened.writer
         changed = replace(quick, recorder=replace(quick.recorder, keep_bytes=1e9))
         running.recorder.reload(changed).result(PATIENCE_S)
         assert writer.limits.keep_bytes == 1e9

@@ -36,7 +36,7 @@ from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import judging
 from daq.recorder.orders import OrderError
 from daq.recorder.recording import Recording
-from daq.recorder.status import NO_DISK, Host
+from daq.recorder.status import NO_DISK, NO_STORAGE, Host
 from daq.runlog.fold import fold
 from daq.runlog.runlog import LoggedStatus
 from daq.runs import Event, Excitation, Losses
@@ -45,7 +45,7 @@ from dbc import Codec, FrameBatch, FrameFlag
 
 from ..small_campaign import CAMPAIGN, LABELS, PERIOD_S, PLANNED, START_NS, blocks, bumps, codes
 
-HOST = Host("id", "folder", "test", NO_DISK, QueueStatus(0, 0, 1), SessionStatus())
+HOST = Host("id", "folder", "test", NO_DISK, QueueStatus(0, 0, 1), SessionStatus(), NO_STORAGE)
 LINK = LinkFacts("can0", 1_000_000, True, "", "", 0.0, 0, SourceLosses())
 
 

@@ -13,7 +13,7 @@ from daq.control.messages import DiskStatus, QueueStatus, SessionStatus, Status
 from daq.control.orders import Arm, Until
 from daq.errors import BusError
 from daq.recorder.recording import Recording
-from daq.recorder.status import Host
+from daq.recorder.status import NO_STORAGE, Host
 from daq.runs import Event
 from daq.sim.bench_source import Fault, SimulatedBench
 from daq.sim.car import SimulatedCar
@@ -21,7 +21,13 @@ from dbc import FrameBatch
 
 START_NS = 1_800_000_000_000_000_000
 HOST = Host(
-    "a recording", "", "test", DiskStatus(10**12, 0, 0, 0.0), QueueStatus(0, 0, 1), SessionStatus()
+    "a recording",
+    "",
+    "test",
+    DiskStatus(10**12, 0, 0, 0.0),
+    QueueStatus(0, 0, 1),
+    SessionStatus(),
+    NO_STORAGE,
 )
 NO_LOSSES = HopLosses()
 
