@@ -16,14 +16,24 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
 
     Raises OSError if that failed; the file is as it was then.
     """
-    part = path.with_name(f".{path.name}.tmp")
-    with _moved([part], [path]):
+    with rewritten(path) as part:
         part.write_bytes(data)
 
 
 def write_text(path: Path, text: str) -> None:
     """Replace a file by one that holds `text` in UTF-8; as `write_bytes`."""
     write_bytes(path, text.encode())
+
+
+@contextmanager
+def rewritten(path: Path) -> Iterator[Path]:
+    """Move a new file to its place when the body of the `with` has written it; as `write_bytes`.
+
+    Yields the path to write to, in the same folder.
+    """
+    part = path.with_name(f".{path.name}.tmp")
+    with _moved([part], [path]):
+        yield part
 
 
 @contextmanager
@@ -36,6 +46,11 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     parts = [path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}") for path in targets]
     with _moved(parts, targets):
         yield parts
+
+
+def sync_file(path: Path) -> None:
+    """Return when the content of a file is on the disk."""
+    _sync(path, os.O_RDWR)
 
 
 def sync_folder(folder: Path) -> None:

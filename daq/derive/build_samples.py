@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import uuid
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,6 +21,7 @@ from ..bench.config import Bench, bench_codec, parse_bench
 from ..channels import Quantity
 from ..errors import InputError
 from ..journal.contents import HopCounts, JournalContents
+from ..journal.format import JournalHead
 from ..runlog.fold import fold
 from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
 from ..runlog.stored_finding import finding_record
@@ -39,28 +40,46 @@ _EDGE_S = 0.05
 
 
 def session_from_journal(contents: JournalContents) -> Session:
-    """Build the session that a journal holds.
+    """Build the session that a journal in memory holds.
 
     Raises InputError if the bench.toml or DBC in the journal cannot be used any more.
     """
     run_log = fold(contents.events)
     text = run_log.bench_text or contents.bench_text
     bench = parse_bench(text, "bench.toml in the journal", Path(), contents.dbc_text)
-    codec = bench_codec(bench)
-    digest = hashlib.sha256(contents.frames.data.tobytes() + contents.frames.t_ns.tobytes())
-    created = datetime.fromtimestamp(contents.head.wall_ns * 1e-9, UTC)
-    provenance = {
+    session = build_session(
+        bench, bench_codec(bench), contents.frames, contents.events, contents.hops, {}
+    )
+    digests = [frames_digest(run) for run in session.runs]
+    loss = contents.lost.text if contents.lost.any else ""
+    about = {"dbc": contents.dbc_text, "bench_toml": text}
+    return replace(
+        session, provenance=journal_provenance(contents.head, run_log, digests, loss) | about
+    )
+
+
+def journal_provenance(
+    head: JournalHead, run_log: RunLog, digests: Sequence[str], loss: str
+) -> dict[str, str]:
+    """Return the provenance of a session that was built from a journal, without its whole texts.
+
+    `digests`: of the frames of each run.  `loss`: the losses of the journal, in words.
+    """
+    digest = hashlib.sha256("".join(digests).encode()).hexdigest()
+    return {
         # The same recording has the same name, however often its session is built.
-        "uuid": str(uuid.UUID(contents.head.recording or digest.hexdigest()[:32])),
-        "created": created.isoformat(timespec="seconds"),
-        "software": contents.head.software,
-        "frames_sha256": digest.hexdigest(),
-        "journal_losses": contents.lost.text if contents.lost.any else "none",
-        "dbc": contents.dbc_text,
-        "bench_toml": text,
+        "uuid": str(uuid.UUID(head.recording or digest[:32])),
+        "created": datetime.fromtimestamp(head.wall_ns * 1e-9, UTC).isoformat(timespec="seconds"),
+        "software": head.software,
+        "frames_sha256": digest,
+        "journal_losses": loss or "none",
         **_remarks(run_log),
     }
-    return build_session(bench, codec, contents.frames, contents.events, contents.hops, provenance)
+
+
+def frames_digest(run: Run) -> str:
+    """Return the SHA-256 of a run's frames."""
+    return hashlib.sha256(run.frames.data.tobytes() + run.frames.t_ns.tobytes()).hexdigest()
 
 
 def _remarks(run_log: RunLog) -> dict[str, str]:
@@ -95,15 +114,13 @@ def build_session(
     """
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
     run_log = fold(events)
-    states = [state.name for state in bench.mass_states]
-    for event in events:
-        if event.code != trigger.BUMP:
-            continue
-        run = run_log.run(event.text)
-        if run is None or run.mass_state not in states:
-            what = f"the recording has a bump {event.text!r}, which is no run of this bench"
-            raise InputError("bench.toml", what, "use the bench.toml of the recording")
-    runs = [_run(bench, codec, mapped, run, frames, events, hops) for run in run_log.runs]
+    check_runs(bench, events, run_log)
+    runs = []
+    for logged in run_log.runs:
+        start_ns, stop_ns = run_window(bench, logged)
+        own = frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns))
+        measured = measured_run(bench, codec, mapped, logged, own, hops)
+        runs.append(decided_run(bench, logged, measured, events))
     return Session(
         vehicle=bench.vehicle,
         channels=tuple(m.channel for m in mapped),
@@ -113,22 +130,39 @@ def build_session(
     )
 
 
-def _run(
+def check_runs(bench: Bench, events: Sequence[Event], run_log: RunLog) -> None:
+    """Raise InputError if a bump is of no mass state of the bench."""
+    states = [state.name for state in bench.mass_states]
+    for event in events:
+        if event.code != trigger.BUMP:
+            continue
+        run = run_log.run(event.text)
+        if run is None or run.mass_state not in states:
+            what = f"the recording has a bump {event.text!r}, which is no run of this bench"
+            raise InputError("bench.toml", what, "use the bench.toml of the recording")
+
+
+def run_window(bench: Bench, run: LoggedRun) -> tuple[int, int]:
+    """Return from when to when frames belong to a run, start <= t < stop, ns."""
+    trigger_s = bench.trigger
+    return run.t_ns - round(trigger_s.pre_s * 1e9), run.t_ns + round(trigger_s.post_s * 1e9)
+
+
+def measured_run(
     bench: Bench,
     codec: Codec,
     mapped: Sequence[MappedChannel],
     run: LoggedRun,
     frames: FrameBatch,
-    events: Sequence[Event],
     hops: HopCounts,
 ) -> Run:
-    start_ns = run.t_ns - round(bench.trigger.pre_s * 1e9)
-    stop_ns = run.t_ns + round(bench.trigger.post_s * 1e9)
-    own = frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns))
-    decoded = codec.decode(own)
+    """Return what was measured in a run; its reasons are those why it cannot be used at all.
+
+    `frames`: those in its window.
+    """
+    start_ns, stop_ns = run_window(bench, run)
+    decoded = codec.decode(frames)
     groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
-    reasons = (*run.reasons, *_shortcomings(mapped, groups, own, start_ns, stop_ns))
-    rejected = bool(reasons) or run.status is LoggedStatus.REJECTED
     return Run(
         mass_state=run.mass_state,
         excitation=run.excitation,
@@ -136,15 +170,25 @@ def _run(
         t0_ns=start_ns,
         bump_s=bench.bump_s,
         groups=groups,
+        status=RunStatus.ACCEPTED,
+        reasons=_shortcomings(mapped, groups, frames, start_ns, stop_ns),
+        losses=_losses(codec, decoded, hops, start_ns, stop_ns),
+        events=(),
+        frames=frames,
+    )
+
+
+def decided_run(bench: Bench, run: LoggedRun, measured: Run, events: Iterable[Event]) -> Run:
+    """Return a measured run with what was decided on it, and the events in its window."""
+    start_ns, stop_ns = run_window(bench, run)
+    reasons = (*run.reasons, *measured.reasons)
+    rejected = bool(reasons) or run.status is LoggedStatus.REJECTED
+    own = [event for event in events if start_ns <= event.t_ns <= stop_ns]
+    return replace(
+        measured,
         status=RunStatus.REJECTED if rejected else RunStatus.ACCEPTED,
         reasons=reasons,
-        losses=_losses(codec, decoded, hops, start_ns, stop_ns),
-        events=tuple(
-            _short(event)
-            for event in events
-            if start_ns <= event.t_ns <= stop_ns and event.code not in _NOT_OF_A_RUN
-        ),
-        frames=own,
+        events=tuple(_short(event) for event in own if event.code not in _NOT_OF_A_RUN),
     )
 
 

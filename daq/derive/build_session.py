@@ -1,36 +1,60 @@
 """A session file from the segments of a recording, in a process of its own.
 
-HDF5 must neither hold the recorder up nor take it down with it: the recorder starts
-``python -m daq.derive.build_session TARGET SEGMENT...`` and reads one
-line of JSON: `path`, `loss` (empty
-if nothing is missing) and `runs`, or `error`.
+HDF5 must neither hold the recorder up nor take it down with it: when a run has ended the recorder
+starts ``python -m daq.derive.build_session TARGET SEGMENT...`` and reads one line of JSON: `path`,
+`loss` (empty if nothing is missing) and `runs`, or `error`.
+
+Runs that an earlier process has measured are kept in a growing file (`grown.py`): a process
+measures the new ones, and writes down once more what was decided on all of them.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TextIO
 
-from ..bench.config import TriggerConfig, parse_bench
-from ..errors import BumpbenchError
+from dbc.frames import FrameBatch
+
+from ..bench.config import Bench, bench_codec, parse_bench
+from ..errors import BumpbenchError, InputError
+from ..files import rewritten, sync_file
 from ..journal.built import note_built
-from ..journal.folder import recording_of
-from ..journal.reader import read_journal
+from ..journal.contents import HopCounts, JournalTail
+from ..journal.folder import is_unbroken, scanned, state_of
+from ..journal.reader import read_windows
+from ..journal.scan import SegmentInfo
 from ..runlog.fold import fold
-from ..runlog.runlog import Code
-from ..runs import Event
-from ..session import write_session
-from .build_samples import session_from_journal
+from ..runlog.runlog import LoggedRun, RunLog
+from ..runs import Losses, Run, RunStatus
+from ..samples.mapping import map_channels
+from ..session import add_run, begin_session, finish_session
+from ..sessions import Session
+from .build_samples import (
+    check_runs,
+    decided_run,
+    frames_digest,
+    journal_provenance,
+    measured_run,
+    run_window,
+)
+from .grown import (
+    Grown,
+    GrownRun,
+    forget_grown,
+    growing_path,
+    inputs_digest,
+    load_grown,
+    note_grown,
+)
 
 NICENESS = 10
-_SLACK_NS = 1_000_000_000
-"""Time kept beyond the runs, ns: whether a window is covered is seen from the samples around it."""
 
 DONE, BAD_INPUT, DONE_WITH_LOSS = 0, 2, 3
 """Exit codes, as those of the command line."""
@@ -46,49 +70,162 @@ class Derived:
     """Number of runs in the session file."""
 
 
-def derive(segments: Sequence[Path], target: Path) -> Derived:
-    """Write the session file of a recording; it is complete or absent, whatever happens.
-
-    Memory grows with the number of runs, not with the length of the recording.
+def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> Derived:
+    """Write the session file of a recording; it is complete or as it was, whatever happens.
 
     `segments`: of one recording, in any order.  `target`: the session file; replaced if it is
-    there.  Raises InputError if the segments cannot be read or do not belong together, or the file
-    cannot be written.
+    there.  `growing`: keep what was measured for the next time, until the recording has ended;
+    segments that report to be whole are then believed, and only those of new runs are read.  The
+    file is the same, byte for byte.  Raises InputError if the segments cannot be read or do not
+    belong together, or the file cannot be written.
     """
-    recording = recording_of(segments)
-    head, events = recording.head, recording.events
-    run_log = fold(events)
-    text = run_log.bench_text or head.bench_text
-    bench = parse_bench(text, "bench.toml in the journal", Path(), head.dbc_text)
-    contents = read_journal(segments, spans(events, bench.trigger))
-    session = session_from_journal(contents)
-    write_session(target, session)
-    journal, stop = segments[0].parent, recording.next_number
-    note_built(journal, head.identity, stop, target, run_log.revision)
-    return Derived(contents.lost.text if contents.lost.any else "", len(session.runs))
+    infos = scanned(segments)
+    recording = state_of(infos)
+    run_log = fold(recording.events)
+    text = run_log.bench_text or recording.head.bench_text
+    bench = parse_bench(text, "bench.toml in the journal", Path(), recording.head.dbc_text)
+    check_runs(bench, recording.events, run_log)
+    inputs = inputs_digest(text, recording.head.dbc_text)
+    grown = load_grown(target, inputs, run_log.runs, infos) if growing else Grown(inputs)
+    new = run_log.runs[len(grown.runs) :]
+    found = _read(bench, infos, new, trusting=growing and is_unbroken(infos))
+    try:
+        _write(target, bench, recording, run_log, grown, found, growing=growing)
+    except OSError as error:
+        raise InputError(
+            str(target),
+            f"cannot be written: {error.strerror or error}",
+            "check folder, rights and free space; the journal still holds everything",
+        ) from error
+    note_built(
+        segments[0].parent,
+        recording.head.identity,
+        recording.next_number,
+        target,
+        run_log.revision,
+    )
+    return Derived(found.loss, len(run_log.runs))
 
 
-def spans(events: Iterable[Event], trigger: TriggerConfig) -> tuple[tuple[int, int], ...]:
-    """Return from when to when frames belong to a run, ns; overlapping spans are joined."""
-    pre_ns = round(trigger.pre_s * 1e9) + _SLACK_NS
-    post_ns = round(trigger.post_s * 1e9) + _SLACK_NS
-    joined: list[tuple[int, int]] = []
-    for bump_ns in sorted(event.t_ns for event in events if event.code == Code.BUMP):
-        start_ns, stop_ns = bump_ns - pre_ns, bump_ns + post_ns
-        if joined and start_ns <= joined[-1][1]:
-            start_ns = joined.pop()[0]
-        joined.append((start_ns, stop_ns))
-    return tuple(joined)
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """What was read of the new runs."""
+
+    runs: Sequence[LoggedRun]
+    frames: Sequence[FrameBatch]
+    hops: HopCounts
+    loss: str
+
+
+def _read(
+    bench: Bench, infos: Sequence[SegmentInfo], runs: Sequence[LoggedRun], *, trusting: bool
+) -> _Found:
+    """Read the frames of runs: from all segments, or if these are trusted from those near them."""
+    windows = [run_window(bench, run) for run in runs]
+    first, last = 0, len(infos)
+    if trusting:
+        start_ns = min((start for start, _ in windows), default=0)
+        stop_ns = max((stop for _, stop in windows), default=0)
+        near = [k for k, i in enumerate(infos) if i.first_ns < stop_ns and start_ns <= i.last_ns]
+        first, last = (near[0], near[-1] + 2) if near else (len(infos) - 1, len(infos))
+    while True:
+        paths = [info.path for info in infos[first:last]]
+        contents, frames = read_windows(paths, windows)
+        t_ns = contents.hops.t_ns
+        # What was lost in a run is counted from the block before it on.
+        if not windows or first == 0 or (len(t_ns) and t_ns[0] < min(windows)[0]):
+            break
+        first -= 1
+    loss = "" if trusting or not contents.lost.any else contents.lost.text
+    return _Found(runs, frames, contents.hops, loss)
+
+
+def _write(
+    target: Path,
+    bench: Bench,
+    recording: JournalTail,
+    run_log: RunLog,
+    grown: Grown,
+    found: _Found,
+    *,
+    growing: bool,
+) -> None:
+    """Measure the new runs, add them to the growing file, and finish a copy of it."""
+    codec = bench_codec(bench)
+    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    head = recording.head
+    texts = {"dbc": head.dbc_text, "bench_toml": bench.text}
+    channels = tuple(m.channel for m in mapped)
+    session = Session(bench.vehicle, channels, bench.mass_states, (), texts)
+    rows = list(grown.runs)
+    with rewritten(target) as part:
+        file = growing_path(target) if growing else part
+        if growing:
+            forget_grown(target)
+        if not rows:
+            begin_session(file, session)
+        for logged, frames in zip(found.runs, found.frames, strict=True):
+            # A run that is not over yet may get more frames: only this session has it as it is.
+            if file != part and run_window(bench, logged)[1] > recording.t_ns:
+                file = _copied(target, part, grown, rows, recording, bench)
+            run = measured_run(bench, codec, mapped, logged, frames, found.hops)
+            add_run(file, len(rows) + 1, run, session)
+            rows.append(GrownRun(logged.label, logged.t_ns, run.reasons, frames_digest(run)))
+        if file != part:
+            _copied(target, part, grown, rows, recording, bench)
+        runs = [
+            decided_run(bench, logged, _without_data(bench, logged, row), recording.events)
+            for logged, row in zip(run_log.runs, rows, strict=True)
+        ]
+        digests = [row.digest for row in rows]
+        finish_session(part, runs, journal_provenance(head, run_log, digests, found.loss))
+    if growing and recording.ended:
+        forget_grown(target, file=True)
+
+
+def _copied(
+    target: Path,
+    part: Path,
+    grown: Grown,
+    rows: Sequence[GrownRun],
+    recording: JournalTail,
+    bench: Bench,
+) -> Path:
+    """Note that the growing file is on the disk with these runs, and copy it to be finished."""
+    file = growing_path(target)
+    sync_file(file)
+    post_ns = round(bench.trigger.post_s * 1e9)
+    stop_ns = max((row.t_ns + post_ns for row in rows), default=0)
+    done = replace(grown, runs=tuple(rows), stop=recording.next_number, stop_ns=stop_ns)
+    note_grown(target, done)
+    shutil.copyfile(file, part)
+    return part
+
+
+def _without_data(bench: Bench, logged: LoggedRun, row: GrownRun) -> Run:
+    return Run(
+        mass_state=logged.mass_state,
+        excitation=logged.excitation,
+        repeat=logged.repeat,
+        t0_ns=run_window(bench, logged)[0],
+        bump_s=bench.bump_s,
+        groups=(),
+        status=RunStatus.ACCEPTED,
+        reasons=row.reasons,
+        losses=Losses(),
+        events=(),
+        frames=FrameBatch.empty(),
+    )
 
 
 def main(arguments: Sequence[str], out: TextIO) -> int:
-    """Derive, say the result as one line of JSON, and return the exit code."""
+    """Derive, report the result as one line of JSON, and return the exit code."""
     with suppress(OSError, AttributeError):  # a service may not be allowed to, Windows cannot
         os.nice(NICENESS)
     target, *segments = map(Path, arguments)
     try:
         # What was deleted since to make room held no run.
-        done = derive([path for path in segments if path.exists()], target)
+        done = derive([path for path in segments if path.exists()], target, growing=True)
     except (BumpbenchError, OSError) as error:
         out.write(json.dumps({"path": str(target), "error": str(error)}) + "\n")
         return BAD_INPUT

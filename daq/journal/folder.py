@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..runlog.runlog import Code
 from ..runs import Event
 from .contents import JournalTail, RecordingInfo
-from .gaps import ENDED
+from .gaps import ENDED, parse_gap
 from .scan import SegmentInfo, read_head, scan
 
 PATTERN = "journal_*.mcap"
@@ -45,7 +45,7 @@ def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
 
     Raises InputError if a file cannot be read or is not a journal, or none has a complete head.
     """
-    return _grouped(_all_scanned(segments))
+    return _grouped(scanned(segments))
 
 
 def last_recording(folder: Path) -> JournalTail | None:
@@ -62,23 +62,30 @@ def _newest_first(folder: Path) -> Iterator[JournalTail]:
     """Yield the state of each recording; a folder may have thousands of segments."""
     scanned = (info for path in reversed(segments_in(folder)) if (info := _scanned(path)))
     for _, infos in groupby(scanned, key=lambda info: info.recording):
-        yield _tail(list(infos)[::-1])
+        yield state_of(list(infos)[::-1])
 
 
-def recording_of(segments: Sequence[Path]) -> JournalTail:
-    """Return the state of the recording of these segments.
+def scanned(segments: Sequence[Path]) -> tuple[SegmentInfo, ...]:
+    """Return the content of segments in order of their numbers, without frames.
 
     Raises InputError if a file cannot be read or is not a journal, or none has a complete head.
     """
-    return _tail(sorted(_all_scanned(segments), key=lambda info: info.number))
-
-
-def _all_scanned(segments: Sequence[Path]) -> list[SegmentInfo]:
     infos = [info for path in segments if (info := scan(path))]
     if not infos:
         where = ", ".join(str(path) for path in segments) or "journal"
         raise InputError(where, "holds no recording", "name the files journal_*.mcap")
-    return infos
+    return tuple(sorted(infos, key=lambda info: info.number))
+
+
+def is_unbroken(segments: Sequence[SegmentInfo]) -> bool:
+    """Return whether segments report to be whole: all sealed, with every block of the recording.
+
+    What was damaged in them since they were sealed is found only by reading them.
+    """
+    stops = [0, *(info.stop for info in segments)]
+    follow = all(info.first == stop for info, stop in zip(segments, stops, strict=False))
+    gaps = (parse_gap(event) for info in segments for _, event in info.events)
+    return follow and all(info.sealed for info in segments) and not any(gaps)
 
 
 def _grouped(infos: Iterable[SegmentInfo]) -> tuple[RecordingInfo, ...]:
@@ -88,7 +95,8 @@ def _grouped(infos: Iterable[SegmentInfo]) -> tuple[RecordingInfo, ...]:
     return tuple(_recording(group) for group in grouped.values())
 
 
-def _tail(infos: Sequence[SegmentInfo]) -> JournalTail:
+def state_of(infos: Sequence[SegmentInfo]) -> JournalTail:
+    """Return the state of the recording of these segments, which are in order."""
     found = read_head(infos[0].path)
     assert found is not None  # it was scanned
     events = _events(infos)

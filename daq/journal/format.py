@@ -167,11 +167,6 @@ def unpack_frames(blocks: Sequence[FrameBlock]) -> FrameBatch:
     return FrameBatch(**columns)
 
 
-def first_stamp(message: bytes) -> int:
-    """Return the time stamp of the first frame of a block that has one."""
-    return int.from_bytes(message[_BLOCK_HEAD : _BLOCK_HEAD + 8], "little", signed=True)
-
-
 def pack_events(number: int, events: Sequence[Event]) -> bytes:
     """Return the message for events: JSON, so that any MCAP tool can show it."""
     body = {"number": number, "events": [list(astuple(event)) for event in events]}

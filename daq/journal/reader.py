@@ -53,6 +53,36 @@ def read_journal(
     )
 
 
+def read_windows(
+    paths: Sequence[Path], windows: Sequence[tuple[int, int]]
+) -> tuple[JournalContents, tuple[FrameBatch, ...]]:
+    """Read the frames in windows of time, which may overlap, from segments of a recording.
+
+    `windows`: start <= t < stop, ns.  Returns all else that is in the segments, and the frames of
+    each window.  Raises InputError as `JournalReader`.
+    """
+    reader = JournalReader(paths)
+    pieces: list[list[FrameBatch]] = [[] for _ in windows]
+    events: list[Event] = []
+    hops = _HopTable()
+    for block in reader:
+        hops.add(block)
+        events += block.events
+        t_ns = block.frames.t_ns
+        if not len(t_ns):
+            continue
+        first_ns, last_ns = int(t_ns.min()), int(t_ns.max())
+        for (start_ns, stop_ns), own in zip(windows, pieces, strict=True):
+            if start_ns <= last_ns and first_ns < stop_ns:
+                own.append(block.frames.select((t_ns >= start_ns) & (t_ns < stop_ns)))
+    none = FrameBatch.empty()
+    contents = JournalContents(reader.head, none, tuple(events), hops.counts(), reader.lost)
+    frames = []
+    while pieces:  # joined one by one, so that not all of them are in memory twice
+        frames.append(FrameBatch.concatenate(pieces.pop(0)))
+    return contents, tuple(frames)
+
+
 def _within(frames: FrameBatch, spans: Sequence[tuple[int, int]]) -> FrameBatch:
     first_ns, last_ns = int(frames.t_ns.min()), int(frames.t_ns.max())
     wanted: NDArray[np.bool_] = np.zeros(len(frames), bool)

@@ -32,7 +32,7 @@ class SegmentInfo:
     frames: int
     """Number of frames in all its blocks."""
     first_ns: int
-    """Time stamp of the first frame; 0 if there is none."""
+    """Earliest time stamp (of older versions: that of the first frame); 0 if there is none."""
     last_ns: int
     """Latest time stamp; 0 if there is none."""
     events: tuple[tuple[int, Event], ...]
@@ -86,6 +86,7 @@ def _walk(segment: SegmentReader) -> Summary:
             events += ((block.number, event) for event in block.events)
         elif block.frames:
             frames += block.frames
-            first_ns = first_ns or int(block.t_ns[0])
+            earliest_ns = int(block.t_ns.min())
+            first_ns = min(first_ns or earliest_ns, earliest_ns)
             last_ns = max(last_ns, int(block.t_ns.max()))
     return Summary(first or 0, stop, frames, first_ns, last_ns, tuple(events))

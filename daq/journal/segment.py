@@ -27,7 +27,6 @@ from .format import (
     HEAD_RECORD,
     PROFILE,
     JournalHead,
-    first_stamp,
     unpack_events,
 )
 from .summary import SUMMARY_RECORD, Summary, pack_summary
@@ -78,6 +77,8 @@ class Block:
     """As packed."""
     frames: int
     """Number of frames in it."""
+    first_ns: int = 0
+    """Earliest time stamp in it; 0 without frames."""
 
 
 class Segment:
@@ -171,7 +172,7 @@ class Segment:
             self._events.append(block.message)
         elif block.frames:
             self._frames += block.frames
-            self._first_ns = self._first_ns or first_stamp(block.message)
+            self._first_ns = min(self._first_ns or block.first_ns, block.first_ns)
             self._last_ns = max(self._last_ns, block.t_ns)
 
     def _summary(self) -> Summary:

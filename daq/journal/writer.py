@@ -125,10 +125,11 @@ class JournalWriter:
         process up to this block.  Frames that the writer itself has dropped are added to
         `queue_dropped` in the journal.
         """
+        first_ns = int(frames.t_ns.min()) if len(frames) else 0
         if len(frames):
             self._t_ns = max(self._t_ns, int(frames.t_ns.max()))
         losses = replace(losses, queue_dropped=losses.queue_dropped + self._backlog.dropped)
-        self._put(FRAMES_TOPIC, pack_frames(self._number, frames, losses), len(frames))
+        self._put(FRAMES_TOPIC, pack_frames(self._number, frames, losses), len(frames), first_ns)
 
     def append_events(self, events: Sequence[Event]) -> None:
         """Store events; as `append`."""
@@ -210,10 +211,10 @@ class JournalWriter:
 
     # -- blocks ---------------------------------------------------------------------------------
 
-    def _put(self, topic: str, message: bytes, frames: int) -> None:
+    def _put(self, topic: str, message: bytes, frames: int, first_ns: int = 0) -> None:
         # The number is used up here: a block that was tried and then dropped may be on the disk
         # after all, and no other may have its number.
-        block = Block(self._number, topic, self._t_ns, message, frames)
+        block = Block(self._number, topic, self._t_ns, message, frames, first_ns)
         self._number += 1
         if self._segment is not None and not len(self._backlog) and self._store([block]):
             return

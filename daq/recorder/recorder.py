@@ -41,6 +41,7 @@ from ..journal.built import built_revision
 from ..journal.contents import JournalTail
 from ..journal.segment import SyncedFile
 from ..runlog.fold import fold
+from ..runlog.runlog import Code
 from ..samples.bench_mapping import bench_mapping
 from .bench_checks import configured
 from .checking import Checks
@@ -59,6 +60,8 @@ BLOCK_S = 0.1
 """Seconds between two blocks of the journal; a power cut loses the frames since the last one."""
 BLOCK_FRAMES = 65_536
 """Frames after which a block is full: after a stall the journal gets several blocks at once."""
+SETTLE_S = 0.3
+"""Seconds from the end of a run until its session is built: all buses have delivered by then."""
 HALT_S = 2.0
 """Seconds to wait at the end for a reader that hangs in its driver."""
 JOURNAL_FOLDER = "journal"
@@ -123,6 +126,7 @@ class Recorder:
         self._opened: OpenRecording  # since `run` has begun
         self._hops_before = HopLosses()
         self._lag_s = 0.0
+        self._build_s: float | None = None  # when the session file is to be built
         self._next_s = 0.0
         self._heartbeats = Heartbeats((), time.monotonic(), 0.0)
 
@@ -192,6 +196,8 @@ class Recorder:
         self._store()
         while (pending := self._orders.take()) is not None:
             self._carry_out(pending.order, pending.by, pending.answer)
+        if self._build_s is not None and time.monotonic() >= self._build_s:
+            self._build(self._opened)
         self._derivation.poll()
         self._publish(publish)
 
@@ -203,7 +209,9 @@ class Recorder:
         facts, writer = links or self._readers.facts(), self._opened.writer
         hops, queue = self._readers.hops().since(self._hops_before), self._pieces.status
         storage = self._storage.status(now.monotonic_s)
-        self._recording.step(batch, hops, now, facts, writer.status, queue, storage)
+        events = self._recording.step(batch, hops, now, facts, writer.status, queue, storage)
+        if any(event.code == Code.RUN_END for event in events):
+            self._build_s = now.monotonic_s + SETTLE_S
         writer.maintain(now.monotonic_s)
         self._storage.stored(writer.stored_frames)
         disk = writer.status
@@ -266,9 +274,7 @@ class Recorder:
                 bench = self._campaign().recording.bench
                 self._go_on(bench, "the campaign was ended", now, campaign=False)
             case Build():
-                opened = self._campaign()
-                opened.writer.cut()
-                self._derive(opened)
+                self._build(self._campaign())
             case ShutDown():
                 self._ended = True
             case Bench():
@@ -329,7 +335,13 @@ class Recorder:
         if before.campaign:
             self._derive(before)
 
+    def _build(self, opened: OpenRecording) -> None:
+        """Start building the session file as of now, from files that do not change any more."""
+        opened.writer.cut()
+        self._derive(opened)
+
     def _derive(self, opened: OpenRecording) -> None:
+        self._build_s = None
         revision = opened.recording.revision
         self._derivation.begin(opened.session, opened.segments, opened.campaign, revision)
 

@@ -65,6 +65,7 @@ from __future__ import annotations
 from dbc.finding import Finding, Severity
 
 from .findings import finding_document
+from .growing import add_run, begin_session, finish_session
 from .preview import glances
 from .read import read_foreign_session, read_session
 from .validate import validate_session
@@ -73,7 +74,10 @@ from .write import write_session
 __all__ = [
     "Finding",
     "Severity",
+    "add_run",
+    "begin_session",
     "finding_document",
+    "finish_session",
     "glances",
     "read_foreign_session",
     "read_session",

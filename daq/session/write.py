@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 
+from ..channels import Channel
 from ..errors import InputError
 from ..files import write_bytes
 from ..runs import Event, Run, SampleGroup
@@ -55,7 +56,7 @@ def write_session(path: Path | str, session: Session) -> None:
         session cannot be one in HDF5.
     """
     path = Path(path)
-    _check_names(session)
+    check_names(session, session.runs)
     try:
         # HDF5 never sees the disk: after a write that failed for want of room it crashes the
         # process at its end.
@@ -71,9 +72,9 @@ def write_session(path: Path | str, session: Session) -> None:
         ) from error
 
 
-def _check_names(session: Session) -> None:
-    """Refuse names that would make other groups, or be cut, in place of writing them awry."""
-    groups = {group.name for run in session.runs for group in run.groups}
+def check_names(session: Session, runs: Sequence[Run]) -> None:
+    """Raise InputError for names that HDF5 would split into groups or truncate."""
+    groups = {group.name for run in runs for group in run.groups}
     channels = {channel.name for channel in session.channels}
     states = {state.name for state in session.mass_states}
     for name in groups | channels | states:
@@ -87,6 +88,15 @@ def _check_names(session: Session) -> None:
 
 
 def _fill(file: h5py.File, session: Session) -> None:
+    write_head(file, session)
+    for number, run in enumerate(session.runs, start=1):
+        write_run(file, number, run, session.channels)
+        write_verdict(file, number, run)
+    write_provenance(file, session.provenance)
+
+
+def write_head(file: h5py.File, session: Session) -> None:
+    """Write all of a session but its runs and the short texts of its provenance."""
     file.attrs.update(
         {
             "Conventions": "CF-1.10",
@@ -112,20 +122,20 @@ def _fill(file: h5py.File, session: Session) -> None:
             raw = text.encode("utf-8", "surrogateescape")
             _scale(config, name, np.frombuffer(raw, np.uint8))
             config[name].attrs["sha256"] = sha256(raw).hexdigest()
-        else:
-            about.attrs[f"provenance_{name}"] = text
     rows = [asdict(channel) | {"corner": channel.corner or ""} for channel in session.channels]
     _table(file.create_group("channels"), "channel", CHANNEL_COLUMNS, rows)
     for order, state in enumerate(session.mass_states):
         group = file.create_group(f"mass_states/{state.name}")
         group.attrs["order"] = order
         _mass_state(group, state)
-    runs = file.create_group("runs")
-    for number, run in enumerate(session.runs, start=1):
-        _run(runs.create_group(f"r{number:03d}_{run.label}"), run, session)
-    if session.runs and session.runs[0].groups:
-        first = f"r001_{session.runs[0].label}/{session.runs[0].groups[0].name}"
-        file.attrs["default"] = f"runs/{first}"
+    file.create_group("runs")
+
+
+def write_provenance(file: h5py.File, provenance: Mapping[str, str]) -> None:
+    """Write the short texts of a session's provenance."""
+    for name, text in provenance.items():
+        if name not in TEXTS:
+            file["session"].attrs[f"provenance_{name}"] = text
 
 
 def _mass_state(group: h5py.Group, state: MassState) -> None:
@@ -144,7 +154,9 @@ def _mass_state(group: h5py.Group, state: MassState) -> None:
         group["delta_mass"].dims[axis].attach_scale(group[name])
 
 
-def _run(group: h5py.Group, run: Run, session: Session) -> None:
+def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel]) -> None:
+    """Write what was measured in a run; `number` counts from one."""
+    group = file.create_group(_name(number, run))
     group.attrs.update(
         {
             "NX_class": "NXentry",
@@ -153,31 +165,45 @@ def _run(group: h5py.Group, run: Run, session: Session) -> None:
             "repeat": run.repeat,
             "t0_ns": run.t0_ns,
             "bump_s": run.bump_s,
-            "status": str(run.status),
-            "reasons": "\n".join(run.reasons),
             "sample_groups": "\n".join(samples.name for samples in run.groups),
         }
     )
     for name, count in asdict(run.losses).items():
         group.attrs[f"lost_{name}"] = count
     for samples in run.groups:
-        _samples(group.create_group(samples.name), samples, session)
+        _samples(group.create_group(samples.name), samples, channels)
     for bus in np.unique(run.frames.bus):
         frames = run.frames.select(run.frames.bus == bus)
         _frames(group.create_group(f"raw_bus{bus}"), frames)
+    if number == 1 and run.groups:
+        file.attrs["default"] = f"{_name(number, run)}/{run.groups[0].name}"
+
+
+def write_verdict(file: h5py.File, number: int, run: Run) -> None:
+    """Write what was decided on a run that was written, and the events in it.
+
+    `run`: its groups and frames are not used.
+    """
+    group = file[_name(number, run)]
+    group.attrs["status"] = str(run.status)
+    group.attrs["reasons"] = "\n".join(run.reasons)
     _events(group.create_group("events"), run.events)
 
 
-def _samples(group: h5py.Group, samples: SampleGroup, session: Session) -> None:
+def _name(number: int, run: Run) -> str:
+    return f"runs/r{number:03d}_{run.label}"
+
+
+def _samples(group: h5py.Group, samples: SampleGroup, channels: Sequence[Channel]) -> None:
     names = list(samples.values)
     _scale(group, "time", samples.time_s)
     group["time"].attrs.update({"units": "s", "long_name": "time since t0 of the run"})
     _along(group, "time", "t_ns", samples.t_ns)
     group["t_ns"].attrs.update({"units": "ns", "long_name": "bus time since 1970-01-01 UTC"})
-    channels = {channel.name: channel for channel in session.channels}
+    by_name = {channel.name: channel for channel in channels}
     for name, values in samples.values.items():
         _along(group, "time", name, values)
-        channel = channels[name]
+        channel = by_name[name]
         group[name].attrs.update(
             {
                 "units": channel.unit,

@@ -48,7 +48,7 @@ def progress_words(status: Status) -> tuple[float, str]:
     planned = sum(tally.planned for tally in status.tallies)
     done = sum(min(tally.accepted, tally.planned) for tally in status.tallies)
     text = f"{done} of {planned} runs"
-    if status.session.state == "building":
+    if status.session.state == "building" and status.due is None:
         text = "building the session file"
     elif status.due:
         running = status.phase in ("triggered", "decay")

@@ -14,7 +14,7 @@ from daq.alarms.inputs import COUNTED
 from daq.bus.error_frames import ErrorClass
 from daq.bus.source import HopLosses, SourceLosses
 from daq.channels import Quantity
-from daq.control.messages import DiskStatus, QueueStatus
+from daq.control.messages import DiskStatus, QueueStatus, StorageStatus
 from dbc import FrameBatch, FrameFlag
 
 from ..watched_bench import (
@@ -174,6 +174,7 @@ FAULTS: list[tuple[str, str, FaultyTurn, int]] = [
     ("disk_low", "", facts(disk=replace(ROOMY, free_bytes=500_000_000)), 0),
     ("journal_warning", "", facts(disk=replace(ROOMY, warning="a file was deleted")), 0),
     ("journal_failed", "", facts(disk=DiskStatus(0, 0, 0, 3.0, 812, "No space left")), 0),
+    ("not_recording", "", facts(storage=StorageStatus(900, 100, 1.2)), 0),
     ("consumer_failed", "trigger", facts(failed={"trigger": "ValueError: x"}), 0),
 ]
 

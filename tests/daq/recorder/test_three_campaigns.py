@@ -130,8 +130,12 @@ class Operator(threading.Thread):
         client.ask(Start(self._named("Second").text), PATIENCE_S)
         self._through_campaign(client, "Second")
         os.kill(os.getpid(), signal.SIGHUP)  # the file is as it was: no campaign begins
+        log = self._folder / "recorder.log"
+        deadline_s = time.monotonic() + PATIENCE_S
+        while "bench.toml reloaded" not in log.read_text():
+            assert time.monotonic() < deadline_s
+            time.sleep(0.02)
         self._file[:] = [self._named("Third")]
-        time.sleep(0.5)
         os.kill(os.getpid(), signal.SIGHUP)
         self._through_campaign(client, "Third")
 
@@ -192,7 +196,9 @@ def test_no_frame_is_lost_over_three_campaigns_and_between_them(
     names = [session.vehicle.name for session in sessions.values()]
     assert names == ["Ford Granada", "Second", "Third"]
     # Only campaigns are recovered, and to the same files.
+    grown = {path.name: path.read_bytes() for path in tmp_path.glob("*.h5")}
     for path in tmp_path.glob("*.h5"):
         path.unlink()
     assert recover([tmp_path]) == 0
-    assert {path.name for path in tmp_path.glob("*.h5")} == set(sessions)
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("*.h5")} == grown
+    assert not list(tmp_path.glob(".session*"))

@@ -1,0 +1,65 @@
+"""Writes a session file run by run, before what was decided on the runs is known.
+
+What was measured in a run is written once and never changes, so that nothing of it has to be read
+or packed again when the next run is added.  A file that grew over hours and one that was written at
+once are the same, byte for byte: both are made by the same steps.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import h5py
+
+from ..runs import Run
+from ..sessions import Session
+from .write import check_names, write_head, write_provenance, write_run, write_verdict
+
+_SPARE_BYTES = 4 << 20
+"""Room on the disk beyond the size of what is written, bytes."""
+
+
+def begin_session(path: Path, session: Session) -> None:
+    """Write a new file with all of a session but its runs; one that is there is overwritten.
+
+    Raises OSError if the disk has no room or fails, and InputError as `write_session`.
+    """
+    check_names(session, ())
+    _check_room(path, 0)
+    with h5py.File(path, "w") as file:
+        write_head(file, session)
+
+
+def add_run(path: Path, number: int, run: Run, session: Session) -> None:
+    """Write what was measured in a run; `number` counts from one.  Raises as `begin_session`."""
+    check_names(session, (run,))
+    _check_room(path, _run_bytes(run))
+    with h5py.File(path, "r+") as file:
+        write_run(file, number, run, session.channels)
+
+
+def finish_session(path: Path, runs: Sequence[Run], provenance: Mapping[str, str]) -> None:
+    """Write what was decided on each run, the events in it, and the provenance.
+
+    `runs`: in order; their groups and frames are not used.  Raises as `begin_session`.
+    """
+    _check_room(path, 0)
+    with h5py.File(path, "r+") as file:
+        for number, run in enumerate(runs, start=1):
+            write_verdict(file, number, run)
+        write_provenance(file, provenance)
+
+
+def _run_bytes(run: Run) -> int:
+    samples = sum(v.nbytes for group in run.groups for v in group.values.values())
+    return samples + 2 * run.frames.data.nbytes + 16 * len(run.frames)
+
+
+def _check_room(path: Path, size: int) -> None:
+    """Raise OSError if the disk is full: HDF5 crashes the process if it finds that out itself."""
+    if shutil.disk_usage(path.parent).free < size + _SPARE_BYTES:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

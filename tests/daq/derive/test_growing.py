@@ -1,0 +1,244 @@
+"""A session that grows run by run: the same file, byte for byte, as one that is built at once."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from daq import read_session
+from daq.bus.source import HopLosses
+from daq.derive import build_session
+from daq.derive.build_session import Derived, derive
+from daq.derive.grown import growing_path
+from daq.errors import InputError
+from daq.journal.format import JournalHead
+from daq.journal.reader import read_windows
+from daq.journal.writer import JournalWriter
+from daq.runlog.entries import entry, verdict_entry
+from daq.runlog.runlog import Code
+from daq.runs import Event
+
+from ..small_campaign import PERIOD_S, START_NS, blocks, bumps, small_bench, small_codec
+
+NO_LOSSES = HopLosses()
+
+
+class Campaign:
+    """A journal to which runs are added; a bump every 1.2 s, with 0.6 s of frames around it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.text = small_bench().text
+        for key, value in (("pre_s", 0.1), ("post_s", 0.5), ("rest_s", 0.1)):
+            self.text = re.sub(rf"^{key} = [^#\n]*", f"{key} = {value} ", self.text, flags=re.M)
+        dbc = small_bench().dbc_text
+        head = JournalHead(self.text, dbc, "test", START_NS, 0, "a" * 32, 1)
+        self.writer = JournalWriter(folder / "journal", head)
+        self.target = folder / "session_0001.h5"
+        self._frames = bumps(small_codec(), 12)
+        self.runs = 0
+
+    def run(self, cut: bool = False) -> None:
+        """Add a run in which a frame is lost with its first block, and the frames until the next.
+
+        `cut`: begin a segment with that block.
+        """
+        self.runs += 1
+        n = round(PERIOD_S * 1000)
+        period = self._frames.select(slice((self.runs - 1) * n, self.runs * n))
+        label = f"baseline_bounce_{self.runs}"
+        bump_ns = int(period.t_ns[0]) + 500_000_000
+        for k, block in enumerate(blocks(period)):
+            if k == 4 and cut:
+                self.writer.cut()
+            self.writer.append(block, HopLosses(bus_dropped=self.runs - (k < 4)))
+        self.writer.append_events([Event(bump_ns, Code.BUMP, 20.0, label)])
+        self.writer.append_events([verdict_entry(bump_ns + 500_000_000, label, [])])
+        self.writer.cut()
+
+    def append(self, *events: Event) -> None:
+        self.writer.append_events(events)
+        self.writer.cut()
+
+    def grow(self) -> Derived:
+        left = [path for path in self.writer.paths if path.exists()]
+        return derive(left, self.target, growing=True)
+
+    def at_once(self) -> bytes:
+        other = self.target.with_name("at_once.h5")
+        derive(self.writer.paths, other)
+        return other.read_bytes()
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Iterator[Campaign]:
+    made = Campaign(tmp_path)
+    with made.writer:
+        yield made
+
+
+@pytest.fixture
+def measured(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return the numbers of the runs that are added to a growing file or to a session."""
+    numbers: list[int] = []
+    add_run = build_session.add_run
+
+    def noted(path: Path, number: int, *rest: object) -> None:
+        numbers.append(number)
+        add_run(path, number, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(build_session, "add_run", noted)
+    return numbers
+
+
+def test_each_run_is_measured_once_and_the_file_is_that_built_at_once(
+    campaign: Campaign, measured: list[int]
+) -> None:
+    for number in (1, 2, 3):
+        campaign.run()
+        assert campaign.grow() == Derived("", number)
+        assert campaign.target.read_bytes() == campaign.at_once()
+    assert measured == [1, *[1], 2, *[1, 2], 3, *[1, 2, 3]]  # grown, and at once
+    dropped = [run.losses.bus_dropped for run in read_session(campaign.target).runs]
+    assert dropped == [1, 1, 1]
+
+
+def test_a_verdict_changes_the_session_and_measures_nothing(
+    campaign: Campaign, measured: list[int]
+) -> None:
+    campaign.run()
+    campaign.run()
+    campaign.grow()
+    reject = entry(Code.REJECT, START_NS, label="baseline_bounce_1", by="Ann", reason="slipped")
+    note = entry(Code.NOTE, START_NS, text="wet floor", label="", by="Ann")
+    campaign.append(reject, note)
+    measured.clear()
+    campaign.grow()
+    assert measured == []
+    first, second = read_session(campaign.target).runs
+    assert first.reasons[0] == "rejected by Ann: slipped"
+    assert (str(first.status), str(second.status)) == ("rejected", str(second.status))
+    assert campaign.target.read_bytes() == campaign.at_once()
+
+
+def test_another_bench_or_late_frames_measure_all_runs_again(
+    campaign: Campaign, measured: list[int]
+) -> None:
+    campaign.run()
+    campaign.run()
+    campaign.grow()
+    text = campaign.text.replace('name = "Ford Granada"', 'name = "Mine"')
+    campaign.append(Event(START_NS, Code.BENCH, 0.0, text))
+    measured.clear()
+    campaign.grow()
+    assert measured == [1, 2]
+    assert read_session(campaign.target).vehicle.name == "Mine"
+    # A bus that was held up delivers frames of the first run.
+    late = bumps(small_codec(), 1, "HUB_Rear")
+    campaign.writer.append(late, NO_LOSSES)
+    campaign.writer.cut()
+    measured.clear()
+    campaign.grow()
+    assert measured == [1, 2]
+    assert any(group.name == "HUB_Rear" for group in read_session(campaign.target).runs[0].groups)
+    assert campaign.target.read_bytes() == campaign.at_once()
+
+
+def test_a_run_that_is_not_over_is_measured_again(campaign: Campaign, measured: list[int]) -> None:
+    campaign.run()
+    frames = bumps(small_codec(), 2).select(slice(1200, 1900))  # the bump is at 1700
+    campaign.writer.append(frames, NO_LOSSES)
+    label = "baseline_bounce_2"
+    campaign.append(Event(START_NS + 1_700_000_000, Code.BUMP, 20.0, label))
+    campaign.grow()
+    assert campaign.target.read_bytes() == campaign.at_once()
+    assert "the recording ended" in read_session(campaign.target).runs[1].reasons[0]
+    campaign.writer.append(bumps(small_codec(), 3).select(slice(1900, 3600)), NO_LOSSES)
+    campaign.append(verdict_entry(START_NS + 2_300_000_000, label, []))
+    measured.clear()
+    campaign.grow()
+    assert measured == [2]
+    assert "ended" not in str(read_session(campaign.target).runs[1].reasons)
+    assert campaign.target.read_bytes() == campaign.at_once()
+
+
+@pytest.mark.parametrize("harm", ["cut", "no note", "changed note", "gone"])
+def test_a_growing_file_that_is_not_as_it_was_left_is_begun_anew(
+    campaign: Campaign, measured: list[int], harm: str
+) -> None:
+    campaign.run()
+    campaign.grow()
+    file = growing_path(campaign.target)
+    note = file.with_name(f"{file.name}.json")
+    match harm:
+        case "cut":
+            file.write_bytes(file.read_bytes()[:-10])
+        case "no note":
+            note.unlink()
+        case "changed note":
+            note.write_text(note.read_text().replace("baseline_bounce_1", "baseline_bounce_7"))
+        case "gone":
+            file.unlink()
+    campaign.run()
+    measured.clear()
+    campaign.grow()
+    assert measured == [1, 2]
+    assert campaign.target.read_bytes() == campaign.at_once()
+
+
+def test_a_session_of_a_recording_that_has_ended_leaves_nothing_beside_it(
+    campaign: Campaign,
+) -> None:
+    campaign.run()
+    campaign.grow()
+    hidden = {path.name for path in campaign.target.parent.glob(".*")}
+    assert hidden == {".session_0001.h5.growing", ".session_0001.h5.growing.json"}
+    campaign.writer.close(ended=True)
+    campaign.grow()
+    assert list(campaign.target.parent.glob(".*")) == []
+    assert campaign.target.read_bytes() == campaign.at_once()
+
+
+def test_only_the_segments_of_new_runs_are_read_if_the_journal_is_whole(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[list[str]] = []
+
+    def noted(paths: list[Path], windows: list[tuple[int, int]]) -> object:
+        read.append([path.name for path in paths])
+        return read_windows(paths, windows)
+
+    monkeypatch.setattr(build_session, "read_windows", noted)
+    for _ in range(5):
+        campaign.run()
+        campaign.grow()
+    assert read == [[f"journal_000{n}.mcap"] for n in (1, 2, 3, 4, 5)]
+    # What was lost in the first block of a segment is known from the segment before.
+    campaign.run(cut=True)
+    campaign.grow()
+    assert read[-1] == ["journal_0006.mcap", "journal_0007.mcap"]
+    assert campaign.target.read_bytes() == campaign.at_once()
+    assert [run.losses.bus_dropped for run in read_session(campaign.target).runs] == [1] * 6
+    campaign.writer.paths[1].unlink()
+    campaign.run()
+    assert "blocks missing" in campaign.grow().loss
+    assert len(read[-1]) == 7  # all that are left
+
+
+def test_a_full_disk_is_an_error_and_the_session_stays(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign.run()
+    campaign.grow()
+    before = campaign.target.read_bytes()
+    campaign.run()
+    with monkeypatch.context() as patch:
+        usage = type("Usage", (), {"free": 1000})
+        patch.setattr("daq.session.growing.shutil.disk_usage", lambda _: usage)
+        with pytest.raises(InputError, match="No space left on device"):
+            campaign.grow()
+    assert campaign.target.read_bytes() == before
+    campaign.grow()
+    assert len(read_session(campaign.target).runs) == 2
