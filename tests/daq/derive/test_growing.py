@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,6 +21,7 @@ from daq.journal.writer import JournalWriter
 from daq.runlog.entries import entry, verdict_entry
 from daq.runlog.runlog import Code
 from daq.runs import Event
+from daq.session import add_run
 
 from ..small_campaign import PERIOD_S, START_NS, blocks, bumps, small_bench, small_codec
 
@@ -83,11 +85,10 @@ def campaign(tmp_path: Path) -> Iterator[Campaign]:
 def measured(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return the numbers of the runs that are added to a growing file or to a session."""
     numbers: list[int] = []
-    add_run = build_session.add_run
 
-    def noted(path: Path, number: int, *rest: object) -> None:
+    def noted(path: Path, number: int, *rest: Any) -> None:
         numbers.append(number)
-        add_run(path, number, *rest)  # type: ignore[arg-type]
+        add_run(path, number, *rest)
 
     monkeypatch.setattr(build_session, "add_run", noted)
     return numbers

@@ -89,8 +89,8 @@ def test_status_and_figures_say_it(tmp_path: Path) -> None:
         write_figures(path, status)
         families = text_string_to_metric_families(path.read_text())
         found.append({s.name: s.value for family in families for s in family.samples})
-    names = ("recording", "campaign", "unstored_seconds")
-    names += ("received_frames_total", "stored_frames_total")
+    names = ["recording", "campaign", "unstored_seconds"]
+    names += ["received_frames_total", "stored_frames_total"]
     rows = [[figures[f"bumpbench_{name}"] for name in names] for figures in found]
     assert rows == [[0, 1, 3.2, 1200, 700], [1, 0, 0, 1200, 1200]]
 

@@ -19,8 +19,8 @@ import pytest
 from daq import read_session
 from daq.bench.config import Bench
 from daq.bus.source import SourceLosses
-from daq.control.address import control_address
-from daq.control.client import Client, is_running
+from daq.control.address import control_address, is_running
+from daq.control.client import Client
 from daq.control.messages import SessionState, Status
 from daq.control.orders import Arm, AskStatus, Start
 from daq.journal.folder import recordings
