@@ -29,7 +29,7 @@ _GAPS_M = (0.012, 0.018, 0.025, 0.033, 0.042)
 """Gaps at which a bump stop is tried: a stop that is not touched yet has no slope by its gap."""
 _LARGEST_RATE = 1.5
 """Rate, 1e5 N/m, that a bump stop begins with at most."""
-_LAST_KNOTS = "K13"
+_LAST_KNOTS = "K21"
 """Knees of the last stage: real curves bend between those of the first stages."""
 _PAYS = 4.0
 """Logarithms of the number of samples that the mounts must gain: two of the criterion's limit."""

@@ -6,26 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+_SPEEDS_M_S = (0.015, 0.03, 0.045, 0.065, 0.085, 0.11, 0.15, 0.21, 0.3, 0.45)
 KNOTS: dict[str, tuple[float, ...]] = {
     "K1": (0.0,),
     "K3": (-0.15, 0.0, 0.15),
     "K5": (-0.3, -0.1, 0.0, 0.1, 0.3),
     "K7": (-0.4, -0.2, -0.08, 0.0, 0.08, 0.2, 0.4),
-    "K13": (
-        -0.5,
-        -0.35,
-        -0.22,
-        -0.14,
-        -0.08,
-        -0.04,
-        0.0,
-        0.04,
-        0.08,
-        0.14,
-        0.22,
-        0.35,
-        0.5,
-    ),
+    "K21": (*(-speed for speed in reversed(_SPEEDS_M_S)), 0.0, *_SPEEDS_M_S),
 }
 """Speeds of the knees of a damper curve, m/s; negative in rebound."""
 
