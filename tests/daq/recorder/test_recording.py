@@ -3,84 +3,32 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from daq.bench.config import Bench
-from daq.bench.procedure import Procedure
-from daq.bus.source import HopLosses, LinkFacts, SourceLosses
+from daq.bus.source import HopLosses
 from daq.channels import Quantity
-from daq.clocks import Now
-from daq.control.messages import Phase, QueueStatus, SessionStatus, Status
+from daq.control.messages import Phase
 from daq.control.orders import (
-    Accept,
-    Acknowledge,
     Arm,
-    Choose,
-    Configure,
-    Mark,
-    Note,
-    OverrideWarning,
     Pause,
-    Redo,
-    Reject,
-    Undo,
     Until,
 )
 from daq.errors import InputError
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalError, JournalWriter
 from daq.recorder import judging
-from daq.recorder.orders import OrderError
 from daq.recorder.recording import Recording
-from daq.recorder.status import NO_DISK, NO_STORAGE, Host
 from daq.runlog.fold import fold
 from daq.runlog.runlog import LoggedStatus
-from daq.runs import Event, Excitation, Losses
-from daq.verdict import RunMeasure
+from daq.runs import Event, Losses
 from dbc import Codec, FrameBatch, FrameFlag
 
-from ..small_campaign import CAMPAIGN, LABELS, PERIOD_S, PLANNED, START_NS, blocks, bumps, codes
-
-HOST = Host("id", "folder", "test", NO_DISK, QueueStatus(0, 0, 1), SessionStatus(), NO_STORAGE)
-LINK = LinkFacts("can0", 1_000_000, True, "", "", 0.0, 0, SourceLosses())
-
-
-@pytest.fixture
-def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    """Return a bench whose runs come thick and fast; its judge lets everything pass."""
-    monkeypatch.setattr(judging, "judge", lambda *_: ((), RunMeasure()))
-    return replace(bench, procedure=Procedure(accept_after_s=0.1))
-
-
-def now(block: FrameBatch | None = None) -> Now:
-    t_ns = int(block.t_ns[-1]) if block is not None and len(block) else START_NS
-    return Now(t_ns, 100.0 + (t_ns - START_NS) * 1e-9)
-
-
-def feed(recording: Recording, given: Sequence[FrameBatch]) -> list[Event]:
-    return [
-        event for block in given for event in recording.step(block, HopLosses(), now(block), [LINK])
-    ]
-
-
-def runs_of(events: Sequence[Event]) -> list[tuple[str, str]]:
-    return [pair for pair in codes(events) if pair[0] in ("bump", "run_end")]
-
-
-def status_of(recording: Recording) -> Status:
-    return recording.status(now(), HOST)
-
-
-def armed(
-    bench: Bench, codec: Codec, store: JournalWriter, until: Until = Until.COMPLETE
-) -> Recording:
-    recording = Recording(bench, codec, store)
-    recording.carry_out(Arm(until), "Ann", now())
-    return recording
+from ..small_campaign import CAMPAIGN, LABELS, PERIOD_S, PLANNED, START_NS, blocks, bumps
+from .stepped import LINK, armed, feed, now, runs_of, status_of
 
 
 @pytest.mark.parametrize("size", [100, 37, 100_000])
@@ -282,94 +230,6 @@ def test_stamps_that_fall_back_cut_the_run(
     events = feed(recording, blocks(back))
     assert recording.run_log.runs[0].reasons == ("cut: the time stamps fell back",)
     assert runs_of(events)[0] == ("bump", "baseline_bounce_2")
-
-
-def test_orders_are_written_down_and_those_that_make_no_sense_refused(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recording = armed(quick, codec, journal)
-    for order, why in (
-        (Undo(), "no verdict to undo"),
-        (Redo(), "nothing to redo"),
-        (Reject(), "no run yet"),
-        (Accept("baseline_bounce_1"), "no run 'baseline_bounce_1'"),
-        (Choose("loaded", Excitation.ROLL), "'loaded' is no mass state"),
-        (Note("x", "y"), "no run 'y'"),
-    ):
-        with pytest.raises(OrderError, match=why):
-            recording.carry_out(order, "Ann", now())
-    frames = bumps(codec, 1)
-    feed(recording, blocks(frames.select(slice(0, 700))))
-    with pytest.raises(OrderError, match="is being recorded"):
-        recording.carry_out(Configure(quick.text), "Ann", now())
-    feed(recording, blocks(frames.select(slice(700, None))))
-    recording.carry_out(Reject(reason="foot"), "Ann", now())
-    with pytest.raises(OrderError, match="rejected already"):
-        recording.carry_out(Reject("baseline_bounce_1"), "Ann", now())
-    with pytest.raises(OrderError, match="say why"):
-        recording.carry_out(Accept("baseline_bounce_1"), "Ann", now())
-    recording.carry_out(Undo(), "Ann", now())
-    recording.carry_out(Redo(), "Ann", now())
-    recording.carry_out(Accept("baseline_bounce_1", "it was mine"), "Bob", now())
-    recording.carry_out(Mark("here"), "Bob", now())
-    recording.carry_out(Note("wet", "baseline_bounce_1"), "Bob", now())
-    recording.carry_out(OverrideWarning("bus", "known"), "Bob", now())
-    recording.carry_out(Acknowledge(), "Bob", now())
-    recording.carry_out(Choose("added", Excitation.WARP), "Bob", now())
-    status = status_of(recording)
-    assert status.due is not None
-    assert status.due.step.label == "added_warp_1"
-    assert [(note.text, note.label) for note in status.notes] == [
-        ("here", ""),
-        ("wet", "baseline_bounce_1"),
-    ]
-    assert [(one.subject, one.by) for one in status.overrides] == [("bus", "Bob")]
-    (run,) = status.runs
-    assert (run.status, run.by, run.reason) == (LoggedStatus.ACCEPTED, "Bob", "it was mine")
-    journal.close()
-    events = read_journal(journal.paths).events
-    assert fold(events) == recording.run_log
-    assert {e.t_ns for e in events if e.code == "mark"} == {int(frames.t_ns[-1])}
-
-
-def test_bench_toml_may_change_within_a_recording(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recording = Recording(quick, codec, journal)
-    for changed, why in (
-        ("[[[", "is not TOML"),
-        (quick.text.replace("bitrate = 1000000", "bitrate = 500000"), "other buses"),
-        (quick.text.replace('dbc = ""', 'dbc = "my.dbc"'), "another DBC"),
-        (quick.text.replace("repeats = 2", "repeats = -2"), "repeats"),
-    ):
-        with pytest.raises(OrderError, match=why):
-            recording.carry_out(Configure(changed), "Ann", now())
-    assert recording.bench == quick
-    other = quick.text.replace('name = "Ford Granada"', 'name = "Other"')
-    recording.carry_out(Configure(other), "Ann", now())
-    assert status_of(recording).vehicle == "Other"
-    journal.close()
-    assert [(e.code, e.text) for e in read_journal(journal.paths).events] == [("bench", other)]
-
-
-def test_what_was_lost_before_bench_toml_changed_is_no_news(
-    quick: Bench, codec: Codec, journal: JournalWriter
-) -> None:
-    recording = Recording(quick, codec, journal)
-    frames = bumps(codec, 1)
-    whole = frames.select(np.delete(np.arange(len(frames)), [50, 51]))
-    given, lost = blocks(whole), HopLosses(queue_dropped=9)
-    for block in given[: len(given) // 2]:
-        recording.step(block, lost, now(block), [LINK])
-    recording.carry_out(Configure(quick.text), "Ann", now())
-    status = [
-        event.text.partition(":")[0]
-        for block in given[len(given) // 2 :]
-        for event in recording.step(block, lost, now(block), [LINK])
-        if event.code == "alarm"
-    ]
-    assert not {"queue_dropped", "counter_gap HUB_Front"} & set(status), status
-    assert status_of(recording).buses[0].frames == len(whole)
 
 
 def test_the_end_of_a_recording_cuts_the_run(

@@ -1,0 +1,51 @@
+"""A recording that a test steps block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from daq.bench.config import Bench
+from daq.bus.source import HopLosses, LinkFacts, SourceLosses
+from daq.clocks import Now
+from daq.control.messages import QueueStatus, SessionStatus, Status
+from daq.control.orders import (
+    Arm,
+    Until,
+)
+from daq.journal.writer import JournalWriter
+from daq.recorder.recording import Recording
+from daq.recorder.status import NO_DISK, NO_STORAGE, Host
+from daq.runs import Event
+from dbc import Codec, FrameBatch
+
+from ..small_campaign import START_NS, codes
+
+HOST = Host("id", "folder", "test", NO_DISK, QueueStatus(0, 0, 1), SessionStatus(), NO_STORAGE)
+LINK = LinkFacts("can0", 1_000_000, True, "", "", 0.0, 0, SourceLosses())
+
+
+def now(block: FrameBatch | None = None) -> Now:
+    t_ns = int(block.t_ns[-1]) if block is not None and len(block) else START_NS
+    return Now(t_ns, 100.0 + (t_ns - START_NS) * 1e-9)
+
+
+def feed(recording: Recording, given: Sequence[FrameBatch]) -> list[Event]:
+    return [
+        event for block in given for event in recording.step(block, HopLosses(), now(block), [LINK])
+    ]
+
+
+def runs_of(events: Sequence[Event]) -> list[tuple[str, str]]:
+    return [pair for pair in codes(events) if pair[0] in ("bump", "run_end")]
+
+
+def status_of(recording: Recording) -> Status:
+    return recording.status(now(), HOST)
+
+
+def armed(
+    bench: Bench, codec: Codec, store: JournalWriter, until: Until = Until.COMPLETE
+) -> Recording:
+    recording = Recording(bench, codec, store)
+    recording.carry_out(Arm(until), "Ann", now())
+    return recording

@@ -1,0 +1,120 @@
+"""Orders to a recording, and a bench.toml that changes within it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daq.bench.config import Bench
+from daq.bus.source import HopLosses
+from daq.control.orders import (
+    Accept,
+    Acknowledge,
+    Choose,
+    Configure,
+    Mark,
+    Note,
+    OverrideWarning,
+    Redo,
+    Reject,
+    Undo,
+)
+from daq.journal.reader import read_journal
+from daq.journal.writer import JournalWriter
+from daq.recorder.orders import OrderError
+from daq.recorder.recording import Recording
+from daq.runlog.fold import fold
+from daq.runlog.runlog import LoggedStatus
+from daq.runs import Excitation
+from dbc import Codec
+
+from ..small_campaign import blocks, bumps
+from .stepped import LINK, armed, feed, now, status_of
+
+
+def test_orders_are_written_down_and_those_that_make_no_sense_refused(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = armed(quick, codec, journal)
+    for order, why in (
+        (Undo(), "no verdict to undo"),
+        (Redo(), "nothing to redo"),
+        (Reject(), "no run yet"),
+        (Accept("baseline_bounce_1"), "no run 'baseline_bounce_1'"),
+        (Choose("loaded", Excitation.ROLL), "'loaded' is no mass state"),
+        (Note("x", "y"), "no run 'y'"),
+    ):
+        with pytest.raises(OrderError, match=why):
+            recording.carry_out(order, "Ann", now())
+    frames = bumps(codec, 1)
+    feed(recording, blocks(frames.select(slice(0, 700))))
+    with pytest.raises(OrderError, match="is being recorded"):
+        recording.carry_out(Configure(quick.text), "Ann", now())
+    feed(recording, blocks(frames.select(slice(700, None))))
+    recording.carry_out(Reject(reason="foot"), "Ann", now())
+    with pytest.raises(OrderError, match="rejected already"):
+        recording.carry_out(Reject("baseline_bounce_1"), "Ann", now())
+    with pytest.raises(OrderError, match="say why"):
+        recording.carry_out(Accept("baseline_bounce_1"), "Ann", now())
+    recording.carry_out(Undo(), "Ann", now())
+    recording.carry_out(Redo(), "Ann", now())
+    recording.carry_out(Accept("baseline_bounce_1", "it was mine"), "Bob", now())
+    recording.carry_out(Mark("here"), "Bob", now())
+    recording.carry_out(Note("wet", "baseline_bounce_1"), "Bob", now())
+    recording.carry_out(OverrideWarning("bus", "known"), "Bob", now())
+    recording.carry_out(Acknowledge(), "Bob", now())
+    recording.carry_out(Choose("added", Excitation.WARP), "Bob", now())
+    status = status_of(recording)
+    assert status.due is not None
+    assert status.due.step.label == "added_warp_1"
+    assert [(note.text, note.label) for note in status.notes] == [
+        ("here", ""),
+        ("wet", "baseline_bounce_1"),
+    ]
+    assert [(one.subject, one.by) for one in status.overrides] == [("bus", "Bob")]
+    (run,) = status.runs
+    assert (run.status, run.by, run.reason) == (LoggedStatus.ACCEPTED, "Bob", "it was mine")
+    journal.close()
+    events = read_journal(journal.paths).events
+    assert fold(events) == recording.run_log
+    assert {e.t_ns for e in events if e.code == "mark"} == {int(frames.t_ns[-1])}
+
+
+def test_bench_toml_may_change_within_a_recording(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = Recording(quick, codec, journal)
+    for changed, why in (
+        ("[[[", "is not TOML"),
+        (quick.text.replace("bitrate = 1000000", "bitrate = 500000"), "other buses"),
+        (quick.text.replace('dbc = ""', 'dbc = "my.dbc"'), "another DBC"),
+        (quick.text.replace("repeats = 2", "repeats = -2"), "repeats"),
+    ):
+        with pytest.raises(OrderError, match=why):
+            recording.carry_out(Configure(changed), "Ann", now())
+    assert recording.bench == quick
+    other = quick.text.replace('name = "Ford Granada"', 'name = "Other"')
+    recording.carry_out(Configure(other), "Ann", now())
+    assert status_of(recording).vehicle == "Other"
+    journal.close()
+    assert [(e.code, e.text) for e in read_journal(journal.paths).events] == [("bench", other)]
+
+
+def test_what_was_lost_before_bench_toml_changed_is_no_news(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = Recording(quick, codec, journal)
+    frames = bumps(codec, 1)
+    whole = frames.select(np.delete(np.arange(len(frames)), [50, 51]))
+    given, lost = blocks(whole), HopLosses(queue_dropped=9)
+    for block in given[: len(given) // 2]:
+        recording.step(block, lost, now(block), [LINK])
+    recording.carry_out(Configure(quick.text), "Ann", now())
+    status = [
+        event.text.partition(":")[0]
+        for block in given[len(given) // 2 :]
+        for event in recording.step(block, lost, now(block), [LINK])
+        if event.code == "alarm"
+    ]
+    assert not {"queue_dropped", "counter_gap HUB_Front"} & set(status), status
+    assert status_of(recording).buses[0].frames == len(whole)
