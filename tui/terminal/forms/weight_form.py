@@ -10,6 +10,15 @@ from .fields import Field, FieldError, Values, check_fields, number, stated
 
 Weight = BodyWeight | HubWeight
 BODY = "body"
+NEW_WEIGHT = {
+    "place": BODY,
+    "serial": "",
+    "mass_kg": "",
+    "sigma_kg": "0.01",
+    "position_sigma_m": "0.005",
+    "height_m": "0",
+}
+"""Values of the form before anything is typed."""
 
 WEIGHT_FIELDS: tuple[Field, ...] = (
     Field("place", "Place", needed=True, choices=(BODY, *Corner),

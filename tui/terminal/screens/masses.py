@@ -39,7 +39,7 @@ from ..forms.inventory import (
     table_line,
     with_bolted,
 )
-from ..forms.weight_form import BODY, check_inventory, check_weight, weight_of, weight_values
+from ..forms.weight_form import NEW_WEIGHT, check_inventory, check_weight, weight_of, weight_values
 from ..state.bench_check import rest_levels
 from ..state.drafts import read_draft, remove_draft, write_draft
 from ..state.steps import BenchStep
@@ -54,14 +54,6 @@ _QUIET_S = 0.3
 _REST_S = 2.0
 _PATIENCE_S = 60.0
 _ANOTHER = "new"
-_NEW = {
-    "place": BODY,
-    "serial": "",
-    "mass_kg": "",
-    "sigma_kg": "0.01",
-    "position_sigma_m": "0.005",
-    "height_m": "0",
-}
 
 
 class MassesScreen(BenchScreen):
@@ -257,7 +249,7 @@ class MassesScreen(BenchScreen):
 
     def action_add(self) -> None:
         """Add a weight; text typed into a cancelled one is still there."""
-        self._edit("Add a weight", _NEW, len(self._entries))
+        self._edit("Add a weight", NEW_WEIGHT, len(self._entries))
 
     def action_edit(self) -> None:
         """Edit the marked weight."""
