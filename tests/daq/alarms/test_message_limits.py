@@ -194,6 +194,22 @@ def test_what_pauses_for_three_mean_periods_is_not_regular(gap_s: float, learned
     assert (learn(times, 1).learn_s == 10.0) is learned
 
 
+@pytest.mark.parametrize(("turns", "period_s"), [(19, None), (20, 0.1)])
+def test_after_a_pause_the_period_is_learned_anew(turns: int, period_s: float | None) -> None:
+    times = [10.0 + n / 10 for n in range(12)]
+    times += [times[-1] + 0.4 + n / 10 for n in range(turns + 1)]
+    found = learn(times, 1).period_s
+    assert found == (None if period_s is None else pytest.approx(period_s))
+
+
+@pytest.mark.parametrize(
+    ("flag", "strangers"), [(FrameFlag.ERROR, 0), (FrameFlag.REMOTE, 0), (FrameFlag.FD, 1)]
+)
+def test_error_and_remote_frames_are_no_strangers(flag: FrameFlag, strangers: int) -> None:
+    watch = advanced(MessagesWatch(), frames(0x700, [bytes(8)], T_NS, flag), 1.0)
+    assert len(watch.strangers) == strangers
+
+
 def test_alive_are_the_expected_messages_that_are_not_late() -> None:
     known = {"A": message_watch(0.2), "B": message_watch(None), "C": message_watch(0.01)}
     watch = MessagesWatch(0.0, 0.0, known)

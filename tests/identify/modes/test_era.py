@@ -35,6 +35,22 @@ def test_noise_and_units_are_borne(order: int | None) -> None:
     assert np.abs(found.poles / POLES - 1.0).max() < 0.01
 
 
+def test_a_channel_without_a_signal_changes_nothing() -> None:
+    rng = np.random.default_rng(3)
+    record = free_decay(POLES, SHAPES, random_amplitudes(3, rng), 50.0, 6.0)
+    silent = np.column_stack([record, np.zeros(len(record))])
+    found = realised_modes([silent], 50.0)
+    assert np.abs(found.poles / POLES - 1.0).max() < 1e-9
+    assert np.all(np.abs(found.shapes[3]) < 1e-9 * np.abs(found.shapes[:3]).max(axis=0))
+    noisy = with_noise(record, 60.0, rng)
+    alone = stabilisation_diagram([noisy], 50.0)
+    beside = stabilisation_diagram([np.column_stack([noisy, np.zeros(len(noisy))])], 50.0)
+    assert np.all(np.isfinite(beside.shapes))
+    for poles in (alone.poles, beside.poles):
+        near = np.abs(poles[:, None] / POLES - 1.0).min(axis=0)
+        assert near.max() < 0.01
+
+
 def test_the_diagram_marks_what_comes_again() -> None:
     rng = np.random.default_rng(2)
     record = with_noise(free_decay(POLES, SHAPES, random_amplitudes(3, rng), 50.0, 8.0), 40.0, rng)

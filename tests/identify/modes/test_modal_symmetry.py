@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from daq.channels import Channel, Quantity, paper_channels
 from daq.vehicle import Corner
@@ -47,3 +48,17 @@ def test_body_sensors_pair_by_place_and_a_lone_one_is_free() -> None:
 def test_two_sensors_at_one_place_have_no_certain_image() -> None:
     mirror = mirror_of((body("one", -1.0, 0.5), body("two", -1.0, 0.5), body("right", -1.0, -0.5)))
     assert list(mirror.image) == [-1, -1, -1]
+
+
+@pytest.mark.parametrize(("apart_m", "image"), [(0.0049, [1, 0]), (0.0051, [-1, -1])])
+def test_a_mirror_image_is_at_its_place_to_five_millimetres(
+    apart_m: float, image: list[int]
+) -> None:
+    mirror = mirror_of((body("left", -1.0, 0.5), body("right", -1.0 - apart_m, -0.5)))
+    assert list(mirror.image) == image
+
+
+def test_a_mirror_cannot_be_changed() -> None:
+    mirror = mirror_of(paper_channels())
+    assert not mirror.image.flags.writeable
+    assert not mirror.sign.flags.writeable
