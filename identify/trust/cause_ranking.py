@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri
 
 from ..fit.estimation import Estimation
 from .linear_effects import Effect, gains, lateness, structural
@@ -14,6 +15,8 @@ from .refit import largest_shift
 from .score_test import FittedDecay, Score, Trace, fitted_decays, scores
 
 _NAMED = 3  # parts of a cause that are listed, the surest first
+_CHANCE = 1e-6
+"""How often noise alone makes as much of a cause: a session has some forty."""
 _RATE_HZ = 500.0  # the motion ends at 20 Hz; more samples say little more
 
 
@@ -82,7 +85,7 @@ def _suspect(
 ) -> Suspect:
     chi2 = max(1.0, estimation.chi2_per_n)
     excess = max((estimation.chi2_per_n - 1.0) * n, 1e-9)
-    chance = (np.sqrt(len(effects)) + 5.0) ** 2
+    chance = float(chdtri(len(effects), _CHANCE))
     names = estimation.box.parameters
     moved = dict(zip(names, score.shift[: len(names)].tolist(), strict=True))
     shift, shifted = largest_shift(moved)

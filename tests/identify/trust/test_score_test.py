@@ -13,9 +13,10 @@ from identify.pipeline import grey_box, usable_records
 from identify.study.campaign import PAPER_MASS_STATES, Campaign, records_of
 from identify.study.sensor_sets import SENSOR_SETS
 from identify.trust.cause_ranking import Suspect, rank_causes
+from identify.trust.finding import Verdict
 from identify.trust.judge import judge
 
-from ..stress import HUBS, STRESSES
+from ..stress import HUBS, STRESSES, stress_session
 from .campaigns import SEEDS, campaign, doubtful, estimated
 
 BOX = GreyBox(SENSOR_SETS["paper"], PAPER_MASS_STATES, None)
@@ -89,6 +90,19 @@ def test_lateness_is_sized_and_its_shift_is_that_of_a_refit() -> None:
     np.testing.assert_allclose(found.score.shift[:n], moved, atol=0.5 * float(std.max()))
     assert found.shift == pytest.approx(np.max(np.abs(moved)), rel=0.1)
     assert found.shifted == result.box.parameters[int(np.argmax(np.abs(moved)))]
+
+
+def test_tyre_damping_is_named_at_a_hundred_samples_a_second_too() -> None:
+    # chi2/n is 0.98 there, within its limit, and the springs are 10 % off.
+    session = stress_session("tyre_damping", 3, 100.0)
+    records = usable_records(session)
+    result = estimate(grey_box(session, records), records, generic_vehicles())
+    assert result.holds
+    k_sf = result.box.values(result.fit.eta)[result.box.names.index("k_sf")]
+    assert abs(k_sf / 17e3 - 1.0) > 0.08
+    quality = judge(session, result)
+    assert quality.verdict is not Verdict.OK
+    assert "tyre_damping" in doubtful(quality.findings)
 
 
 def test_tyre_damping_is_sized() -> None:

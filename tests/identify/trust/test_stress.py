@@ -24,6 +24,7 @@ CAUSES = {
     "hubs_late_1ms": "hub_sensors_late",
     "hubs_late_5ms": "hub_sensors_late",
     "body_low_pass": "low-pass",
+    "gain": "gain",
     "polarity": "gain",
     "unit": "gain",
     "saturation": "saturation",
@@ -37,6 +38,7 @@ CAUSES = {
 TEXTS = {
     "bars": "anti_roll_bars = true",
     "body_low_pass": "low-pass (near 20 Hz on body sensors",
+    "gain": "gain of hub_acc_fl",
     "polarity": "gain of hub_acc_rr",
     "unit": "gain of hub_acc_fr",
     "saturation": "hub_acc_fl",
