@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .orders import AskBench as AskBench
     from .orders import AskCheck as AskCheck
     from .orders import AskHistory as AskHistory
+    from .orders import AskLog as AskLog
     from .orders import AskStatus as AskStatus
     from .orders import Build as Build
     from .orders import Choose as Choose

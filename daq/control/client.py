@@ -10,6 +10,7 @@ import os
 import threading
 import time
 from contextlib import suppress
+from dataclasses import replace
 from uuid import uuid4
 
 import zmq
@@ -17,24 +18,29 @@ from pydantic import ValidationError
 
 from ..errors import BumpbenchError
 from .address import Address, is_running
+from .log_copy import LogCopy
 from .messages import (
     LIVE,
     LIVE_TOPIC,
     PROTOCOL,
     REPLY,
     REQUEST,
-    STATUS,
+    STATUS_NEWS,
     Live,
+    LogNews,
     Reply,
     Request,
     Status,
+    StatusNews,
 )
-from .orders import Hello, Order
+from .orders import AskLog, Hello, Order
 
 HEARTBEAT_S = 0.5
 """Seconds between two signs of life."""
 _SLICE_S = 0.1
 """Longest wait for a message, s, before checking whether the client was closed."""
+LOG_S = 5.0
+"""Longest wait for the run log, s: of thousands of runs it has megabytes."""
 _NEWS_HELD = 100
 """Published messages kept for a client that does not fetch them."""
 
@@ -66,6 +72,7 @@ class Client:
         self._lock, self._news_lock = threading.Lock(), threading.Lock()
         self._closed = threading.Event()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._log = LogCopy()
         self._requests = self._context.socket(zmq.DEALER)
         self._requests.linger = 0
         self._requests.connect(address.control)
@@ -98,7 +105,20 @@ class Client:
         reply = self._answer(order, timeout_s)
         if isinstance(order, Hello):
             self._hello = Hello(order.name, order.control)
-        return reply
+        if reply.status is None or reply.log is None:
+            return reply
+        return replace(reply, status=self._filled(reply.status, reply.log), log=None)
+
+    def _filled(self, status: Status, log: LogNews) -> Status:
+        """Return a status with all runs; ask for them if changes were missed.
+
+        Raises as `ask`.
+        """
+        if not self._log.take(log):
+            whole = self._answer(AskLog(), LOG_S).log
+            if whole is not None:
+                self._log.take(whole)
+        return self._log.filled(status)
 
     def _answer(self, order: Order, timeout_s: float) -> Reply:
         with self._lock:
@@ -120,20 +140,27 @@ class Client:
         Messages that are not fetched are dropped, the newest first.
         """
         deadline_s = time.monotonic() + timeout_s
+        while (message := self._next(deadline_s)) is not None:
+            topic, *body = message
+            try:
+                if topic == LIVE_TOPIC:
+                    live: Live = LIVE.validate_json(b"".join(body))
+                    return live
+                news: StatusNews = STATUS_NEWS.validate_json(b"".join(body))
+                return self._filled(news.status, news.log)
+            except (ValidationError, RecorderGone, OrderRefused):
+                continue  # of another version, which the replies report; or it has just ended
+        return None
+
+    def _next(self, deadline_s: float) -> list[bytes] | None:
+        """Return the next published message as received; None if there is none in time."""
         with self._news_lock:
             while not self._closed.is_set():
                 left_s = deadline_s - time.monotonic()
-                if not self._news.poll(int(max(0.0, min(left_s, _SLICE_S)) * 1e3)):
-                    if left_s <= 0:
-                        return None
-                    continue
-                topic, *body = self._news.recv_multipart(zmq.NOBLOCK)
-                try:
-                    adapter = LIVE if topic == LIVE_TOPIC else STATUS
-                    message: Status | Live = adapter.validate_json(b"".join(body))
-                except ValidationError:
-                    continue  # of a later version, which the replies report
-                return message
+                if self._news.poll(int(max(0.0, min(left_s, _SLICE_S)) * 1e3)):
+                    return self._news.recv_multipart(zmq.NOBLOCK)
+                if left_s <= 0:
+                    break
         return None
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ from ..runlog.runlog import LoggedRun, Override, Remark
 from ..runs import Excitation, Losses
 from .orders import Order
 
-PROTOCOL = 1
+PROTOCOL = 2
 """Version of the messages, raised when an older client could misread them."""
 STATUS_TOPIC, LIVE_TOPIC = b"status", b"live"
 
@@ -250,6 +250,7 @@ class Status:
     revision: int = 0
     """Revision of the run log, of which `runs`, `notes` and `overrides` are parts."""
     storage: StorageStatus = StorageStatus()
+    """What arrives compared with what is stored."""
 
     @property
     def own_session(self) -> str:
@@ -260,6 +261,34 @@ class Status:
     def outdated(self) -> bool:
         """True if runs, weights or vehicle have changed since the session file was built."""
         return bool(self.own_session) and self.session.revision != self.revision
+
+
+# The run log apart from the status -------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class LogNews:
+    """The state of the run log as a number, and what has changed since the one before."""
+
+    serial: int
+    """One more with each change; two more if the change is not sent."""
+    runs: tuple[LoggedRun, ...] = ()
+    """Runs that are new or changed."""
+    notes: tuple[Remark, ...] = ()
+    """Notes that are new."""
+    overrides: tuple[Override, ...] = ()
+    """Overrides that are new."""
+    whole: bool = False
+    """True if these are all: the answer to `AskLog`."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatusNews:
+    """A status as it is published: it does not grow with the number of runs."""
+
+    status: Status
+    """Without runs, notes and overrides (`daq.control.log_copy`)."""
+    log: LogNews
 
 
 # Live data and answers --------------------------------------------------------------------------
@@ -313,8 +342,11 @@ class Reply:
     """Answer to `AskBench`."""
     check: tuple[CheckItem, ...] = ()
     """Answer to `AskCheck`."""
+    log: LogNews | None = None
+    """Answer to `AskLog`; beside a status on the wire, the run log that it is without."""
     protocol: int = PROTOCOL
 
 
 REQUEST, REPLY = TypeAdapter(Request), TypeAdapter(Reply)
 STATUS, LIVE = TypeAdapter(Status), TypeAdapter(Live)
+STATUS_NEWS, LOG = TypeAdapter(StatusNews), TypeAdapter(LogNews)

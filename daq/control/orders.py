@@ -44,6 +44,13 @@ class AskStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class AskLog:
+    """Ask for all runs, notes and overrides: the status has only the last change of them."""
+
+    order: Literal["log"] = "log"
+
+
+@dataclass(frozen=True, slots=True)
 class AskHistory:
     """Ask for the live samples of the last seconds, for lanes that begin full."""
 
@@ -197,6 +204,7 @@ class ShutDown:
 Order = Annotated[
     Hello
     | AskStatus
+    | AskLog
     | AskHistory
     | AskBench
     | AskCheck
@@ -218,5 +226,5 @@ Order = Annotated[
     | ShutDown,
     Field(discriminator="order"),
 ]
-QUESTIONS = (Hello, AskStatus, AskHistory, AskBench, AskCheck)
+QUESTIONS = (Hello, AskStatus, AskLog, AskHistory, AskBench, AskCheck)
 """Messages that a viewer may send; all others need control."""

@@ -23,20 +23,22 @@ from pydantic_core import from_json
 
 from ..errors import InputError, printable
 from .address import Address, make_private
+from .log_copy import LogSource
 from .messages import (
     LIVE,
     LIVE_TOPIC,
     PROTOCOL,
     REPLY,
     REQUEST,
-    STATUS,
+    STATUS_NEWS,
     STATUS_TOPIC,
     Live,
     Reply,
     Request,
     Status,
+    StatusNews,
 )
-from .orders import QUESTIONS, AskStatus, Hello, Order
+from .orders import QUESTIONS, AskLog, AskStatus, Hello, Order
 from .peers import Peers
 
 MAX_REQUEST_BYTES = 4_000_000
@@ -82,6 +84,7 @@ class Server:
         self._peers = Peers()
         self._pending: list[_Pending] = []
         self._status: Status | None = None
+        self._log = LogSource(time.time_ns())  # another number than that of an earlier recorder
         # The recorder appends without waiting; the oldest are dropped if this thread lags.
         self._news: deque[tuple[Status, Live | None]] = deque(maxlen=_HELD_NEWS)
         self._closing = threading.Event()
@@ -184,10 +187,9 @@ class Server:
         self._status = replace(
             status, controller=self._peers.controller(now_s), viewers=self._peers.viewers(now_s)
         )
+        news = STATUS_NEWS.dump_json(StatusNews(*self._log.parted(self._status)))
         with suppress(zmq.Again):
-            self._publisher.send_multipart(
-                [STATUS_TOPIC, STATUS.dump_json(self._status)], zmq.NOBLOCK
-            )
+            self._publisher.send_multipart([STATUS_TOPIC, news], zmq.NOBLOCK)
             if live is not None:
                 self._publisher.send_multipart([LIVE_TOPIC, LIVE.dump_json(live)], zmq.NOBLOCK)
 
@@ -205,6 +207,8 @@ class Server:
             self._reply(envelope, Reply(number, error, self._status))
         elif isinstance(order, AskStatus) and self._status is not None:
             self._reply(envelope, Reply(number, status=self._status))
+        elif isinstance(order, AskLog):
+            self._reply(envelope, Reply(number, log=self._log.whole))
         elif not isinstance(order, QUESTIONS) and not self._peers.in_control(request.client):
             holder = self._peers.controller(now_s)
             who = f"{holder} is in control" if holder else "you are not in control"
@@ -230,6 +234,9 @@ class Server:
             self._reply(pending.envelope, reply)
 
     def _reply(self, envelope: Sequence[bytes], reply: Reply) -> None:
+        if reply.status is not None:
+            status, log = self._log.parted(reply.status)
+            reply = replace(reply, status=status, log=log)
         with suppress(zmq.ZMQError):  # it does not fetch them, or is gone
             self._requests.send_multipart([*envelope, REPLY.dump_json(reply)], zmq.NOBLOCK)
 

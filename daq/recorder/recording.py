@@ -24,7 +24,7 @@ from ..control.messages import DiskStatus, Live, Phase, QueueStatus, Status, Sto
 from ..control.orders import Acknowledge, Arm, Choose, Configure, Order, Pause
 from ..runlog.entries import verdict_entry
 from ..runlog.fold import advance
-from ..runlog.runlog import Code, RunLog, next_step, parse_label
+from ..runlog.runlog import Code, RunLog, parse_label
 from ..runs import Event, Losses
 from ..samples import health, trigger
 from ..samples.bench_mapping import bench_mapping
@@ -38,7 +38,7 @@ from .live import LiveRing
 from .orders import OrderError, order_event
 from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings
-from .status import NO_DISK, NO_QUEUE, NO_STORAGE, Host, State, build_status
+from .status import NO_DISK, NO_QUEUE, NO_STORAGE, Counts, Host, State, build_status, counts_of
 
 RESTAMPED = "restamped"
 
@@ -82,6 +82,7 @@ class Recording:
         self._live = LiveRing([m.channel.name for m in mapped])
         self._judge = Judge(bench, codec, self.measures)
         self._trigger = trigger.TriggerState()
+        self._counted: tuple[RunLog, Counts] | None = None
         self._alarms = reconfigured(self._alarms)
         # If it was killed after the last run, or plans fewer runs now, it is complete.
         self._loop = run_loop.decided(self._loop, self._surroundings(self._t_ns))
@@ -220,7 +221,7 @@ class Recording:
             self._alarms,
             self.losses,
         )
-        return build_status(now, host, self._bench, self._run_log, state)
+        return build_status(now, host, self._bench, self._run_log, self._counts, state)
 
     def recent(self, seconds: float) -> FrameBatch:
         """Return the raw frames of the last seconds, at most ten."""
@@ -236,7 +237,14 @@ class Recording:
 
     @property
     def _due(self) -> Step | None:
-        return next_step(self._bench.campaign, self._run_log)
+        due = self._counts.due
+        return due.step if due else None
+
+    @property
+    def _counts(self) -> Counts:
+        if self._counted is None or self._counted[0] is not self._run_log:
+            self._counted = self._run_log, counts_of(self._bench, self._run_log)
+        return self._counted[1]
 
     def _configured(self, text: str) -> Bench:
         if self.running:

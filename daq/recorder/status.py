@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ..alarms import AlarmState
 from ..bench.config import Bench
@@ -18,7 +18,7 @@ from ..control.messages import (
     StorageStatus,
     Tally,
 )
-from ..runlog.runlog import Change, LoggedRun, LoggedStatus, RunLog, next_step
+from ..runlog.runlog import Change, LoggedStatus, RunLog, next_step
 from ..runs import Excitation, Losses
 from .run_loop import LoopState
 
@@ -26,8 +26,6 @@ NO_DISK = DiskStatus(1 << 62, 0, 0, 0.0)
 NO_QUEUE = QueueStatus(0, 0, 1)
 NO_STORAGE = StorageStatus()
 """Disk, queue and storage of a recording that has none."""
-_FULL_RUNS = 100
-"""Newest runs of which a status has all findings; a long campaign has sixty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +61,19 @@ class State:
     losses: Losses
 
 
-def build_status(now: Now, host: Host, bench: Bench, run_log: RunLog, state: State) -> Status:
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """What is counted in the run log; with thousands of runs it is kept until the log changes."""
+
+    due: Due | None
+    """The next step; None when the campaign is complete."""
+    tallies: tuple[Tally, ...]
+    """Numbers of runs of each kind, those of the campaign first."""
+
+
+def build_status(
+    now: Now, host: Host, bench: Bench, run_log: RunLog, counts: Counts, state: State
+) -> Status:
     """Return the status message."""
     loop, alarms = state.loop, state.alarms
     return Status(
@@ -80,9 +90,9 @@ def build_status(now: Now, host: Host, bench: Bench, run_log: RunLog, state: Sta
         bump_ns=state.bump_ns,
         peak_left=state.peak_left,
         halted=loop.halted,
-        due=due(bench, run_log),
-        tallies=tallies(bench, run_log),
-        runs=status_runs(run_log),
+        due=counts.due,
+        tallies=counts.tallies,
+        runs=run_log.runs,
         notes=run_log.notes,
         overrides=run_log.overrides,
         undo=_text_of_last(run_log.done),
@@ -102,34 +112,17 @@ def build_status(now: Now, host: Host, bench: Bench, run_log: RunLog, state: Sta
     )
 
 
-def due(bench: Bench, run_log: RunLog) -> Due | None:
-    """Return the next step, None when the campaign is complete."""
-    step = next_step(bench.campaign, run_log)
-    if step is None:
-        return None
-    tally = _tally(bench, run_log, (step.mass_state, step.excitation))
-    text = instruction(bench.procedure, step.excitation)
-    return Due(step, tally.accepted, tally.planned, tally.rejected, text)
-
-
-def tallies(bench: Bench, run_log: RunLog) -> tuple[Tally, ...]:
-    """Return the numbers of runs of each kind, those of the campaign first."""
+def counts_of(bench: Bench, run_log: RunLog) -> Counts:
+    """Count the runs of a run log."""
     kinds = [(step.mass_state, step.excitation) for step in bench.campaign.steps]
     kinds += [(run.mass_state, run.excitation) for run in run_log.runs]
-    return tuple(_tally(bench, run_log, kind) for kind in dict.fromkeys(kinds))
-
-
-def status_runs(run_log: RunLog) -> tuple[LoggedRun, ...]:
-    """Return the runs for a status; the older ones only with the findings that failed.
-
-    After weeks there may be thousands, and the status is published ten times a second.
-    """
-    old, new = run_log.runs[:-_FULL_RUNS], run_log.runs[-_FULL_RUNS:]
-    shortened = (
-        replace(run, findings=tuple(finding for finding in run.findings if not finding.passed))
-        for run in old
-    )
-    return (*shortened, *new)
+    tallies = tuple(_tally(bench, run_log, kind) for kind in dict.fromkeys(kinds))
+    step = next_step(bench.campaign, run_log)
+    if step is None:
+        return Counts(None, tallies)
+    tally = _tally(bench, run_log, (step.mass_state, step.excitation))
+    text = instruction(bench.procedure, step.excitation)
+    return Counts(Due(step, tally.accepted, tally.planned, tally.rejected, text), tallies)
 
 
 def _text_of_last(changes: tuple[Change, ...]) -> str:

@@ -30,9 +30,10 @@ def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
     active = {(alarm.code, alarm.subject) for alarm in status.alarms}
     for code, subject in sorted(known - active):
         yield f"over: {code} {subject}".rstrip(), f"over {code} {subject}"
-    judged = {run.label: run.status for run in before.runs} if before else {}
-    for run in status.runs:
-        if before and judged.get(run.label) != run.status:
+    changed = before is not None and before.runs is not status.runs
+    judged = {run.label: run.status for run in before.runs} if before and changed else {}
+    for run in status.runs if changed else ():
+        if judged.get(run.label) != run.status:
             reasons = f": {'; '.join(run.reasons)}" if run.reasons else ""
             yield f"{run.label} {run.status}{reasons}", ""
     session = status.session

@@ -242,8 +242,8 @@ def test_a_stale_socket_is_replaced(engine: Engine, address: Address) -> None:
         (b'{"client": "c", "number": 9, "order": {"order": "mark"}}', "not a request"),
         (b'{"client": "c", "number": 9, "order": {"order": "fly"}, "protocol": 99}', "protocol 99"),
         (
-            b'{"client": "c", "number": 9, "order": {"order": "status"}, "protocol": 2}',
-            "protocol 2",
+            b'{"client": "c", "number": 9, "order": {"order": "status"}, "protocol": 3}',
+            "protocol 3",
         ),
         (b'{"client": "c", "number": 9, "order": {"order": "pause"}}', "not in control"),
         (b" " * (MAX_REQUEST_BYTES + 1), "the limit is"),

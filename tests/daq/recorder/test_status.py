@@ -1,49 +1,54 @@
-"""The status of a run log, also of one that is weeks long."""
+"""What is counted in a run log, also in one that is weeks long."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import time
 
-from daq.control.messages import STATUS
-from daq.recorder.status import status_runs
-from daq.runlog.entries import verdict_entry
-from daq.runlog.fold import fold
-from daq.runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
-from daq.runs import Event
-from dbc.finding import Finding, Severity
+from daq.bench.config import Bench
+from daq.bus.source import HopLosses
+from daq.clocks import Now
+from daq.control.messages import QueueStatus, SessionStatus
+from daq.recorder.recording import Recording
+from daq.recorder.status import NO_DISK, NO_STORAGE, Host, counts_of
+from daq.runlog.runlog import RunLog
+from daq.runs import Excitation
+from dbc import Codec, FrameBatch
 
-from ..a_status import a_status
+from ..long_run_log import long_run_log
 
-FINE = Finding("too_weak", Severity.NOTE, "3 of 2 m/s2 " * 8, "", "", 3.0, 2.0, "m/s2")
-WEAK = replace(FINE, severity=Severity.ERROR, text="1 of 2 m/s2", advice="bump harder")
-CAMPAIGN, WEEKS = 60, 3000
-
-
-def _run_log(runs: int) -> RunLog:
-    """Return a run_log in which every tenth run is rejected."""
-    events = []
-    for k in range(1, runs + 1):
-        label = f"baseline_bounce_{k}"
-        events.append(Event(10 * k, Code.BUMP, 1.0, label))
-        verdict = [FINE] * 8 + [FINE if k % 10 else WEAK]
-        events.append(verdict_entry(10 * k + 1, label, verdict))
-    return fold(events)
+HOST = Host("id", "folder", "test", NO_DISK, QueueStatus(0, 0, 1), SessionStatus(), NO_STORAGE)
 
 
-def _size(runs: tuple[LoggedRun, ...]) -> int:
-    return len(STATUS.dump_json(replace(a_status(), runs=runs)))
+def test_kinds_beyond_the_campaign_are_counted_behind_it(bench: Bench) -> None:
+    counts = counts_of(bench, RunLog())
+    assert counts.due is not None
+    assert counts.due.step.label == "baseline_bounce_1"
+    counts = counts_of(bench, long_run_log(20))
+    bounce = counts.tallies[0]
+    assert (bounce.mass_state, bounce.excitation) == ("baseline", Excitation.BOUNCE)
+    assert (bounce.accepted, bounce.rejected) == (18, 2)
+    assert counts.due is not None
+    assert counts.due.step.excitation is not Excitation.BOUNCE
 
 
-def test_a_campaign_is_published_whole() -> None:
-    run_log = _run_log(CAMPAIGN)
-    assert status_runs(run_log) == run_log.runs
+def test_a_turn_with_thousands_of_runs_counts_them_only_when_they_change(
+    bench: Bench, codec: Codec
+) -> None:
+    def turns_s(run_log: RunLog) -> float:
+        recording = Recording(bench, codec, _Nowhere(), run_log)
+        recording.status(Now(0, 0.0), HOST)
+        begun_s = time.process_time()
+        for k in range(100):
+            recording.step(FrameBatch.empty(), HopLosses(), Now(k, 0.1 * k))
+            recording.status(Now(k, 0.1 * k), HOST)
+        return time.process_time() - begun_s
+
+    few_s = min(turns_s(long_run_log(20)) for _ in range(3))
+    many_s = min(turns_s(long_run_log(2000)) for _ in range(3))
+    assert many_s < 3 * few_s
 
 
-def test_of_weeks_all_runs_are_published_with_what_stood_against_them() -> None:
-    run_log = _run_log(WEEKS)
-    status = status_runs(run_log)
-    assert [run.label for run in status] == [run.label for run in run_log.runs]
-    assert [run.reasons for run in status] == [run.reasons for run in run_log.runs]
-    assert sum(run.status is LoggedStatus.REJECTED for run in status) == WEEKS // 10
-    assert status[-CAMPAIGN:] == run_log.runs[-CAMPAIGN:]
-    assert _size(status) < _size(run_log.runs) / 5
+class _Nowhere:
+    def append(self, frames: FrameBatch, losses: HopLosses) -> None: ...
+
+    def append_events(self, events: object) -> None: ...
