@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .edit import with_facts as with_facts
     from .edit import with_vehicle as with_vehicle
     from .edit import with_weights as with_weights
+    from .origin import Origin as Origin
     from .procedure import Method as Method
     from .procedure import sketch as sketch
     from .ready_maps import ready_map as ready_map

@@ -30,6 +30,7 @@ from ..vehicle import (
 from .bench_tables import BenchFile, ChannelTable, MessageTable, WeightTable
 from .campaign import Campaign
 from .message_rules import MessageRule, SampleSet, TimeRule, check_sets, ruled_codec
+from .origin import Origin
 from .procedure import Procedure
 from .ready_maps import PREFIX, ready_map
 
@@ -105,6 +106,8 @@ class Bench:
     """How the bumps are made."""
     recorder: RecorderConfig = RecorderConfig()
     """Limits of the recorder."""
+    origin: Origin = Origin.REAL
+    """Where the frames come from; not in bench.toml, but set by whoever opens the buses."""
 
     @property
     def bus(self) -> BusConfig:

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .client import OrderRefused as OrderRefused
     from .client import RecorderGone as RecorderGone
     from .figures_file import write_figures as write_figures
+    from .lock import is_locked as is_locked
     from .lock import lone_recorder as lone_recorder
     from .messages import STATUS as STATUS
     from .messages import BusState as BusState
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from .messages import Phase as Phase
     from .messages import Reply as Reply
     from .messages import SessionState as SessionState
+    from .messages import Setup as Setup
     from .messages import Tally as Tally
     from .orders import QUESTIONS as QUESTIONS
     from .orders import Accept as Accept
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from .orders import AskCheck as AskCheck
     from .orders import AskHistory as AskHistory
     from .orders import AskLog as AskLog
+    from .orders import AskSetup as AskSetup
     from .orders import AskStatus as AskStatus
     from .orders import Build as Build
     from .orders import Choose as Choose
@@ -46,6 +49,8 @@ if TYPE_CHECKING:
     from .orders import Undo as Undo
     from .orders import Until as Until
     from .server import Server as Server
+    from .setup import differences as differences
+    from .setup import setup_of as setup_of
     from .systemd import Systemd as Systemd
     from .systemd import status_line as status_line
 else:

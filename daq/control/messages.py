@@ -13,6 +13,7 @@ from enum import StrEnum
 from pydantic import TypeAdapter
 
 from ..bench.campaign import Step
+from ..bench.origin import Origin
 from ..runlog.runlog import LoggedRun, Override, Remark
 from ..runs import Excitation, Losses
 from .orders import Order
@@ -251,6 +252,8 @@ class Status:
     """Revision of the run log, of which `runs`, `notes` and `overrides` are parts."""
     storage: StorageStatus = StorageStatus()
     """What arrives compared with what is stored."""
+    origin: Origin = Origin.REAL
+    """Where the frames come from."""
 
     @property
     def own_session(self) -> str:
@@ -289,6 +292,22 @@ class StatusNews:
     status: Status
     """Without runs, notes and overrides (`daq.control.log_copy`)."""
     log: LogNews
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What a recorder was started with; of a terminal, what it was started for."""
+
+    origin: Origin
+    """Where the frames come from."""
+    vehicle: str = ""
+    """Name in bench.toml."""
+    bench_crc32: int | None = None
+    """CRC of bench.toml as read from the file; None if a terminal was given none."""
+    dbc_crc32: int | None = None
+    """CRC of the DBC; None as before."""
+    buses: tuple[str, ...] | None = None
+    """Interface and channel of each bus; None if a terminal was given none."""
 
 
 # Live data and answers --------------------------------------------------------------------------
@@ -344,6 +363,8 @@ class Reply:
     """Answer to `AskCheck`."""
     log: LogNews | None = None
     """Answer to `AskLog`; beside a status on the wire, the run log that it is without."""
+    setup: Setup | None = None
+    """Answer to `AskSetup`."""
     protocol: int = PROTOCOL
 
 

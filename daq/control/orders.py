@@ -66,6 +66,13 @@ class AskBench:
 
 
 @dataclass(frozen=True, slots=True)
+class AskSetup:
+    """Ask what the recorder was started with."""
+
+    order: Literal["setup"] = "setup"
+
+
+@dataclass(frozen=True, slots=True)
 class AskCheck:
     """Ask for the bench check over the last seconds of traffic."""
 
@@ -207,6 +214,7 @@ Order = Annotated[
     | AskLog
     | AskHistory
     | AskBench
+    | AskSetup
     | AskCheck
     | Start
     | Configure
@@ -226,5 +234,5 @@ Order = Annotated[
     | ShutDown,
     Field(discriminator="order"),
 ]
-QUESTIONS = (Hello, AskStatus, AskLog, AskHistory, AskBench, AskCheck)
+QUESTIONS = (Hello, AskStatus, AskLog, AskHistory, AskBench, AskSetup, AskCheck)
 """Messages that a viewer may send; all others need control."""

@@ -35,10 +35,11 @@ from .messages import (
     Live,
     Reply,
     Request,
+    Setup,
     Status,
     StatusNews,
 )
-from .orders import QUESTIONS, AskLog, AskStatus, Hello, Order
+from .orders import QUESTIONS, AskLog, AskSetup, AskStatus, Hello, Order
 from .peers import Peers
 
 MAX_REQUEST_BYTES = 4_000_000
@@ -53,6 +54,8 @@ _HELD_NEWS = 16
 """Statuses that wait for this thread; further ones replace the oldest."""
 _LINGER_MS = 300
 """Time for sending the last messages at the end, ms."""
+FIRST_S = 60.0
+"""Seconds that the first client may take to come: a terminal starts together with its recorder."""
 LOOK_S = 1.0
 """Seconds between two looks whether the sockets are still there."""
 _POLL_MS = 500
@@ -75,12 +78,19 @@ class Server:
     """Answers requests and publishes, until it is closed.
 
     `submit`: of the recorder: takes an order and the name of its sender, returns a future without
-    blocking.  `address`: a stale socket there is replaced.  Raises InputError if the server cannot
-    listen there.
+    blocking.  `address`: a stale socket there is replaced.  `setup`: what the recorder was started
+    with; may be changed at any time.  Raises InputError if the server cannot listen there.
     """
 
-    def __init__(self, submit: Callable[[Order, str], Future[Reply]], address: Address) -> None:
+    def __init__(
+        self,
+        submit: Callable[[Order, str], Future[Reply]],
+        address: Address,
+        setup: Setup | None = None,
+    ) -> None:
         self._submit = submit
+        self.setup = setup
+        self._left_s = time.monotonic() + FIRST_S
         self._peers = Peers()
         self._pending: list[_Pending] = []
         self._status: Status | None = None
@@ -109,6 +119,10 @@ class Server:
             raise InputError(str(address.paths[0]), what, "see who owns that directory") from error
         self._thread = threading.Thread(target=self._run, name="control", daemon=True)
         self._thread.start()
+
+    def alone_s(self) -> float:
+        """Return for how long no client has been there, s; the first may take `FIRST_S`."""
+        return max(time.monotonic() - self._left_s, 0.0)
 
     def publish(self, status: Status, live: Live | None) -> None:
         """Publish to all clients; called by the recorder: never blocks, never raises."""
@@ -184,9 +198,10 @@ class Server:
 
     def _send_news(self, status: Status, live: Live | None) -> None:
         now_s = time.monotonic()
-        self._status = replace(
-            status, controller=self._peers.controller(now_s), viewers=self._peers.viewers(now_s)
-        )
+        controller, viewers = self._peers.controller(now_s), self._peers.viewers(now_s)
+        if controller or viewers:
+            self._left_s = now_s
+        self._status = replace(status, controller=controller, viewers=viewers)
         news = STATUS_NEWS.dump_json(StatusNews(*self._log.parted(self._status)))
         with suppress(zmq.Again):
             self._publisher.send_multipart([STATUS_TOPIC, news], zmq.NOBLOCK)
@@ -205,6 +220,8 @@ class Server:
         if isinstance(order, Hello):
             error = self._peers.hello(request.client, order, now_s)
             self._reply(envelope, Reply(number, error, self._status))
+        elif isinstance(order, AskSetup):
+            self._reply(envelope, Reply(number, setup=self.setup))
         elif isinstance(order, AskStatus) and self._status is not None:
             self._reply(envelope, Reply(number, status=self._status))
         elif isinstance(order, AskLog):

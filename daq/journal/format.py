@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 
+from ..bench.origin import Origin
 from ..bus.source import HopLosses
 from ..runs import Event
 
@@ -57,6 +58,8 @@ class JournalHead:
     has been deleted to make room; 0 in journals of older versions."""
     campaign: bool = True
     """False for what is on the bus between two campaigns: it is recorded too, and has no runs."""
+    origin: str = Origin.REAL
+    """Where the frames come from: a value of `Origin`."""
 
     @property
     def identity(self) -> str:
@@ -74,6 +77,7 @@ def head_record(head: JournalHead, segment: int) -> dict[str, str]:
         "recording": head.recording,
         "first_segment": str(head.first_segment),
         "span": _CAMPAIGN if head.campaign else _BETWEEN,
+        "origin": head.origin,
         "bench_crc32": str(zlib.crc32(head.bench_text.encode())),
         "dbc_crc32": str(zlib.crc32(head.dbc_text.encode())),
     }
@@ -98,6 +102,7 @@ def parse_head(
         record.get("recording", ""),
         int(record.get("first_segment", 0)),
         record.get("span", _CAMPAIGN) == _CAMPAIGN,
+        record.get("origin", Origin.REAL),
     )
     return head, int(record["segment"])
 

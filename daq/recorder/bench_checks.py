@@ -27,4 +27,4 @@ def configured(old: Bench, text: str) -> Bench:
         raise OrderError("bench.toml names other buses: end the recorder and start it with them")
     if bench.dbc_name != before.dbc_name:
         raise OrderError("bench.toml names another DBC: end the recorder and start it with it")
-    return replace(bench, buses=old.buses, dbc_name=old.dbc_name)
+    return replace(bench, buses=old.buses, dbc_name=old.dbc_name, origin=old.origin)

@@ -123,6 +123,7 @@ def _head(bench: Bench, software: str, now: Now, *, campaign: bool) -> JournalHe
         round(now.monotonic_s * 1e9),
         uuid.uuid4().hex,
         campaign=campaign,
+        origin=bench.origin,
     )
 
 
@@ -136,6 +137,9 @@ def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | None:
         tail = last_recording(journal)
         if tail is None or tail.ended or not tail.head.recording or not tail.head.campaign:
             return None
+        if tail.head.origin != bench.origin:
+            _log.warning(NOT_RESUMED, f"its frames are {tail.head.origin}, not {bench.origin}")
+            return None
         text = fold(tail.events).bench_text or tail.head.bench_text
         if tail.head.dbc_text != bench.dbc_text:
             _log.warning(NOT_RESUMED, "it is of another DBC")
@@ -144,7 +148,11 @@ def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | None:
             _log.warning(OWN_BENCH)
             recorded = parse_bench(text, "bench.toml in the journal", Path(), bench.dbc_text)
             bench = replace(
-                recorded, buses=bench.buses, dbc_name=bench.dbc_name, recorder=bench.recorder
+                recorded,
+                buses=bench.buses,
+                dbc_name=bench.dbc_name,
+                recorder=bench.recorder,
+                origin=bench.origin,
             )
     except (BumpbenchError, OSError) as error:  # the old recording stays as it is
         _log.warning(NOT_RESUMED, error)

@@ -109,6 +109,7 @@ def build_status(
         software=host.software,
         revision=run_log.revision,
         storage=host.storage,
+        origin=bench.origin,
     )
 
 

@@ -48,7 +48,7 @@ def report_of(
         ]
     sections += [run_section(session, result), provenance_section(session, document, source)]
     return Report(
-        vehicle=session.vehicle.name or "vehicle without a name",
+        vehicle=_title(session),
         created=session.provenance.get("created", ""),
         source=source,
         verdict=result.quality.verdict,
@@ -59,6 +59,13 @@ def report_of(
         document=document,
         data=prediction_data(checks.predictions),
     )
+
+
+def _title(session: Session) -> str:
+    """Return the vehicle's name, and that it was not measured if so."""
+    name = session.vehicle.name or "vehicle without a name"
+    origin = session.provenance.get("origin", "real")
+    return name if origin == "real" else f"{name} ({origin}, not measured)"
 
 
 def _highlights(

@@ -97,7 +97,7 @@ def test_auto_begins_by_itself(tmp_path: Path) -> None:
     with demo_bench(tmp_path, 5.0) as bench:
         bench.started()
         bench.skip_to_bumps()
-        terminal = PtyTerminal("--auto", "--operator", "MK", "--out", str(bench.folder))
+        terminal = PtyTerminal("--demo", "--auto", "--operator", "MK", "--out", str(bench.folder))
         try:
             terminal.until(b"]2;ACCEPTED")
         finally:

@@ -20,7 +20,7 @@ SPEED = 2.0
 
 
 async def kill_the_terminal_in_mid_decay(bench: DemoBench) -> None:
-    terminal = PtyTerminal("--out", str(bench.folder), "--auto", "--operator", "MK")
+    terminal = PtyTerminal("--demo", "--out", str(bench.folder), "--auto", "--operator", "MK")
     terminal.until(b"]2;DECAY")
     during = bench.wait(lambda status: status.phase is Phase.DECAY)
     terminal.kill()

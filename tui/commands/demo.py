@@ -26,10 +26,11 @@ def demo(
     import os
     import threading
     import time
+    from dataclasses import replace
 
     import identify as method
     from daq import Status, bench_codec, load_bench, open_source
-    from daq.bench import on_bus, parse_bench, with_vehicle
+    from daq.bench import Origin, on_bus, parse_bench, with_vehicle
     from daq.bus import open_bus
     from daq.control import Phase, lone_recorder
     from daq.replay import play
@@ -53,6 +54,7 @@ def demo(
         text = with_vehicle(described.text, chosen.title, described.vehicle.structure)
         described = parse_bench(text, "bench.toml (shipped)", Path())
     bench = on_bus(described, "virtual", f"bumpbench-demo-{os.getpid()}")
+    bench = replace(bench, origin=Origin.SIMULATED)
     simulated = chosen.simulated()
     armed, stop = threading.Event(), threading.Event()
 

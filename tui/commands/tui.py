@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     import subprocess
     from collections.abc import Callable
 
+    from daq.control import Setup
+
 FAULTS = ("double-bump", "overload", "lost-frames", "weak", "wrong-mode", "unplug")
 
 
@@ -63,6 +65,8 @@ def tui(
     from ..terminal.state.feed import RecorderFeed
     from ..terminal.state.glyphs import choose_glyphs
 
+    _check_options(demo, fault, replay)
+    wanted = _wanted(bench, interface, channel, demo, replay)
     if web:
         return _serve(sys.argv[1:])
     _check_terminal()
@@ -70,9 +74,9 @@ def tui(
     start = _starter(folder, bench, (interface, channel), demo, fault, speed, replay)
     name = operator or known_operator(folder, demo)
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
-    attach(folder, start)
     chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
-    app = BenchApp(feed, folder, chosen, name, theme, auto)
+    app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted)
+    attach(folder, start)  # once nothing can be wrong with the command any more
     app.run()
     return app.return_code or ExitCode.OK
 
@@ -109,6 +113,44 @@ def attach(folder: Path, start: Callable[[], subprocess.Popen[bytes]]) -> None:
         start()
 
 
+def _check_options(demo: bool, fault: str | None, replay: Path | None) -> None:
+    """Raise InputError for options that do not fit together."""
+    from daq import InputError
+
+    if demo and replay:
+        raise InputError("--demo", "cannot be combined with --replay", "leave one out")
+    if fault and not demo:
+        raise InputError("--fault", "works on simulated runs only", "add --demo")
+    if fault and fault not in FAULTS:
+        raise InputError("--fault", f"{fault} is no fault", f"use one of {', '.join(FAULTS)}")
+    if replay:
+        _check_is_there(replay)
+
+
+def _wanted(
+    bench: Path | None, interface: str | None, channel: str | None, demo: bool, replay: Path | None
+) -> Setup:
+    """Return what the terminal is started for; what is not named may be anything.
+
+    Raises InputError if the bench that is named is bad, also if a recorder runs already.
+    """
+    from dataclasses import replace
+
+    from daq import load_bench
+    from daq.bench import Origin
+    from daq.control import Setup, setup_of
+
+    from ..bench import shared_bench
+
+    origin = Origin.SIMULATED if demo else Origin.REPLAYED if replay else Origin.REAL
+    if replay or not (bench or interface or channel):
+        return Setup(origin)
+    if demo:
+        return replace(setup_of(load_bench(bench)), origin=origin, buses=None)
+    setup = setup_of(shared_bench(bench, interface, channel))
+    return setup if bench else Setup(origin, buses=setup.buses)
+
+
 def _starter(
     folder: Path,
     bench: Path | None,
@@ -118,22 +160,13 @@ def _starter(
     speed: float,
     replay: Path | None,
 ) -> Callable[[], subprocess.Popen[bytes]]:
-    """Return what starts the recorder that is wanted; wrong options raise at once."""
-    from daq import InputError
-
+    """Return what starts the recorder that is wanted."""
     from ..bench import shared_bench
     from ..recorders.process import start_demo_recorder, start_recorder, start_replay_recorder
 
-    if demo and replay:
-        raise InputError("--demo", "cannot be combined with --replay", "leave one out")
-    if fault and not demo:
-        raise InputError("--fault", "works on simulated runs only", "add --demo")
-    if fault and fault not in FAULTS:
-        raise InputError("--fault", f"{fault} is no fault", f"use one of {', '.join(FAULTS)}")
     if demo:
         return lambda: start_demo_recorder(folder, speed, fault or "", bench=bench)
     if replay:
-        _check_is_there(replay)
         return lambda: start_replay_recorder(folder, replay, speed)
 
     def start() -> subprocess.Popen[bytes]:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,8 @@ BY = "record"
 TURN_S = 0.1
 """Seconds between two turns of the main thread."""
 FIGURES_S = 5.0
+LEFT_S = 10.0
+"""Seconds without any terminal after which a recorder that is attended ends."""
 SAME_S = 0.5
 """Seconds within which two signals count as one: timeout(1) signals process and group."""
 REPORT_S = 1.0
@@ -55,21 +58,23 @@ class Habits:
     """Called with every status, in the writer's thread."""
     stay: bool = False
     """Keep a complete campaign open, so that a terminal can go on to its results."""
+    attended: bool = False
+    """End with the last terminal: what a demonstration records is no measurement."""
     end: threading.Event = field(default_factory=threading.Event)
     """Ends the recorder as a signal does."""
 
 
 def run_recorder(
-    recorder: Recorder, folder: Path, habits: Habits, log: Log, stage: Stage
+    recorder: Recorder, bench: Bench, folder: Path, habits: Habits, log: Log, stage: Stage
 ) -> Status:
     """Run a recorder until its campaign is complete, a signal comes or a client shuts it down.
 
-    Returns the last one: its `session` says where the session file is.  Raises InputError if no
-    client could speak to it.
+    `bench`: that it was started with.  Returns the last one: its `session` says where the session
+    file is.  Raises InputError if no client could speak to it.
     """
-    from daq.control import Server, Systemd, control_address
+    from daq.control import Server, Systemd, control_address, setup_of
 
-    server = Server(recorder.submit, control_address(folder))
+    server = Server(recorder.submit, control_address(folder), setup_of(bench))
     systemd = Systemd()
     try:
         with _signals(habits.end) as signals:
@@ -135,6 +140,10 @@ class _Daemon:
         self._writer.start()
         while self._writer.is_alive():
             self._writer.join(TURN_S)
+            attended = self._habits.attended and not signals.end.is_set()
+            if attended and self._server.alone_s() > LEFT_S:
+                self._log.line("the last terminal has gone, and a demonstration ends with it")
+                signals.end.set()
             if signals.end.is_set() and (self._habits.keep_on or self._status is None):
                 self._stop.set()
             if self._status is None:
@@ -206,10 +215,14 @@ class _Daemon:
             self._log.line(f"reload: {error}; the bench.toml in force stays")
             return
         answer = self._recorder.reload(bench)
-        answer.add_done_callback(self._log_reload)
+        answer.add_done_callback(partial(self._reloaded, bench))
 
-    def _log_reload(self, answer: Future[Reply]) -> None:
+    def _reloaded(self, bench: Bench, answer: Future[Reply]) -> None:
+        from daq.control import setup_of
+
         error = None if answer.cancelled() else answer.exception()
+        if error is None:
+            self._server.setup = setup_of(bench)
         text = f"{error}; the bench.toml in force stays" if error else "bench.toml reloaded"
         self._log.line(f"reload: {text}")
 

@@ -29,9 +29,10 @@ def demo_recorder(
 ) -> None:
     """Record a simulated bench, idle, until a client shuts it down."""
     import time
+    from dataclasses import replace
 
-    from daq import InputError, Status, bench_codec, load_bench
-    from daq.bench import BusConfig
+    from daq import Bench, InputError, Status, bench_codec, load_bench
+    from daq.bench import BusConfig, Origin
     from daq.bus import FrameSource
     from daq.control import lone_recorder
     from daq.sim import Fault, SimulatedBench, SimulatedCar
@@ -43,7 +44,7 @@ def demo_recorder(
 
     if fault and fault not in tuple(Fault):
         raise InputError(f"--fault {fault}", "is unknown", f"one of {', '.join(Fault)}")
-    described = load_bench(bench)
+    described = replace(load_bench(bench), origin=Origin.SIMULATED)
     latest: list[Status] = []
     simulated = SimulatedBench(
         described,
@@ -64,7 +65,10 @@ def demo_recorder(
     def follow(status: Status) -> None:
         latest[:] = [status]
 
-    habits = Habits(False, True, None, lambda: load_bench(bench), follow)
+    def reread() -> Bench:
+        return replace(load_bench(bench), origin=Origin.SIMULATED)
+
+    habits = Habits(False, True, None, reread, follow, attended=True)
     with lone_recorder(folder), Log(log) as lines, progress("demo") as stage:
         record_campaign(described, open_source, folder, habits, lines, stage)
 

@@ -15,7 +15,8 @@ BETWEEN = "between two campaigns, recording goes on"
 def news(before: Status | None, status: Status) -> Iterator[tuple[str, str]]:
     """Yield the log lines of a change of status, each with the key that limits its number."""
     if before is None:
-        yield f"recording {status.vehicle} into {status.folder}", ""
+        origin = "" if status.origin == "real" else f" ({status.origin})"
+        yield f"recording {status.vehicle}{origin} into {status.folder}", ""
     elif before.recording != status.recording:
         now = f"campaign of {status.vehicle} begun" if status.recording else BETWEEN
         yield now, ""
@@ -69,7 +70,8 @@ def status_lines(status: Status) -> Iterator[str]:
     """Yield a status in a few lines for a person."""
     from daq.control import status_line
 
-    yield f"{status.vehicle}, into {status.folder}: {status_line(status)}"
+    what = status.vehicle if status.origin == "real" else f"{status.vehicle} ({status.origin})"
+    yield f"{what}, into {status.folder}: {status_line(status)}"
     done, text = progress_words(status)
     yield f"{status.phase}: {text} ({done:.0%})"
     for bus in status.buses:

@@ -73,7 +73,7 @@ def record_campaign(
         habits = replace(habits, reread=lambda: _unreviewed(reread()))
         bench = _unreviewed(bench)
     recorder = Recorder(bench, out, open_source, software=f"bumpbench {version('bumpbench')}")
-    return run_recorder(recorder, out, habits, log, stage)
+    return run_recorder(recorder, bench, out, habits, log, stage)
 
 
 def _unreviewed(bench: Bench) -> Bench:

@@ -28,7 +28,7 @@ def replay_recorder(
     from dataclasses import replace
 
     from daq import InputError, read_foreign_session
-    from daq.bench import BusConfig, parse_bench
+    from daq.bench import BusConfig, Origin, parse_bench
     from daq.bus import FrameSource
     from daq.control import lone_recorder
     from daq.replay import RecordedSource, whole_frames
@@ -47,12 +47,12 @@ def replay_recorder(
     bench = parse_bench(about["bench_toml"], str(session), Path(), dbc_text=about["dbc"])
     # Without a driver: such a bus reports its end and is not opened again.
     buses = tuple(BusConfig("virtual", f"session{i}", b.bitrate) for i, b in enumerate(bench.buses))
-    bench = replace(bench, buses=buses)
+    bench = replace(bench, buses=buses, origin=Origin.REPLAYED)
 
     def open_source(bus: BusConfig, number: int) -> FrameSource:
         return RecordedSource(frames, number, speed, time.time_ns())
 
-    habits = Habits(True, True, None, lambda: bench, stay=True)
+    habits = Habits(True, True, None, lambda: bench, stay=True, attended=True)
     with lone_recorder(folder), Log(log) as lines, progress("replay") as stage:
         record_campaign(bench, open_source, folder, habits, lines, stage)
 

@@ -20,10 +20,11 @@ from textual.message import Message
 from textual.screen import Screen
 
 from daq import InputError, Status
-from daq.control import QUESTIONS, AskBench, AskHistory, Hello, Live, Order, Phase, Reply
+from daq.control import QUESTIONS, AskBench, AskHistory, Hello, Live, Order, Phase, Reply, Setup
 from daq.errors import printable
 
 from .screens.news import LiveArrived, RecorderLost, StatusArrived
+from .screens.other_recorder import OtherRecorder
 from .state.feed import Feed, Lost, News, Refused, Role
 from .state.glyphs import Glyphs, GlyphSet
 from .state.lanes import Lanes
@@ -68,7 +69,7 @@ class BenchApp(App[None]):
 
     `folder`: the recorder's; sessions and reports are in it.  `operator`: the person; the journal
     stores this name with every verdict.  `auto`: press SPACE whenever there is a next action.
-    `clock`: monotonic seconds, for the lock-out of held keys.
+    `clock`: monotonic seconds, for the lock-out of held keys.  `wanted`: setup of its recorder.
     """
 
     CSS_PATH = "app.tcss"
@@ -97,6 +98,7 @@ class BenchApp(App[None]):
         theme: str = "bench-dark",
         auto: bool = False,
         clock: Callable[[], float] = time.monotonic,
+        wanted: Setup | None = None,
     ) -> None:
         super().__init__()
         for made in THEMES:
@@ -120,6 +122,7 @@ class BenchApp(App[None]):
         self._news: deque[News] = deque(maxlen=MOST_NEWS)
         self._role = Role(False)
         self._started = False
+        self._other = OtherRecorder(self, wanted)
         self._halted = ""
         self._history_of = ""
 
@@ -169,6 +172,8 @@ class BenchApp(App[None]):
                 live = True
             elif isinstance(news, Role):
                 self._history_of = ""
+            elif isinstance(news, Setup):
+                self._other.compare(news, self._role.in_control)
             else:
                 self.lost, status = news, None
                 self._publish(RecorderLost())
@@ -188,7 +193,7 @@ class BenchApp(App[None]):
             self.run_worker(self._fetch_history(), group="history", exclusive=True)
         if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
             self.run_worker(self._fetch_bench(), group="bench", exclusive=True)
-        if not self._started:
+        if not self._started and not self._other.asking:
             self._started = True
             step = BenchStep.BASELINE if _waits_unarmed(status) else progress(status).due
             await self.go_to(step)

@@ -10,22 +10,27 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import zmq
 
+from daq.bench.origin import Origin
 from daq.control.address import Address, control_address, is_running
 from daq.control.client import Client, OrderRefused, RecorderGone
 from daq.control.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status
-from daq.control.orders import Arm, AskBench, AskStatus, Hello, Mark, Order, Pause
+from daq.control.orders import Arm, AskBench, AskSetup, AskStatus, Hello, Mark, Order, Pause
 from daq.control.peers import Peers
 from daq.control.server import MAX_REQUEST_BYTES, Server
+from daq.control.setup import setup_of
 from daq.errors import InputError
 
 from ..a_status import a_status
+from ..small_campaign import small_bench
 
 PATIENCE_S = 150.0
 
@@ -374,6 +379,42 @@ def test_the_directory_is_private_and_ones_own(
     monkeypatch.setattr(os, "getuid", lambda: tmp_path.stat().st_uid + 1)
     with pytest.raises(InputError, match="belongs to somebody else"):
         control_address(tmp_path)
+
+
+def test_a_client_asks_what_the_recorder_was_started_with(server: Server, address: Address) -> None:
+    client = Client(address, "Anna", control=False)
+    assert client.ask(AskSetup()).setup is None
+    bench = small_bench()
+    server.setup = setup_of(replace(bench, origin=Origin.SIMULATED))
+    told = client.ask(AskSetup()).setup
+    client.close()
+    assert told is not None
+    assert (told.origin, told.vehicle) == (Origin.SIMULATED, bench.vehicle.name)
+    assert told.bench_crc32 == zlib.crc32(bench.text.encode())
+    assert told.dbc_crc32 == zlib.crc32(bench.dbc_text.encode())
+    assert told.buses == tuple(f"{bus.interface} {bus.channel}" for bus in bench.buses)
+
+
+def test_the_server_knows_for_how_long_no_client_has_been_there(
+    server: Server, address: Address, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun_s = time.monotonic()
+
+    def alone_at(later_s: float) -> float:
+        with monkeypatch.context() as patch:
+            patch.setattr("daq.control.server.time.monotonic", lambda: begun_s + later_s)
+            return server.alone_s()
+
+    assert alone_at(59.0) == 0.0
+    assert alone_at(70.0) == pytest.approx(10.0, abs=2.0)
+    client = Client(address, "Anna", control=False)
+
+    def seen() -> bool:
+        server.publish(a_status(1), None)
+        return alone_at(70.0) > 20.0  # counted from now on, not from the first minute's end
+
+    until(seen)
+    client.close()
 
 
 @pytest.fixture

@@ -25,6 +25,7 @@ from daq.control.messages import (
     Reply,
     SessionState,
     SessionStatus,
+    Setup,
     Status,
     Tally,
 )
@@ -112,6 +113,7 @@ class FakeRecorder:
         self.t_ns = WALL_NS
         self.bump_ns = 0
         self.restarts = 0
+        self.setup: Setup | None = None
         self._post: Callable[[News], None] = lambda _: None
 
     # The feed -----------------------------------------------------------------------------------
@@ -119,6 +121,8 @@ class FakeRecorder:
     def start(self, post: Callable[[News], None]) -> None:
         self._post = post
         post(Role(self.in_control, "" if self.in_control else "JL is in control"))
+        if self.setup is not None:
+            post(self.setup)
         post(self.status)
 
     def stop(self) -> None:

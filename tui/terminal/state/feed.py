@@ -6,6 +6,7 @@ import asyncio
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -13,6 +14,7 @@ from typing import Protocol
 from daq import BumpbenchError, Status
 from daq.control import (
     AskCheck,
+    AskSetup,
     Client,
     Hello,
     Live,
@@ -20,7 +22,9 @@ from daq.control import (
     OrderRefused,
     RecorderGone,
     Reply,
+    Setup,
     control_address,
+    is_locked,
     is_running,
 )
 
@@ -31,6 +35,8 @@ HEIR_S = 4.0
 """Seconds in which a new terminal takes control once it is free: the one before was killed."""
 BIRTH_S = 5.0
 """Seconds that a new recorder may take to answer; two suffice on a fast machine."""
+END_S = 20.0
+"""Seconds that a recorder which was shut down may take to end."""
 SILENT_S = 2.0
 """Seconds without news after which a recorder counts as lost; it publishes ten times a second."""
 
@@ -55,7 +61,7 @@ class Role:
     """Why it may not; empty if it may."""
 
 
-News = Status | Live | Lost | Role
+News = Status | Live | Lost | Role | Setup
 
 
 class Refused(Exception):  # noqa: N818 - that is what happened
@@ -78,7 +84,7 @@ class Feed(Protocol):
         """Ask for control, also if another terminal has it."""
 
     def restart(self) -> None:
-        """Start a recorder if none runs."""
+        """Start a recorder, as soon as the one before has ended."""
 
     def stop(self) -> None:
         """End."""
@@ -114,10 +120,15 @@ class RecorderFeed:
         self._reconnect.set()
 
     def restart(self) -> None:
-        """Start a recorder; the listener finds it.
+        """Start a recorder, as soon as the one before has ended; the listener finds it.
 
-        Raises Refused if it does not come up.
+        Raises Refused if it does not come up, or the one before does not end.
         """
+        deadline_s = time.monotonic() + END_S
+        while is_locked(self._folder):
+            if time.monotonic() > deadline_s:
+                raise Refused(f"the recorder in {self._folder} has not ended: see its log")
+            time.sleep(RETRY_S / 5)
         try:
             self._start_recorder()
         except BumpbenchError as error:
@@ -180,6 +191,10 @@ class RecorderFeed:
             post(Role(False, str(error)))
         else:
             post(Role(True))
+        # One of an earlier version does not know the question.
+        with suppress(OrderRefused, RecorderGone):
+            if (setup := client.ask(AskSetup()).setup) is not None:
+                post(setup)
         return client
 
     def _post_news(self, client: Client, post: Callable[[News], None]) -> str:

@@ -8,6 +8,7 @@ from textual.content import Content
 from textual.screen import Screen
 
 from daq import Status
+from daq.bench import Origin
 from daq.control import BusState
 from daq.errors import printable
 
@@ -42,8 +43,13 @@ class TopLine(Words):
         vehicle, who = printable(status.vehicle, 24), f"op. {printable(app.operator, 12)}"
         if not app.in_control:
             who = "VIEWER"
-        lefts = [f" BUMP  {vehicle} · {day} · {who}", f" {vehicle} · {day} · {who}"]
-        lefts += [f" {vehicle} · {who}"]
+        if status.origin is Origin.REAL:
+            lefts = [f" BUMP  {vehicle} · {day} · {who}", f" {vehicle} · {day} · {who}"]
+            lefts += [f" {vehicle} · {who}"]
+        else:
+            mark = status.origin.upper()
+            lefts = [f" {mark}  {vehicle} · {day} · {who}", f" {mark}  {vehicle} · {who}"]
+            lefts += [f" {mark}  {who}"]
         right: list[tuple[str, str] | str] = []
         for bus in status.buses:
             good = bus.state is BusState.OK
