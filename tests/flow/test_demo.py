@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import daq
+from daq.journal.folder import recordings
 from daq.journal.reader import read_journal
 from tui.cli import run
 
@@ -45,7 +46,8 @@ def test_demo(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert all(not any(run["losses"].values()) for run in runs)
 
     # Every frame that the car sent is in the journal, and those of a run are in the session.
-    journal = read_journal(sorted((out / "journal").glob("*.mcap")))
+    campaign, *_ = recordings(out / "journal")  # what follows it is on the bus afterwards
+    journal = read_journal(campaign.segments)
     assert not journal.lost.any
     first = daq.read_session(session).runs[0].frames
     start = int(np.searchsorted(journal.frames.t_ns, first.t_ns[0]))

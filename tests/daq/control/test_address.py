@@ -1,0 +1,129 @@
+"""Where a recorder's sockets are: in a directory that is proven to be of its user."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import tempfile
+from concurrent.futures import Future
+from pathlib import Path
+
+import pytest
+
+from daq.control.address import control_address
+from daq.control.messages import Reply
+from daq.control.orders import Order
+from daq.control.server import Server
+from daq.errors import InputError
+
+
+def _unused(_: Order, by: str) -> Future[Reply]:
+    raise AssertionError(by)
+
+
+def test_the_directory_is_private_and_ones_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = tmp_path / "run"
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(mine))
+    monkeypatch.setattr("daq.control.address.MAX_PATH_BYTES", 200)
+    address = control_address(tmp_path)
+    assert address == control_address(tmp_path / "x" / "..")
+    assert address != control_address(tmp_path / "x")
+    assert stat.S_IMODE(mine.stat().st_mode) == 0o700
+    mine.chmod(0o755)
+    control_address(tmp_path)
+    assert stat.S_IMODE(mine.stat().st_mode) == 0o700
+    monkeypatch.undo()
+
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path / ("d" * 100)))
+    with pytest.raises(InputError, match="too long"):
+        control_address(tmp_path)
+    occupied = tmp_path / "file"
+    occupied.write_text("")
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(occupied))
+    with pytest.raises(InputError, match="File exists"):
+        control_address(tmp_path)
+    elsewhere = tmp_path / "link"
+    elsewhere.symlink_to(tmp_path)
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(elsewhere))
+    with pytest.raises(InputError, match="belongs to somebody else"):
+        control_address(tmp_path)
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    monkeypatch.setattr(os, "getuid", lambda: tmp_path.stat().st_uid + 1)
+    with pytest.raises(InputError, match="belongs to somebody else"):
+        control_address(tmp_path)
+
+
+@pytest.fixture
+def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    """Directories of a user without settings of systemd: for run-time files, and for state."""
+    user, state = tmp_path / "u", tmp_path / "s"
+    user.mkdir(mode=0o700)
+    monkeypatch.delenv("RUNTIME_DIRECTORY")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(user))
+    monkeypatch.setenv("XDG_STATE_HOME", str(state))
+    monkeypatch.setattr("daq.control.address.MAX_PATH_BYTES", 200)
+    monkeypatch.setattr("daq.control.address._SERVICE", tmp_path / "service")
+    return user / "bumpbench", state / "bumpbench" / "run"
+
+
+def _directory(tmp_path: Path) -> Path:
+    return control_address(tmp_path).paths[0].parent
+
+
+def test_the_directory_is_that_of_the_user_and_never_a_shared_one(
+    tmp_path: Path, places: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    user, state = places
+    assert _directory(tmp_path) == user
+    user.rmdir()
+    user.symlink_to(tmp_path)  # somebody else was faster
+    assert _directory(tmp_path) == state
+    assert stat.S_IMODE(state.stat().st_mode) == 0o700
+    state.rmdir()
+    state.write_text("")
+    with pytest.raises(InputError, match="belongs to somebody else"):
+        control_address(tmp_path)
+    state.unlink()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))  # after the last logout
+    assert _directory(tmp_path) == state
+    assert not (tmp_path / "gone").exists()
+
+
+@pytest.mark.parametrize(("mode", "ours"), [(0o755, True), (0o720, False), (0o702, False)])
+def test_a_directory_that_others_may_have_written_to_is_not_used(
+    tmp_path: Path, places: tuple[Path, Path], mode: int, ours: bool
+) -> None:
+    user, state = places
+    user.mkdir()
+    user.chmod(mode)
+    assert _directory(tmp_path) == (user if ours else state)
+
+
+def test_a_recorder_with_other_settings_is_found(
+    tmp_path: Path,
+    places: tuple[Path, Path],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    short = Path(tempfile.mkdtemp(prefix="bb"))
+    try:
+        monkeypatch.setenv("RUNTIME_DIRECTORY", str(short))
+        there = control_address(tmp_path)
+        server = Server(_unused, there)
+        monkeypatch.delenv("RUNTIME_DIRECTORY")
+        assert control_address(tmp_path) != there
+        monkeypatch.setattr("daq.control.address._SERVICE", short)  # as root sees the unit's
+        assert control_address(tmp_path) == there
+        short.chmod(0o777)  # it may be anybody's
+        assert control_address(tmp_path) != there
+        server.close()
+    finally:
+        shutil.rmtree(short)
+
+
+def test_no_sockets_no_recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(os, "getuid")
+    with pytest.raises(InputError, match="Linux or macOS"):
+        control_address(tmp_path)
