@@ -119,7 +119,7 @@ def _recording(
 ) -> tuple[NDArray[np.float64], ...]:
     channels = early.group.channels
     level = np.sqrt(at.weights(early.group))[:, None]
-    basis = at.basis(early)
+    basis = at.basis(early).values
     by_unknown = np.einsum("nm,cmp->ncp", basis[:, : J.shape[1]], J, optimize=True) * level
     by_linear = np.einsum("nm,cms->ncs", basis, stack, optimize=True) * level
     error = early.values * level[:, 0] - by_linear @ linear.solution

@@ -178,7 +178,7 @@ def residuals(
         for r, product, stack in zip(
             decay.recordings, linear.products, linear.coefficients, strict=True
         ):
-            left = r.values - at.basis(r) @ (stack @ linear.solution).T
+            left = r.values - at.basis(r).values @ (stack @ linear.solution).T
             for c, channel in enumerate(r.group.channels):
                 values[channel.name] = left[:, c]
                 used = stack[c].T @ product.gram @ stack[c] * linear.normal_inverse

@@ -8,13 +8,13 @@ unknowns of the grey box are iterated (variable projection).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
-from ..model.exponentials import Change, Outputs, Products, Spectrum, products, spectrum
+from ..model.exponentials import Change, Outputs, Spectrum, spectrum
 from ..model.low_pass import LowPass, low_pass_of
 from .grey_box import GreyBox, System
 
@@ -46,6 +46,18 @@ class GroupAt:
 
 
 @dataclass(frozen=True, slots=True)
+class Basis:
+    """The functions that all recordings of a group with the same times consist of."""
+
+    time_s: NDArray[np.float64]
+    """As sampled, shape (n_samples,)."""
+    values: NDArray[np.float64]
+    """The functions at these times, shape (n_samples, 28 + order + 1)."""
+    gram: NDArray[np.float64]
+    """Their products with each other, summed over the samples."""
+
+
+@dataclass(frozen=True, slots=True)
 class Evaluated:
     """A mass state at one point of the unknowns."""
 
@@ -59,6 +71,8 @@ class Evaluated:
     """Change of the state matrix with each unknown."""
     groups: tuple[GroupAt, ...]
     """As `box.groups`."""
+    _latest: dict[int, Basis] = field(default_factory=dict)
+    """The last basis of each group: runs that were sampled alike share it."""
 
     def group(self, group: ChannelGroup) -> GroupAt:
         """Return what is known of a group at this point."""
@@ -68,8 +82,16 @@ class Evaluated:
         """Return when the motion was as sampled, lateness as estimated."""
         return recording.time_s - self.group(recording.group).late_s
 
-    def basis(self, recording: Recording) -> NDArray[np.float64]:
-        """Return the functions that the recording consists of, (n_samples, 28 + order + 1)."""
+    def basis(self, recording: Recording) -> Basis:
+        """Return the functions that the recording consists of."""
+        index = self.box.groups.index(recording.group)
+        last = self._latest.get(index)
+        if last is None or not np.array_equal(last.time_s, recording.time_s):
+            values = self._functions(recording)
+            last = self._latest[index] = Basis(recording.time_s, values, values.T @ values)
+        return last
+
+    def _functions(self, recording: Recording) -> NDArray[np.float64]:
         time = self.time_s(recording)
         own = self.group(recording.group).low_pass.transients(time)
         out = self.modes.basis(time, own.shape[1] + 1)
@@ -123,6 +145,18 @@ def _group_at(
 
 
 @dataclass(frozen=True, slots=True)
+class Products:
+    """A recording seen through the basis."""
+
+    gram: NDArray[np.float64]
+    """Products of the basis functions with each other, summed over the samples, shape (m, m)."""
+    cross: NDArray[np.float64]
+    """Products with the samples, shape (m, n_channels)."""
+    power: NDArray[np.float64]
+    """Sum of squares of the samples, shape (n_channels,)."""
+
+
+@dataclass(frozen=True, slots=True)
 class LinearPart:
     """The linear part of one decay, fitted."""
 
@@ -139,7 +173,7 @@ class LinearPart:
 
 def linear_part(at: Evaluated, decay: FreeDecay) -> LinearPart:
     """Fit the linear part of a decay."""
-    seen = tuple(products(at.basis(r), r.values) for r in decay.recordings)
+    seen = tuple(_products(at.basis(r), r.values) for r in decay.recordings)
     coefficients = linear_coefficients(at, decay)
     size = coefficients[0].shape[-1]
     normal, right = np.zeros((size, size)), np.zeros(size)
@@ -150,6 +184,12 @@ def linear_part(at: Evaluated, decay: FreeDecay) -> LinearPart:
         right += np.einsum("cms,mc->s", weighted, product.cross)
     inverse = pseudo_inverse(normal)
     return LinearPart(seen, coefficients, inverse, inverse @ right)
+
+
+def _products(basis: Basis, values: NDArray[np.float64]) -> Products:
+    """Multiply a basis with itself and with samples, (n_samples, n_channels)."""
+    power = np.einsum("ij,ij->j", values, values)
+    return Products(basis.gram, basis.values.T @ values, power)
 
 
 def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.float64], ...]:

@@ -149,21 +149,3 @@ def spectrum(A: NDArray[np.float64]) -> Spectrum:
                 to_real[offset + k, [offset + k, offset + k + 1]] = 1.0
                 to_real[offset + k + 1, [offset + k, offset + k + 1]] = (1j, -1j)
     return Spectrum(poles, V, np.linalg.inv(V), to_real)
-
-
-@dataclass(frozen=True, slots=True)
-class Products:
-    """A recording seen through the basis."""
-
-    gram: NDArray[np.float64]
-    """Products of the basis functions with each other, summed over the samples, shape (m, m)."""
-    cross: NDArray[np.float64]
-    """Products with the samples, shape (m, n_channels)."""
-    power: NDArray[np.float64]
-    """Sum of squares of the samples, shape (n_channels,)."""
-
-
-def products(basis: NDArray[np.float64], values: NDArray[np.float64]) -> Products:
-    """Multiply a basis, (n_samples, m), with itself and with samples, (n_samples, n_channels)."""
-    power = np.einsum("ij,ij->j", values, values)
-    return Products(basis.T @ basis, basis.T @ values, power)

@@ -175,7 +175,7 @@ def _decay(
         empty.append(Recording(group, time, np.zeros((len(time), len(group.channels)))))
     silent = FreeDecay("planned", mass_state, 0.0, tuple(empty))
     filled = tuple(
-        Recording(r.group, r.time_s, at.basis(r) @ (stack[..., : len(start)] @ start).T)
+        Recording(r.group, r.time_s, at.basis(r).values @ (stack[..., : len(start)] @ start).T)
         for r, stack in zip(empty, linear_coefficients(at, silent), strict=True)
     )
     return FreeDecay("planned", mass_state, 0.0, filled)

@@ -118,7 +118,7 @@ def scores(
         for r, R, product, stack in zip(
             one.decay.recordings, trace_of(one), linear.products, linear.coefficients, strict=True
         ):
-            basis, weight = one.at.basis(r), one.at.weights(r.group)[:, None]
+            basis, weight = one.at.basis(r).values, one.at.weights(r.group)[:, None]
             J = slopes(one.at, r.group, z)
             m = J.shape[1]
             left = r.values - basis @ (stack @ linear.solution).T
