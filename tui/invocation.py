@@ -31,9 +31,13 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.OK
     except Exception as error:
-        from dbc import BumpbenchError  # with NumPy behind it: not for --help
+        from dbc import BumpbenchError, InputError  # with NumPy behind it: not for --help
 
         if isinstance(error, BumpbenchError):
             return report(error)
+        if isinstance(error, PermissionError) and error.filename is not None:
+            # Whether a path exists cannot be asked where a folder above it may not be entered.
+            advice = "run it as a user who may, or name another path"
+            return report(InputError(os.fsdecode(error.filename), "access is denied", advice))
         raise
     return int(code or ExitCode.OK)

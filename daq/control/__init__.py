@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .client import OrderRefused as OrderRefused
     from .client import RecorderGone as RecorderGone
     from .figures_file import write_figures as write_figures
+    from .lock import group_readable as group_readable
     from .lock import is_locked as is_locked
     from .lock import lone_recorder as lone_recorder
     from .messages import STATUS as STATUS

@@ -12,17 +12,36 @@ from filelock import FileLock, Timeout
 from ..errors import FolderLockedError, InputError
 
 _LOCK, _HOLDER = "recorder.lock", "recorder.pid"
+"""The number is not in the lock file itself: some versions of filelock empty it in passing."""
+_UMASK = 0o027
+"""Nothing for others: a recording belongs to its user and group, however the shell is set."""
+
+
+@contextmanager
+def group_readable() -> Iterator[None]:
+    """Give files that this process and its children make the mode 0640, and folders 0750."""
+    umask = os.umask(_UMASK)
+    try:
+        yield
+    finally:
+        os.umask(umask)
 
 
 @contextmanager
 def lone_recorder(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, which is made if it is not there.
 
+    Meanwhile files and folders are made as by `group_readable`.
+
     Raises FolderLockedError if another process holds it; with its number.  Raises InputError if the
     folder cannot be written to.
     """
-    # The number is not in the lock file itself: some versions of filelock empty it in passing.
-    holder = folder / _HOLDER
+    with group_readable(), _held(folder, folder / _HOLDER):
+        yield
+
+
+@contextmanager
+def _held(folder: Path, holder: Path) -> Iterator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / _LOCK, timeout=0)

@@ -136,3 +136,16 @@ def test_help_is_on_stdout(capsys: pytest.CaptureFixture[str]) -> None:
     out, err = capsys.readouterr()
     assert "identify" in out
     assert err == ""
+
+
+def test_a_folder_that_may_not_be_entered_is_one_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    closed = tmp_path / "private"
+
+    def denied(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "is_dir", denied)
+    line = _fails(capsys, ["recover", str(closed / "today")], 2)
+    assert "private/today: access is denied" in line

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from daq.errors import InputError
-from tui.recorders.log import BURST, MAX_FILE_BYTES, Log
+from tui.recorders.log import BURST, Log
+from tui.recorders.process import last_line
 
 STORM = """
 import logging, sys, threading, warnings
@@ -71,7 +72,7 @@ def test_what_repeats_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         log.line("another")
         clock[0] = 61.0
         log.line("bus silent", "silent")
-    lines = path.read_text().splitlines()
+    lines = [line.partition(" ")[2] for line in path.read_text().splitlines()]
     assert len(lines) == BURST + 2
     assert lines[0] == "bumpbench: bus silent\\x1b[2J"
     assert lines[-2:] == [
@@ -95,11 +96,28 @@ def test_libraries_warnings_and_dying_threads_come_here(tmp_path: Path) -> None:
     assert "reader can0 ended: ZeroDivisionError" in text
 
 
-def test_a_file_stays_small(tmp_path: Path) -> None:
-    path = tmp_path / "recorder.log"
-    path.write_bytes(b"x" * (MAX_FILE_BYTES + 1))
+@pytest.mark.parametrize(("size", "kept"), [(1_000_000, False), (1_000_001, True)])
+def test_a_full_file_is_kept_beside_the_new_one(tmp_path: Path, size: int, kept: bool) -> None:
+    path, before = tmp_path / "recorder.log", tmp_path / "recorder.log.1"
+    before.write_text("the one before that")
+    path.write_bytes(b"x" * size)
     with Log(path) as log:
         log.line("begun anew")
-    assert path.read_text() == "bumpbench: begun anew\n"
+    assert path.read_text().endswith("bumpbench: begun anew\n")
+    assert (len(path.read_bytes()) < 100) is kept
+    assert (before.read_bytes() == b"x" * size) is kept
     with pytest.raises(InputError, match="another file for the log"):
         Log(tmp_path)
+
+
+def test_a_line_in_a_file_has_the_time_at_which_it_was_logged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    monkeypatch.setattr("tui.recorders.log.time.time", lambda: 1_795_336_200.0625)
+    path = tmp_path / "recorder.log"
+    with Log(path) as log:
+        log.line("alarm")
+    assert path.read_text() == "2026-11-22T08:30:00.062Z bumpbench: alarm\n"
+    path.write_text("2026-11-22T08:30:00.062Z bumpbench: error: x: no bus (plug it)\n")
+    assert last_line(tmp_path) == "x: no bus (plug it)"

@@ -27,7 +27,7 @@ def record(
         Path | None, typer.Option(help="Prometheus text file, written every 5 s.")
     ] = None,
     log: Annotated[
-        Path | None, typer.Option(help="Log to this file, kept under 1 MB; default: stderr.")
+        Path | None, typer.Option(help="Log to this file, begun anew at 1 MB; default: stderr.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:

@@ -23,18 +23,19 @@ _FLUSH_S = 0.5
 class Log:
     """Writes lines to stderr or to a file, from a thread of its own.
 
-    Log records, warnings and uncaught thread errors of libraries are written too.
+    Log records, warnings and uncaught thread errors of libraries are written too.  In a file each
+    line begins with the UTC at which it was logged; stderr is stamped by whoever keeps it.
 
-    `path`: a file in place of stderr; begun anew beyond 1 MB.  Raises InputError if the file cannot
-    be written.
+    `path`: a file in place of stderr; beyond 1 MB it is renamed to `*.1`, in place of the one
+    before, and a new one begun.  Raises InputError if the file cannot be written.
     """
 
     def __init__(self, path: Path | None) -> None:
-        self._bounded = path is not None
+        self._path = path
         self._file = sys.stderr.fileno() if path is None else _opened(path)
         # Clears a progress bar in this line; the bar draws itself again below.
         self._before = "\r\x1b[K" if os.isatty(self._file) else ""
-        self._lines: deque[str] = deque(maxlen=HELD_LINES)
+        self._lines: deque[tuple[float, str]] = deque(maxlen=HELD_LINES)
         self._dropped = 0
         self._seen: dict[str, tuple[float, int]] = {}
         self._lock = threading.Lock()
@@ -64,7 +65,7 @@ class Log:
         self._closing.set()
         self._fresh.set()
         self._thread.join(_FLUSH_S)  # behind a full pipe it may not end
-        if self._bounded and not self._thread.is_alive():
+        if self._path is not None and not self._thread.is_alive():
             os.close(self._file)
 
     def line(self, text: str, key: str = "") -> None:
@@ -85,7 +86,7 @@ class Log:
             if count >= BURST:
                 return
             self._dropped += len(self._lines) == HELD_LINES
-            self._lines.append(printable(text, 600))
+            self._lines.append((time.time(), printable(text, 600)))
         self._fresh.set()
 
     def _write(self) -> None:
@@ -94,14 +95,22 @@ class Log:
             self._fresh.clear()
             while self._lines:
                 with self._lock:
-                    text, dropped = self._lines.popleft(), self._dropped
+                    (wall_s, text), dropped = self._lines.popleft(), self._dropped
                     self._dropped = 0
                 if dropped:
                     text = f"{dropped} lines of log dropped; {text}"
+                stamp = "" if self._path is None else f"{_utc(wall_s)} "
                 with suppress(OSError):  # no reader is left
-                    if self._bounded and os.fstat(self._file).st_size > MAX_FILE_BYTES:
-                        os.ftruncate(self._file, 0)
-                    os.write(self._file, f"{self._before}bumpbench: {text}\n".encode())
+                    self._rotate()
+                    os.write(self._file, f"{self._before}{stamp}bumpbench: {text}\n".encode())
+
+    def _rotate(self) -> None:
+        """Begin a new file if this one is full, and keep this one until the next is full."""
+        if self._path is None or os.fstat(self._file).st_size <= MAX_FILE_BYTES:
+            return
+        self._path.replace(self._path.with_name(f"{self._path.name}.1"))
+        full, self._file = self._file, _created(self._path)
+        os.close(full)
 
     def _thread_died(self, died: threading.ExceptHookArgs) -> None:
         name = died.thread.name if died.thread else "a thread"
@@ -118,12 +127,22 @@ class _Handler(logging.Handler):
             self._log.line(f"{record.name}: {record.getMessage()}", record.name)
 
 
+def _utc(wall_s: float) -> str:
+    """Return a time as `2026-11-22T08:30:00.250Z`."""
+    whole, part = divmod(round(wall_s * 1e3), 1000)
+    return f"{time.strftime('%Y-%m-%dT%H:%M:%S', time.gmtime(whole))}.{part:03d}Z"
+
+
+def _created(path: Path) -> int:
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o640)
+
+
 def _opened(path: Path) -> int:
     from daq import InputError
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o640)
+        file = _created(path)
         if not stat.S_ISREG(os.fstat(file).st_mode):
             os.close(file)
             raise OSError("is not an ordinary file")

@@ -79,19 +79,21 @@ def last_line(folder: Path) -> str:
     except OSError:
         return "no log"
     words = [line for line in lines if line.strip()]
-    return (
-        words[-1].removeprefix("bumpbench: ").removeprefix("error: ")
-        if words
-        else "its log is empty"
-    )
+    if not words:
+        return "its log is empty"
+    stamped = words[-1].partition("bumpbench: ")
+    return (stamped[2] or stamped[0]).removeprefix("error: ")
 
 
 def _start(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:
     from daq import InputError
+    from daq.control import group_readable
 
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with (folder / LOG).open("ab") as log:
+        with group_readable():
+            folder.mkdir(parents=True, exist_ok=True)
+            log = (folder / LOG).open("ab")
+        with log:
             # A session of its own: what ends a terminal's processes does not reach it.
             return subprocess.Popen(
                 [sys.executable, "-m", *arguments],
