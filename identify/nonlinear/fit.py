@@ -19,7 +19,7 @@ _HOLDS = 12
 """Solutions of a step, each with more unknowns held at their bounds."""
 _ROUNDS = 6
 """Solutions of a step, each with more of the runs' friction held at its bound."""
-_REFUSED = 5
+_REFUSED = 8
 """Refused steps in a row after which the tangents count as spent."""
 _SLOW = 0.5
 """Share of `rough` that a step must gain for a rough fit to go on."""

@@ -37,7 +37,7 @@ _STAGE_STEPS = 25
 _LAST_STEPS = 40
 _POLISH_STEPS = 25
 _CONVERGED = 0.05
-_POLISHED = 0.1
+_POLISHED = 0.3
 
 Log = Callable[[str], None]
 
