@@ -31,7 +31,7 @@ from ..samples.groups import sample_groups, timekeeping
 from ..samples.mapping import MappedChannel, map_channels
 from ..sessions import Session
 
-_NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
+NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
 """Events that a session stores elsewhere, or that say nothing of the run in which they fall."""
 _TEXT_BYTES = 160
 """An event's text in a session file."""
@@ -120,8 +120,8 @@ def build_session(
     for logged in run_log.runs:
         start_ns, stop_ns = run_window(bench, logged)
         own = frames.select((frames.t_ns >= start_ns) & (frames.t_ns < stop_ns))
-        measured = measured_run(bench, codec, mapped, logged, own, hops)
-        runs.append(decided_run(bench, logged, measured, events))
+        measured = measured_run(bench, codec, mapped, logged, own, events, hops)
+        runs.append(decided_run(logged, measured))
     return Session(
         vehicle=bench.vehicle,
         channels=tuple(m.channel for m in mapped),
@@ -155,13 +155,15 @@ def measured_run(
     mapped: Sequence[MappedChannel],
     run: LoggedRun,
     frames: FrameBatch,
+    events: Iterable[Event],
     hops: HopCounts,
 ) -> Run:
     """Return what was measured in a run; its reasons are those why it cannot be used at all.
 
-    `frames`: those in its window.
+    `frames`: those in its window.  `events`: all, of which those in its window are kept.
     """
     start_ns, stop_ns = run_window(bench, run)
+    own = [event for event in events if start_ns <= event.t_ns <= stop_ns]
     decoded = codec.decode(frames)
     groups = sample_groups(mapped, decoded, timekeeping(bench, codec), start_ns)
     return Run(
@@ -174,23 +176,17 @@ def measured_run(
         status=RunStatus.ACCEPTED,
         reasons=_shortcomings(mapped, groups, frames, start_ns, stop_ns),
         losses=_losses(codec, decoded, hops, start_ns, stop_ns),
-        events=(),
+        events=tuple(_short(event) for event in own if event.code not in NOT_OF_A_RUN),
         frames=frames,
     )
 
 
-def decided_run(bench: Bench, run: LoggedRun, measured: Run, events: Iterable[Event]) -> Run:
-    """Return a measured run with what was decided on it, and the events in its window."""
-    start_ns, stop_ns = run_window(bench, run)
+def decided_run(run: LoggedRun, measured: Run) -> Run:
+    """Return a measured run with what was decided on it."""
     reasons = (*run.reasons, *measured.reasons)
     rejected = bool(reasons) or run.status is LoggedStatus.REJECTED
-    own = [event for event in events if start_ns <= event.t_ns <= stop_ns]
-    return replace(
-        measured,
-        status=RunStatus.REJECTED if rejected else RunStatus.ACCEPTED,
-        reasons=reasons,
-        events=tuple(_short(event) for event in own if event.code not in _NOT_OF_A_RUN),
-    )
+    status = RunStatus.REJECTED if rejected else RunStatus.ACCEPTED
+    return replace(measured, status=status, reasons=reasons)
 
 
 def _short(event: Event) -> Event:

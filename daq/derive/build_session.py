@@ -168,13 +168,13 @@ def _write(
             # A run that is not over yet may get more frames: only this session has it as it is.
             if file != part and run_window(bench, logged)[1] > recording.t_ns:
                 file = _copied(target, part, grown, rows, recording, bench)
-            run = measured_run(bench, codec, mapped, logged, frames, found.hops)
+            run = measured_run(bench, codec, mapped, logged, frames, recording.events, found.hops)
             add_run(file, len(rows) + 1, run, session)
             rows.append(GrownRun(logged.label, logged.t_ns, run.reasons, frames_digest(run)))
         if file != part:
             _copied(target, part, grown, rows, recording, bench)
         runs = [
-            decided_run(bench, logged, _without_data(bench, logged, row), recording.events)
+            decided_run(logged, _without_data(bench, logged, row))
             for logged, row in zip(run_log.runs, rows, strict=True)
         ]
         digests = [row.digest for row in rows]

@@ -1,13 +1,14 @@
 """Remembers which runs a growing session file has, so that only the others have to be measured.
 
 The file is next to the session file, under a name that no session has.  It is used only if it is
-as it was left, of the same bench and program, and if no frame of its runs has come since.
+as it was left, of the same bench and program, and if no frame and no event of its runs has come
+since.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
@@ -17,6 +18,7 @@ from pathlib import Path
 from ..files import write_text
 from ..journal.scan import SegmentInfo
 from ..runlog.runlog import LoggedRun
+from .build_samples import NOT_OF_A_RUN
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +83,11 @@ def load_grown(
     if [(row.label, row.t_ns) for row in rows] != now:
         return nothing
     new = (info for info in segments if info.stop > grown.stop and info.frames)
-    late = any(info.first_ns < grown.stop_ns for info in new)
+    late = any(info.first_ns < grown.stop_ns for info in new) or any(
+        number >= grown.stop and event.t_ns <= grown.stop_ns and event.code not in NOT_OF_A_RUN
+        for info in segments
+        for number, event in info.events
+    )
     return nothing if late else grown
 
 
@@ -97,6 +103,18 @@ def forget_grown(target: Path, *, file: bool = False) -> None:
     for path in (_note(growing), *([growing] if file else [])):
         with suppress(FileNotFoundError):
             path.unlink()
+
+
+def forget_others(folder: Path, kept: Collection[Path]) -> None:
+    """Delete the growing files in a folder but those of some session files.
+
+    A recorder that was killed, and whose campaign was not taken up, has left one.
+    """
+    names = {growing_path(target).name for target in kept}
+    for path in folder.glob(".session_*.h5.growing*"):
+        if path.name.removesuffix(".json") not in names:
+            with suppress(OSError):
+                path.unlink()
 
 
 def _note(growing: Path) -> Path:

@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..runlog.runlog import Code
 from ..runs import Event
 from .contents import JournalTail, RecordingInfo
-from .gaps import ENDED, parse_gap
+from .gaps import ENDED, RETENTION, overlap, parse_gap
 from .scan import SegmentInfo, read_head, scan
 
 PATTERN = "journal_*.mcap"
@@ -78,14 +78,25 @@ def scanned(segments: Sequence[Path]) -> tuple[SegmentInfo, ...]:
 
 
 def is_unbroken(segments: Sequence[SegmentInfo]) -> bool:
-    """Return whether segments report to be whole: all sealed, with every block of the recording.
+    """Return whether segments report to be whole: sealed, and none is missing that had to be kept.
 
     What was damaged in them since they were sealed is found only by reading them.
     """
-    stops = [0, *(info.stop for info in segments)]
-    follow = all(info.first == stop for info, stop in zip(segments, stops, strict=False))
-    gaps = (parse_gap(event) for info in segments for _, event in info.events)
-    return follow and all(info.sealed for info in segments) and not any(gaps)
+    reported = [
+        (event.code, gap)
+        for info in segments
+        for _, event in info.events
+        if (gap := parse_gap(event)) and gap.recording == info.recording
+    ]
+    given_up = list({gap: None for code, gap in reported if code == RETENTION})
+    stops = (0, *(info.stop for info in segments))
+    missing = [
+        info.first - stop - overlap(stop, info.first, given_up)
+        for info, stop in zip(segments, stops, strict=False)
+        if info.first != info.stop
+    ]
+    sealed = all(info.sealed for info in segments)
+    return sealed and not any(missing) and all(code == RETENTION for code, _ in reported)
 
 
 def _grouped(infos: Iterable[SegmentInfo]) -> tuple[RecordingInfo, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from ..runs import Event
@@ -46,3 +47,13 @@ def parse_gap(event: Event) -> Gap | None:
         return Gap(**json.loads(event.text))
     except (ValueError, TypeError):
         return None
+
+
+def overlap(first: int, stop: int, gaps: Sequence[Gap]) -> int:
+    """Return how many block numbers of a span lie in gaps."""
+    covered = 0
+    for gap in sorted(gaps, key=lambda gap: gap.first):
+        begin = max(first, gap.first)
+        covered += max(0, min(stop, gap.stop) - begin)
+        first = max(first, gap.stop)
+    return covered

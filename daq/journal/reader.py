@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..runs import Event
 from .contents import HopCounts, JournalBlock, JournalContents, JournalLoss
 from .format import EventBlock, FrameBlock, JournalHead, unpack_frames
-from .gaps import DISK_GAP, FILE_GONE, RETENTION, Gap, parse_gap
+from .gaps import DISK_GAP, FILE_GONE, RETENTION, Gap, overlap, parse_gap
 from .segment_reader import CorruptBlock, SegmentReader
 
 _GROUP_FRAMES = 4096
@@ -162,7 +162,7 @@ class JournalReader:
         lost = self._lost
         gaps = [gap for _, gap in self._gaps]
         for name, first, stop in self._missing:
-            missing = stop - first - _overlap(first, stop, gaps)
+            missing = stop - first - overlap(first, stop, gaps)
             if missing > 0:
                 note = f"{name}: {missing} blocks missing before it"
                 lost = _plus(lost, JournalLoss(blocks_missing=missing, notes=(note,)))
@@ -261,13 +261,3 @@ def _sum(a: HopLosses, counts: Sequence[int]) -> HopLosses:
 
 def _counts(losses: HopLosses) -> tuple[int, ...]:
     return losses.bus_dropped, losses.bus_garbled, losses.restamped, losses.queue_dropped
-
-
-def _overlap(first: int, stop: int, gaps: Sequence[Gap]) -> int:
-    """Return how many block numbers of a span lie in gaps."""
-    covered = 0
-    for gap in sorted(gaps, key=lambda gap: gap.first):
-        begin = max(first, gap.first)
-        covered += max(0, min(stop, gap.stop) - begin)
-        first = max(first, gap.stop)
-    return covered

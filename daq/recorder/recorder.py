@@ -37,6 +37,7 @@ from ..control.orders import (
     Start,
     Stop,
 )
+from ..derive.grown import forget_others
 from ..journal.built import built_revision
 from ..journal.contents import JournalTail
 from ..journal.segment import SyncedFile
@@ -74,26 +75,11 @@ _log = logging.getLogger("recorder")
 class Recorder:
     """A recorder of one bench in one folder.
 
-    Parameters
-    ----------
-    bench : Bench
-    folder : Path
-        For session files; segments are written to the folder `journal` in it.
-    open_source : callable
-        Opens a bus, given its description and its number; may raise any exception.
-    software : str
-        Name and version, for the journal.
-    resume : bool
-        Resume the newest recording in the folder if it was not ended.
-    create : callable
-        Creates a file of the journal.
-    pieces : PieceQueue
-        The queue between readers and writer.
-
-    Raises
-    ------
-    InputError
-        If bench.toml and DBC do not fit together.
+    `folder`: for session files; segments are written to the folder `journal` in it.  `open_source`:
+    opens a bus, given its description and its number; may raise any exception.  `software`: name
+    and version, for the journal.  `resume`: resume the newest campaign in the folder if it was not
+    ended.  `create`: creates a file of the journal.  `pieces`: the queue between readers and
+    writer.  Raises InputError if bench.toml and DBC do not fit together.
     """
 
     def __init__(
@@ -304,12 +290,15 @@ class Recorder:
             tail, bench = found
             STEADY_CLOCK.begin(tail.t_ns)
             opened = self._open_journal(bench, now, tail)
+            forget_others(self._folder, [opened.session])
             revision = built_revision(self._journal, opened.campaign)
             if revision is not None:
                 self._derivation.recall(opened.session, opened.campaign, revision)
             recall(tail, bench, self._recording.measures.update)
             return
-        if (left := unfinished(self._journal)) is not None:
+        left = unfinished(self._journal)
+        forget_others(self._folder, [left[0]] if left else [])
+        if left is not None:
             session, last = left
             revision = fold(last.events).revision
             self._derivation.begin(session, last.segments, last.head.identity, revision)

@@ -43,9 +43,9 @@ def add_run(path: Path, number: int, run: Run, session: Session) -> None:
 
 
 def finish_session(path: Path, runs: Sequence[Run], provenance: Mapping[str, str]) -> None:
-    """Write what was decided on each run, the events in it, and the provenance.
+    """Write what was decided on each run, and the provenance.
 
-    `runs`: in order; their groups and frames are not used.  Raises as `begin_session`.
+    `runs`: in order; their groups, frames and events are not used.  Raises as `begin_session`.
     """
     _check_room(path, 0)
     with h5py.File(path, "r+") as file:

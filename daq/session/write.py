@@ -155,7 +155,7 @@ def _mass_state(group: h5py.Group, state: MassState) -> None:
 
 
 def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel]) -> None:
-    """Write what was measured in a run; `number` counts from one."""
+    """Write what was measured in a run, and the events in it; `number` counts from one."""
     group = file.create_group(_name(number, run))
     group.attrs.update(
         {
@@ -175,19 +175,16 @@ def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel
     for bus in np.unique(run.frames.bus):
         frames = run.frames.select(run.frames.bus == bus)
         _frames(group.create_group(f"raw_bus{bus}"), frames)
+    _events(group.create_group("events"), run.events)
     if number == 1 and run.groups:
         file.attrs["default"] = f"{_name(number, run)}/{run.groups[0].name}"
 
 
 def write_verdict(file: h5py.File, number: int, run: Run) -> None:
-    """Write what was decided on a run that was written, and the events in it.
-
-    `run`: its groups and frames are not used.
-    """
+    """Write what was decided on a run that was written; nothing else of `run` is used."""
     group = file[_name(number, run)]
     group.attrs["status"] = str(run.status)
     group.attrs["reasons"] = "\n".join(run.reasons)
-    _events(group.create_group("events"), run.events)
 
 
 def _name(number: int, run: Run) -> str:

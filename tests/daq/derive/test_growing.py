@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,19 @@ from daq import read_session
 from daq.bus.source import HopLosses
 from daq.derive import build_session
 from daq.derive.build_session import Derived, derive
-from daq.derive.grown import growing_path
+from daq.derive.grown import forget_others, growing_path
 from daq.errors import InputError
+from daq.journal.folder import is_unbroken, scanned
 from daq.journal.format import JournalHead
+from daq.journal.gaps import DISK_GAP, Gap, gap_event
 from daq.journal.reader import read_windows
+from daq.journal.retention import parting_events
 from daq.journal.writer import JournalWriter
 from daq.runlog.entries import entry, verdict_entry
 from daq.runlog.runlog import Code
 from daq.runs import Event
 from daq.session import add_run
+from dbc import FrameBatch
 
 from ..small_campaign import PERIOD_S, START_NS, blocks, bumps, small_bench, small_codec
 
@@ -112,8 +117,9 @@ def test_a_verdict_changes_the_session_and_measures_nothing(
     campaign.run()
     campaign.run()
     campaign.grow()
-    reject = entry(Code.REJECT, START_NS, label="baseline_bounce_1", by="Ann", reason="slipped")
-    note = entry(Code.NOTE, START_NS, text="wet floor", label="", by="Ann")
+    now_ns = START_NS + 2_400_000_000
+    reject = entry(Code.REJECT, now_ns, label="baseline_bounce_1", by="Ann", reason="slipped")
+    note = entry(Code.NOTE, now_ns, text="wet floor", label="", by="Ann")
     campaign.append(reject, note)
     measured.clear()
     campaign.grow()
@@ -144,6 +150,16 @@ def test_another_bench_or_late_frames_measure_all_runs_again(
     campaign.grow()
     assert measured == [1, 2]
     assert any(group.name == "HUB_Rear" for group in read_session(campaign.target).runs[0].groups)
+    assert campaign.target.read_bytes() == campaign.at_once()
+    # So does an event in the window of a run, but not one behind it.
+    behind_ns = START_NS + 2_200_000_001
+    campaign.append(Event(behind_ns, "alarm", 1.0, "stale IMU: silent"))
+    measured.clear()
+    campaign.grow()
+    assert measured == []
+    campaign.append(Event(behind_ns - 1, "alarm", 1.0, "stale IMU: silent"))
+    campaign.grow()
+    assert measured == [1, 2]
     assert campaign.target.read_bytes() == campaign.at_once()
 
 
@@ -226,6 +242,41 @@ def test_only_the_segments_of_new_runs_are_read_if_the_journal_is_whole(
     campaign.run()
     assert "blocks missing" in campaign.grow().loss
     assert len(read[-1]) == 7  # all that are left
+
+
+def test_segments_given_up_between_runs_do_not_make_a_journal_broken(
+    campaign: Campaign, measured: list[int]
+) -> None:
+    campaign.run()
+    idle = replace_times(bumps(small_codec(), 1, "HUB_Rear"), 20)
+    campaign.writer.append(idle, NO_LOSSES)
+    campaign.writer.cut()
+    (gone,) = [info for info in scanned(campaign.writer.paths) if info.number == 2]
+    assert is_unbroken(scanned(campaign.writer.paths))
+    gone.path.unlink()
+    left = [path for path in campaign.writer.paths if path.exists()]
+    assert not is_unbroken([*scanned(left), replace(gone, first=gone.stop, stop=gone.stop + 1)])
+    campaign.append(*parting_events(gone, "a" * 32, START_NS))
+    left = [path for path in campaign.writer.paths if path.exists()]
+    assert is_unbroken(scanned(left))
+    assert campaign.grow().loss == ""
+    campaign.append(gap_event(DISK_GAP, START_NS, Gap("a" * 32, 90, 91, 5)))
+    left = [path for path in campaign.writer.paths if path.exists()]
+    assert not is_unbroken(scanned(left))
+    assert measured == [1]
+
+
+def replace_times(frames: FrameBatch, seconds: int) -> FrameBatch:
+    return replace(frames, t_ns=frames.t_ns + seconds * 10**9)
+
+
+def test_a_recorder_deletes_growing_files_that_no_campaign_needs(tmp_path: Path) -> None:
+    names = [f".session_000{n}.h5.growing{end}" for n in (1, 2) for end in ("", ".json")]
+    for name in (*names, "session_0001.h5", ".session_0001.h5.tmp"):
+        (tmp_path / name).touch()
+    forget_others(tmp_path, [tmp_path / "session_0002.h5"])
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {*names[2:], "session_0001.h5", ".session_0001.h5.tmp"}
 
 
 def test_a_full_disk_is_an_error_and_the_session_stays(
