@@ -28,6 +28,7 @@ from ..bench.config import BusConfig
 from ..errors import BusError
 from .columns import frame_columns
 from .slcan.adapter import open_slcan
+from .socket_drops import SocketDrops
 from .socketcan.reader import open_socketcan
 from .source import BLOCK_FRAMES, GATHER_S, FrameSource, SourceLosses
 from .steady_clock import STEADY_CLOCK
@@ -208,6 +209,7 @@ class PythonCanSource:
         self._now_ns = now_ns
         self._doze = doze
         self._on_axis = on_axis
+        self._drops = SocketDrops(lambda: bus.fileno())
         self._garbled = 0
         self._restamped = 0
         self._faults_in_a_row = 0
@@ -242,11 +244,12 @@ class PythonCanSource:
         return self._batch(messages, arrived_ns)
 
     def losses(self) -> SourceLosses:
-        """Return the losses; python-can does not report frames dropped by a driver."""
-        return SourceLosses(0, self._garbled, self._restamped)
+        """Return the losses; those of a socket are the kernel's, for python-can reports none."""
+        return SourceLosses(self._drops.count(), self._garbled, self._restamped)
 
     def close(self) -> None:
         """Shut the bus down."""
+        self._drops.close()
         with contextlib.suppress(Exception):  # some backends cannot close a lost device
             self._bus.shutdown()
 
