@@ -71,7 +71,7 @@ def journal_provenance(
         "uuid": str(uuid.UUID(head.recording or digest[:32])),
         "created": datetime.fromtimestamp(head.wall_ns * 1e-9, UTC).isoformat(timespec="seconds"),
         "software": head.software,
-        "origin": head.origin,
+        "origin": str(head.origin),
         "frames_sha256": digest,
         "journal_losses": loss or "none",
         **_remarks(run_log),

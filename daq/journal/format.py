@@ -102,7 +102,7 @@ def parse_head(
         record.get("recording", ""),
         int(record.get("first_segment", 0)),
         record.get("span", _CAMPAIGN) == _CAMPAIGN,
-        record.get("origin", Origin.REAL),
+        record.get("origin", str(Origin.REAL)),
     )
     return head, int(record["segment"])
 

@@ -17,7 +17,7 @@ from daq.derive.build_session import Derived, derive
 from daq.derive.grown import forget_others, growing_path
 from daq.errors import InputError
 from daq.journal.folder import is_unbroken, scanned
-from daq.journal.format import JournalHead
+from daq.journal.format import JournalHead, head_record
 from daq.journal.gaps import DISK_GAP, Gap, gap_event
 from daq.journal.reader import read_windows
 from daq.journal.retention import parting_events
@@ -277,6 +277,23 @@ def test_a_recorder_deletes_growing_files_that_no_campaign_needs(tmp_path: Path)
     forget_others(tmp_path, [tmp_path / "session_0002.h5"])
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {*names[2:], "session_0001.h5", ".session_0001.h5.tmp"}
+
+
+def test_a_journal_of_an_older_version_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def older(head: JournalHead, segment: int) -> dict[str, str]:
+        record = head_record(head, segment)
+        return {name: text for name, text in record.items() if name not in ("span", "origin")}
+
+    monkeypatch.setattr("daq.journal.writer.head_record", older)
+    campaign = Campaign(tmp_path)
+    with campaign.writer:
+        campaign.run()
+        assert campaign.grow() == Derived("", 1)
+    session = read_session(campaign.target)
+    assert session.provenance["origin"] == "real"
+    assert campaign.target.read_bytes() == campaign.at_once()
 
 
 def test_a_full_disk_is_an_error_and_the_session_stays(
