@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +34,8 @@ _LAST_KNOTS = "K21"
 _PAYS = 4.0
 """Logarithms of the number of samples that the mounts must gain: two of the criterion's limit."""
 _STAGE_STEPS = 25
+_FAR = 5.0
+"""chi2/n from which on the first stage counts as led astray: from good starts it ends at 1 to 4."""
 _LAST_STEPS = 40
 _POLISH_STEPS = 25
 _CONVERGED = 0.05
@@ -46,32 +48,39 @@ def release(
     model: Model,
     runs: tuple[Run, ...],
     searched: tuple[Run, ...],
-    eta: NDArray[np.float64],
-    owns: tuple[Own, ...],
+    starts: Iterable[tuple[NDArray[np.float64], tuple[Own, ...]]],
     allowed: Callable[[str], bool],
     log: Log,
 ) -> tuple[Optimum, tuple[str, ...]] | None:
     """Return the optimum of the rich model and the groups in it; None without a finite path.
 
     `searched`: the runs once more, shorter and on fewer samples, to find the neighbourhood of the
-    optimum.  `eta`, (P,) float64: linear start, elements at rest.  `owns`: how each run begins by
-    it.  `allowed`: whether a group may be released.  `log`: receives a line for each stage.
+    optimum.  `starts`: linear starts, elements at rest, each (P,) float64 with how each run begins
+    by it; the next is asked for only where the first lead to nothing.  `allowed`: whether a group
+    may be released.  `log`: receives a line for each stage.
     """
-    centre, prior = weak_priors(model, eta)
-    problem = Problem(model, searched, centre, prior, np.zeros(0, dtype=np.intp))
     n = sum(run.freedom - 18.0 for run in searched)
-    start = eta.copy()
-    chosen: tuple[str, ...] = ()
+    chosen = tuple(name for name in STAGES[0] if allowed(name))
     best: Optimum | None = None
-    if allowed("friction"):
-        for name in BY_NAME["friction"].members(model)[:2]:
-            start[model.names.index(name)] = _FIRST_FRICTION_N / 50.0
-    for k, stage in enumerate(STAGES):
+    for eta, owns in starts:
+        found = _first(model, searched, eta, owns, chosen)
+        if found is not None and (best is None or found.cost < best.cost):
+            best = found
+        if best is not None:
+            log(f"{', '.join(chosen)}: chi2/n {best.cost / n:.3f} after {best.iterations} steps")
+            if best.cost < _FAR * n:
+                break
+    if best is None:
+        return None
+    problem, start, owns = best.point.problem, best.eta, best.point.owns
+    for k, stage in enumerate(STAGES[1:], start=1):
+        before = chosen
         chosen += tuple(name for name in stage if allowed(name))
-        if k == CORRECTIONS_FROM and best is not None and _mounts_pay(problem, best, allowed, log):
+        if k == CORRECTIONS_FROM and _mounts_pay(problem, best, allowed, log):
             chosen += ("damper_mounts",)
+            start = start.copy()
             _begin_mounts(model, start)
-        if best is not None and "bump_stops" in chosen:
+        if "bump_stops" in chosen:
             start = _begin_stops(problem, best, log)
         last = k == len(STAGES) - 1
         if last and "damper_knees" in chosen:
@@ -84,12 +93,10 @@ def release(
             max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
         )  # fmt: skip
         if found is None:
-            chosen = chosen[: -len(stage)]
+            chosen, start = before, best.eta
             continue
         best, start, owns = found, found.eta, found.point.owns
         log(f"{', '.join(stage)}: chi2/n {best.cost / n:.3f} after {best.iterations} steps")
-    if best is None:
-        return None
     problem = best.point.problem
     model = problem.model
     if "damper_mounts" not in chosen and _mounts_pay(problem, best, allowed, log):
@@ -109,6 +116,26 @@ def release(
     if polished is not None:
         log(f"polished in {polished.iterations} steps, decrement {polished.decrement:.2g}")
     return None if polished is None else (polished, chosen)
+
+
+def _first(
+    model: Model,
+    searched: tuple[Run, ...],
+    eta: NDArray[np.float64],
+    owns: tuple[Own, ...],
+    chosen: tuple[str, ...],
+) -> Optimum | None:
+    """Return where the first stage ends from a linear start; None if it has no finite path."""
+    centre, prior = weak_priors(model, eta)
+    start = eta.copy()
+    if "friction" in chosen:
+        for name in BY_NAME["friction"].members(model)[:2]:
+            start[model.names.index(name)] = _FIRST_FRICTION_N / 50.0
+    problem = Problem(model, searched, centre, prior, positions(model, chosen, False))
+    return fit(
+        problem, start, owns, ROUGH, tolerance=_CONVERGED, rough=_ROUGH_SHARE,
+        max_iterations=_STAGE_STEPS,
+    )  # fmt: skip
 
 
 def _mounts_pay(problem: Problem, best: Optimum, allowed: Callable[[str], bool], log: Log) -> bool:

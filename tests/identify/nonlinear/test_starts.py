@@ -1,0 +1,66 @@
+"""Where the search begins: a second start is tried where the first leads nowhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.vehicle import Fact, Structure
+from identify.decays.onset import decay_start_s
+from identify.fit.grey_box import GreyBox
+from identify.nonlinear.begin import owns_of
+from identify.nonlinear.car import Model
+from identify.nonlinear.path import Own
+from identify.nonlinear.real_car import held_plausible
+from identify.nonlinear.release import release
+from identify.nonlinear.run import run_of
+from identify.nonlinear.unknowns import KNOTS
+
+from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
+
+BOX = GreyBox((GROUP,), MASS_STATES, None, Structure())
+_LOW = 0.25
+"""Share of the paper's bump: its own lifts the wheels."""
+
+
+@pytest.mark.parametrize(("astray", "asked"), [((True, False), 2), ((False, True), 1)])
+def test_the_next_start_is_asked_for_where_one_leads_nowhere(
+    astray: tuple[bool, bool], asked: int
+) -> None:
+    records = paper_records(200.0, 30.0, 3)
+    sigma = {name: _LOW * level for name, level in noise_of(records, 200.0).items()}
+    decays = []
+    for record in records:
+        short = [r.between(0.0, 0.6) for r in record.decay(decay_start_s(record)).recordings]
+        low = tuple(replace(r, values=_LOW * r.values) for r in short)
+        decays.append(replace(record.decay(decay_start_s(record)), recordings=low))
+    model = Model(BOX, KNOTS["K3"])
+    given = []
+
+    def starts() -> Iterator[tuple[NDArray[np.float64], tuple[Own, ...]]]:
+        for lost in astray:
+            theta = TRUTH.copy()
+            theta[[0, 2, 6, 8]] *= (6.0, 7.0, 20.0, 30.0) if lost else 1.1
+            eta = model.unknowns(BOX.unknowns(theta))
+            given.append(lost)
+            yield eta, owns_of(model, eta, tuple(decays), sigma)
+
+    runs = tuple(run_of(model, decay, sigma) for decay in decays)
+    found = release(model, runs, runs, starts(), lambda _: False, lambda _: None)
+    assert found is not None
+    best, chosen = found
+    assert chosen == ()
+    assert len(given) == asked
+    assert np.max(np.abs(np.exp(best.eta[:15]) / TRUTH - 1.0)) < 0.05
+
+
+def test_a_plausible_start_holds_lengths_and_tyres_and_no_fact_of_the_session() -> None:
+    weighed = GreyBox((GROUP,), MASS_STATES, None, Structure(), (Fact("a", 9.0, 1.0),))
+    held = {fact.quantity: fact.value for fact in held_plausible(weighed).facts}
+    assert set(held) == {"a", "b", "t_f", "t_r", "k_tf", "k_tr"}
+    assert 1.0 < held["a"] < 1.6
+    assert 100e3 < held["k_tf"] < 300e3
