@@ -298,7 +298,8 @@ def _validated(text: str, where: str) -> BenchFile:
             raise InputError(
                 where, f"unknown key {key}", "remove it or correct its name"
             ) from error
-        raise InputError(where, f"{key}: {first['msg']}", "correct that value") from error
+        what = first["msg"].removeprefix("Value error, ")  # said of checks of our own
+        raise InputError(where, f"{key}: {what}", "correct that value") from error
 
 
 def _weight(table: WeightTable) -> BodyWeight | HubWeight:

@@ -78,7 +78,8 @@ class SegmentFile:
         parts = []
         while size > 0:
             try:
-                part = os.pread(self._fd, size, offset)
+                os.lseek(self._fd, offset, os.SEEK_SET)  # Windows has no pread
+                part = os.read(self._fd, size)
             except OSError as error:
                 self.why_stopped = f"cannot be read ({error.strerror or error})"
                 break

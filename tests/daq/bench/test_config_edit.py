@@ -142,7 +142,7 @@ def test_other_spellings_are_edited_too(text: str) -> None:
 
 def test_only_a_weight_on_the_body_has_an_uncertain_place() -> None:
     text = SHIPPED + "\n[[weight]]\nmass_kg = 3\nposition_sigma_m = 0.01\n"
-    with pytest.raises(InputError, match="position_sigma_m is for a weight on the body"):
+    with pytest.raises(InputError, match=r"weight\.8: position_sigma_m is for"):
         _bench(text + "hub = 'FL'\n")
     body = _bench(text + "x_m = 0.1\ny_m = 0.2\n").mass_states[1].added.weights[-1]
     assert body == BodyWeight(3.0, 0.1, 0.2, position_sigma_m=0.01)

@@ -54,7 +54,7 @@ def test_a_disk_that_fails_ends_the_records_with_its_reason(
         raise OSError(5, "Input/output error")
 
     with SegmentFile(_segment(tmp_path)) as file:
-        monkeypatch.setattr("daq.journal.records.os.pread", fail)
+        monkeypatch.setattr("daq.journal.records.os.lseek", fail)
         assert list(file.records()) == []
         assert file.why_stopped == "cannot be read (Input/output error)"
 
