@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import struct
 from collections.abc import Callable
@@ -22,28 +21,24 @@ class SocketDrops:
     """
 
     def __init__(self, fileno: Callable[[], int]) -> None:
-        self._socket: socket.socket | None = None
-        self._before = self._last = 0
+        self._fileno = fileno
+        self._last = 0
+        self._before: int | None = None
         with suppress(Exception):  # no socket, no descriptor, not implemented, another system
-            self._socket = socket.socket(fileno=os.dup(fileno()))
-            self._before = self._read(self._socket)
+            self._before = self._read()
 
     def count(self) -> int:
-        """Return the number of datagrams dropped."""
-        if self._socket is not None:
-            with suppress(OSError):
+        """Return the number of datagrams dropped; once the socket is closed, the last one."""
+        if self._before is not None:
+            with suppress(Exception):
                 # The kernel's counter has 32 bits and begins anew.
-                self._last = (self._read(self._socket) - self._before) % (1 << 32)
+                self._last = (self._read() - self._before) % (1 << 32)
         return self._last
 
-    def close(self) -> None:
-        """Let the socket go; the count stays."""
-        self.count()
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
-
-    @staticmethod
-    def _read(end: socket.socket) -> int:
-        raw = end.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _COUNTS.size)
+    def _read(self) -> int:
+        end = socket.socket(fileno=self._fileno())
+        try:
+            raw = end.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _COUNTS.size)
+        finally:
+            end.detach()  # it belongs to the bus
         return int(_COUNTS.unpack(raw)[_DROPS])

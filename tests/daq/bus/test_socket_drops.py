@@ -29,20 +29,22 @@ def test_what_was_sent_and_not_received_was_dropped() -> None:
         received = _emptied(reader)
         assert 0 < received < 500
         assert drops.count() == 500 - received
-        drops.close()
-        assert drops.count() == 500 - received
         again = SocketDrops(reader.fileno)  # a bus that is opened again counts from there
         assert again.count() == 0
-        again.close()
+    assert drops.count() == 500 - received  # closed
 
 
 def test_a_bus_without_a_socket_drops_nothing() -> None:
     def no_descriptor() -> int:
         raise NotImplementedError
 
-    drops = SocketDrops(no_descriptor)
-    assert drops.count() == 0
-    drops.close()
+    assert SocketDrops(no_descriptor).count() == 0
+    near, far = os.pipe()
+    lowest = _lowest_free(near)
+    assert SocketDrops(lambda: near).count() == 0
+    assert _lowest_free(near) == lowest  # nothing of it is left open
+    os.close(near)
+    os.close(far)
 
 
 def test_the_losses_of_udp_multicast_are_the_kernels() -> None:
@@ -73,3 +75,10 @@ def _emptied(reader: socket.socket) -> int:
         while reader.recv(16):
             received += 1
     return received
+
+
+def _lowest_free(descriptor: int) -> int:
+    """Return the number that the next descriptor will have."""
+    free = os.dup(descriptor)
+    os.close(free)
+    return free
