@@ -57,7 +57,7 @@ class Turn:
     queue: QueueStatus
     """The queue as published."""
     storage: StorageStatus = field(default_factory=StorageStatus)
-    """What arrived and what was stored before this turn."""
+    """Counts of what arrived and was stored before this turn."""
     failed: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Parts of the recorder that were switched off after errors, and why."""
 

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Origin(StrEnum):
-    """A measurement is told apart from a demonstration wherever it is shown or stored."""
+    """Marks a measurement or a demonstration wherever it is shown or stored."""
 
     REAL = "real"
     """A bus, of which nothing else is known."""

@@ -1,4 +1,4 @@
-"""Counts the datagrams that the kernel drops because nobody reads a socket fast enough."""
+"""Counts the datagrams that the kernel drops because a socket is not read fast enough."""
 
 from __future__ import annotations
 

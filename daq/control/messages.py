@@ -142,7 +142,7 @@ class QueueStatus:
 
 @dataclass(frozen=True, slots=True)
 class StorageStatus:
-    """What arrives compared with what is on the disk, since the recorder was started."""
+    """Frames that arrive compared with those on the disk, since the recorder was started."""
 
     received_frames: int = 0
     """Frames of all buses, those included that found no room in the queue."""
@@ -251,7 +251,7 @@ class Status:
     revision: int = 0
     """Revision of the run log, of which `runs`, `notes` and `overrides` are parts."""
     storage: StorageStatus = StorageStatus()
-    """What arrives compared with what is stored."""
+    """Frames that arrive compared with those stored."""
     origin: Origin = Origin.REAL
     """Where the frames come from."""
 
@@ -296,7 +296,7 @@ class StatusNews:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What a recorder was started with; of a terminal, what it was started for."""
+    """Settings that a recorder was started with; of a terminal, those it was started for."""
 
     origin: Origin
     """Where the frames come from."""

@@ -109,7 +109,7 @@ def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> 
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """What was read of the new runs."""
+    """Samples and events read of the new runs."""
 
     runs: Sequence[LoggedRun]
     frames: Sequence[FrameBatch]

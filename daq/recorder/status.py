@@ -63,7 +63,7 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """What is counted in the run log; with thousands of runs it is kept until the log changes."""
+    """Counts of the run log; with thousands of runs they are kept until the log changes."""
 
     due: Due | None
     """The next step; None when the campaign is complete."""

@@ -21,7 +21,7 @@ _MOUNT_PRIOR_M = 5e8
 """Standard deviation, m, of the mount's first deflection beyond its force, over sigma squared."""
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""What is known less what the unknowns give, and the slopes of the latter, in sigmas."""
+"""Known values less those that the unknowns give, and the slopes of the latter, in sigmas."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def serve(arguments: Sequence[str]) -> None:
 
 
 class _Guarded(Server):
-    """Serves whoever has the link, and prints that link and nothing else."""
+    """Serves those who have the link, and prints that link and nothing else."""
 
     def __init__(self, command: str, port: int, guard: Guard) -> None:
         super().__init__(command, HOST, port, title="Bumpbench", templates_path=_PAGES)

@@ -24,7 +24,7 @@ class Log:
     """Writes lines to stderr or to a file, from a thread of its own.
 
     Log records, warnings and uncaught thread errors of libraries are written too.  In a file each
-    line begins with the UTC at which it was logged; stderr is stamped by whoever keeps it.
+    line begins with the UTC at which it was logged; stderr is stamped by what keeps it.
 
     `path`: a file in place of stderr; beyond 1 MB it is renamed to `*.1`, in place of the one
     before, and a new one begun.  Raises InputError if the file cannot be written.

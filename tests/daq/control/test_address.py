@@ -127,3 +127,8 @@ def test_no_sockets_no_recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.delattr(os, "getuid")
     with pytest.raises(InputError, match="Linux or macOS"):
         control_address(tmp_path)
+
+
+def test_a_folder_that_cannot_be_named_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="not UTF-8"):
+        control_address(tmp_path / os.fsdecode(b"caf\xe9"))

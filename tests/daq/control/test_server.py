@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import stat
 import subprocess
@@ -26,7 +25,6 @@ from daq.control.orders import Arm, AskBench, AskSetup, AskStatus, Hello, Mark, 
 from daq.control.peers import Peers
 from daq.control.server import MAX_REQUEST_BYTES, Server
 from daq.control.setup import setup_of
-from daq.errors import InputError
 
 from ..a_status import a_status
 from ..small_campaign import small_bench
@@ -219,11 +217,6 @@ def test_who_is_refused_leaves_nothing_behind() -> None:
         assert "Anna is in control" in peers.hello(f"1-{k}", Hello("Ben", control=True), 1.0)
     assert list(peers._names) == ["1-a"]
     assert list(peers._seen_s) == ["1-a"]
-
-
-def test_a_folder_that_cannot_be_named_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="not UTF-8"):
-        control_address(tmp_path / os.fsdecode(b"caf\xe9"))
 
 
 def test_a_stale_socket_is_replaced(engine: Engine, address: Address) -> None:
