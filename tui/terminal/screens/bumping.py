@@ -9,8 +9,8 @@ from textual.binding import Binding, BindingType
 from daq.control import Accept, Acknowledge, Choose, Pause, Phase, Redo, Reject, Undo
 from daq.runlog import LoggedRun, LoggedStatus
 
-from ..state.banner import run_words
 from ..state.next_action import NextAction, next_action
+from ..state.run_words import run_words
 from ..state.steps import BenchStep, bump_step
 from ..widgets.lists import TallyList
 from .base import BenchScreen

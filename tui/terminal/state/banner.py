@@ -8,11 +8,24 @@ from dataclasses import dataclass
 from daq import Status
 from daq.control import Phase
 from daq.errors import printable
-from daq.runlog import LoggedRun, LoggedStatus
 
 from .feed import Lost
 from .glyphs import Glyphs
 from .next_action import NextAction
+from .run_words import (
+    COMPLETE,
+    HANDS_OFF,
+    PAUSED,
+    accepted_words,
+    count_words,
+    due_words,
+    halted_words,
+    instruction_words,
+    last_judged,
+    rejected_words,
+    run_words,
+    waiting_words,
+)
 
 _BAR = 20
 
@@ -47,12 +60,10 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         return Banner("bad", glyphs.bad, "RECORDER LOST", "", printable(lost.text, 300), advice)
     if status is None:
         return Banner("quiet", glyphs.paused, "CONNECTING", "", "waiting for the recorder")
-    instruction = printable(" ".join(due.instruction.split()), 300) if (due := status.due) else ""
-    title = _title(status)
+    instruction, title = instruction_words(status), due_words(status)
     match status.phase:
         case Phase.WAITING:
-            moving = printable(", ".join(status.not_at_rest), 48)
-            why = f"not at rest: {moving}" if moving else "filling the seconds before the bump"
+            why = waiting_words(status)
             return Banner("armed", glyphs.paused, "WAITING", title, why, "Hands off until ARMED.")
         case Phase.ARMED:
             good = glyphs.good
@@ -62,7 +73,7 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
             )
         case Phase.TRIGGERED:
             return Banner(
-                "moving", glyphs.now, "TRIGGERED", title, "Hands off. Recording the bump.",
+                "moving", glyphs.now, "TRIGGERED", title, HANDS_OFF,
                 digits=_age(status),
             )  # fmt: skip
         case Phase.DECAY:
@@ -75,50 +86,17 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         case Phase.REJECTED:
             return _rejected(status, action, glyphs)
         case Phase.PAUSED:
-            first = "Bumps are not counted; frames are still recorded."
-            return Banner("quiet", glyphs.paused, "PAUSED", title, first, action.words)
+            return Banner("quiet", glyphs.paused, "PAUSED", title, PAUSED, action.words)
         case Phase.COMPLETE:
-            first = "Every planned run is accepted."
-            return Banner("good", glyphs.good, "COMPLETE", "", first, action.words)
+            return Banner("good", glyphs.good, "COMPLETE", "", COMPLETE, action.words)
     if status.halted:
-        first = f"three rejects for one reason: {printable(_reason(status.halted), 60)}"
+        first = halted_words(status.halted)
         return Banner(
             "bad", glyphs.bad, "STOPPED", title, first, f"F1 = what to do   {action.words}"
         )
     if action.step is not None:
         return Banner("good", glyphs.good, "DONE", "", "This step is complete.", action.words)
     return Banner("quiet", glyphs.paused, "IDLE", f"next: {title}", instruction, action.words)
-
-
-def run_words(run: LoggedRun) -> str:
-    """Return `bounce 3` and the like; the added state says so."""
-    return f"{run.excitation.words} {run.repeat}"
-
-
-def _reason(code: str) -> str:
-    return code.replace("_", " ")
-
-
-def _title(status: Status) -> str:
-    due = status.due
-    if due is None:
-        return ""
-    number = due.accepted + 1
-    kind = due.step.excitation.words
-    if number > due.planned:
-        return f"{kind} {number}, {due.planned} planned"
-    return f"{kind} {number} of {due.planned}"
-
-
-def _last(status: Status) -> LoggedRun | None:
-    judged = [run for run in status.runs if run.status is not LoggedStatus.OPEN]
-    return judged[-1] if judged else None
-
-
-def _count(status: Status, run: LoggedRun) -> str:
-    kind = (run.mass_state, run.excitation)
-    same = next((t for t in status.tallies if (t.mass_state, t.excitation) == kind), None)
-    return f"{same.accepted} of {same.planned} accepted" if same else ""
 
 
 def _age(status: Status) -> str:
@@ -138,36 +116,29 @@ def _countdown(status: Status) -> str:
 
 
 def _accepted(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
-    run = _last(status)
-    figures = next((f.text for f in run.findings if f.code == "motion"), "") if run else ""
+    run = last_judged(status)
     seconds = _countdown(status)
     after = f"The next run arms itself in {seconds} s." if seconds else "The last of its kind."
     second = "   ".join(part for part in (after, "Bksp = reject", action.words) if part)
-    title = f"{run_words(run)}   {_count(status, run)}" if run else ""
-    first = printable(figures, 100) or "every check passed"
-    return Banner("good", glyphs.good, "ACCEPTED", title, first, second, seconds)
+    title = f"{run_words(run)}   {count_words(status, run)}" if run else ""
+    return Banner("good", glyphs.good, "ACCEPTED", title, accepted_words(run), second, seconds)
 
 
 def _rejected(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
-    run = _last(status)
+    run = last_judged(status)
     if run is None:
         return Banner("bad", glyphs.bad, "REJECTED", "", "", action.words)
-    failed = next((finding for finding in run.findings if not finding.passed), None)
     title = f"{run_words(run)}   kept, not counted   {action.words}".rstrip()
     if status.countdown_s is not None and action.words:
         title = f"{title}, or in {_countdown(status)} s"
-    if run.by or failed is None:
-        why, advice = "; ".join(run.reasons), "U = undo"
-    else:
-        why, advice = f"{_reason(failed.code).upper()}: {failed.text}", failed.advice
-    advice = f"{advice[:1].upper()}{advice[1:]}".rstrip(".") + "." if advice else ""
+    why, advice = rejected_words(run)
     return Banner(
         "bad",
         glyphs.bad,
         "REJECTED",
         title,
-        printable(why, 110),
-        printable(advice, 90),
+        why,
+        advice or "U = undo.",
         _countdown(status),
         folds=False,
     )

@@ -1,0 +1,78 @@
+"""Words on the run that is due and on the one judged last, for banner and display."""
+
+from __future__ import annotations
+
+from daq import Status
+from daq.errors import printable
+from daq.runlog import LoggedRun, LoggedStatus
+
+HANDS_OFF = "Hands off. Recording the bump."
+PAUSED = "Bumps are not counted; frames are still recorded."
+COMPLETE = "Every planned run is accepted."
+
+
+def run_words(run: LoggedRun) -> str:
+    """Return `bounce 3` and the like; the added state says so."""
+    return f"{run.excitation.words} {run.repeat}"
+
+
+def due_words(status: Status) -> str:
+    """Return `bounce 3 of 5` for the run that is due; empty if none is."""
+    due = status.due
+    if due is None:
+        return ""
+    number = due.accepted + 1
+    kind = due.step.excitation.words
+    if number > due.planned:
+        return f"{kind} {number}, {due.planned} planned"
+    return f"{kind} {number} of {due.planned}"
+
+
+def instruction_words(status: Status) -> str:
+    """Return how to make the bump that is due, in one line; empty if none is."""
+    return printable(" ".join(due.instruction.split()), 300) if (due := status.due) else ""
+
+
+def last_judged(status: Status) -> LoggedRun | None:
+    """Return the run judged last; None if there is none."""
+    judged = [run for run in status.runs if run.status is not LoggedStatus.OPEN]
+    return judged[-1] if judged else None
+
+
+def count_words(status: Status, run: LoggedRun) -> str:
+    """Return `3 of 5 accepted` for the kind of a run."""
+    kind = (run.mass_state, run.excitation)
+    same = next((t for t in status.tallies if (t.mass_state, t.excitation) == kind), None)
+    return f"{same.accepted} of {same.planned} accepted" if same else ""
+
+
+def waiting_words(status: Status) -> str:
+    """Return why a run is not armed yet."""
+    moving = printable(", ".join(status.not_at_rest), 48)
+    return f"not at rest: {moving}" if moving else "filling the seconds before the bump"
+
+
+def accepted_words(run: LoggedRun | None) -> str:
+    """Return the figures of an accepted run."""
+    figures = next((f.text for f in run.findings if f.code == "motion"), "") if run else ""
+    return printable(figures, 100) or "every check passed"
+
+
+def rejected_words(run: LoggedRun) -> tuple[str, str]:
+    """Return why a run was rejected and what to do; a person's reject has no advice."""
+    failed = next((finding for finding in run.findings if not finding.passed), None)
+    if run.by or failed is None:
+        return printable("; ".join(run.reasons), 110), ""
+    advice = f"{failed.advice[:1].upper()}{failed.advice[1:]}".rstrip(".")
+    why = f"{reason_words(failed.code).upper()}: {failed.text}"
+    return printable(why, 110), printable(f"{advice}." if advice else "", 90)
+
+
+def reason_words(code: str) -> str:
+    """Return the code of a finding as words: `double bump`."""
+    return code.replace("_", " ")
+
+
+def halted_words(code: str) -> str:
+    """Return why the run loop stopped by itself."""
+    return f"three rejects for one reason: {printable(reason_words(code), 60)}"
