@@ -38,7 +38,7 @@ from ..tui.terminal.conftest import screen_text
 PATIENCE_S = 300.0
 """For what processes do on a machine that has much else to do."""
 SIZE = (80, 24)
-SEEN_S = 1.5
+SEEN_S = 0.8
 """A verdict stands for so long, of our time."""
 
 
@@ -166,7 +166,7 @@ class Seat:
         deadline_s = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < deadline_s, self.text
-            await self.pilot.pause(0.15)
+            await self.pilot.pause(0.25)
             name = type(self.app.screen).__name__
             if self.screens[-1:] != [name]:
                 self.screens.append(name)

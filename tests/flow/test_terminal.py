@@ -82,7 +82,7 @@ def results_by_space(folder: Path, session: Path, speed: float) -> Path:
 
 
 def test_a_campaign_by_space_alone_and_from_its_replay_to_the_report(tmp_path: Path) -> None:
-    session = campaign_by_space(tmp_path, 6.0, 1)
+    session = campaign_by_space(tmp_path, 10.0, 1)
     recorded = read_session(session)
     assert len(recorded.runs) == KINDS
     report = results_by_space(tmp_path / "replayed", session, 20.0)

@@ -220,12 +220,12 @@ def test_the_tree_has_every_dataset(path: Path) -> None:
     assert sorted(d.values.shape for d in load_tree(path).all_datasets()) == sorted(names)
 
 
-def test_twenty_four_damaged_files() -> None:
+def test_a_dozen_damaged_files() -> None:
     # In a process of its own, which measures its largest child.
-    command = [sys.executable, "-m", "tests.daq.mutations", "24"]
+    command = [sys.executable, "-m", "tests.daq.mutations", "12"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "no faults" in done.stdout
-    refused = re.search(r"24 mutants: exit codes \{.*2: (\d+)", done.stdout)
+    refused = re.search(r"12 mutants: exit codes \{.*2: (\d+)", done.stdout)
     assert refused, done.stdout
-    assert int(refused[1]) > 4
+    assert int(refused[1]) > 2
