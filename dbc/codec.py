@@ -1,4 +1,4 @@
-"""A DBC compiled for blocks of frames: which frame is which message, decoding, encoding."""
+"""Databases compiled for blocks of frames: decoding, encoding."""
 
 from __future__ import annotations
 
@@ -11,43 +11,35 @@ from numpy.typing import ArrayLike, NDArray
 from .decode import MessageFrames, MessageReader, compile_message, decode_message
 from .encode import encode_message
 from .finding import Finding
-from .frames import FrameBatch, FrameFlag
+from .frames import FrameBatch
+from .identifiers import Identifiers
 from .layout import MessageLayout
 from .samples import DecodeCounts, Decoded, Samples
-
-_STANDARD_IDS = 1 << 11
 
 
 @dataclass(frozen=True, slots=True)
 class Codec:
-    """The messages of a DBC, ready to decode and encode."""
+    """The messages of one or several databases, ready to decode and encode."""
 
     messages: tuple[MessageLayout, ...]
-    """Names, and pairs of (can_id, is_extended), must be unique."""
+    """Names, and (can_id, is_extended) on each bus, must be unique."""
     left_out: tuple[Finding, ...] = ()
-    """Messages of the database that cannot be used, and why."""
+    """Messages and signals of the database that cannot be used, and why."""
     notes: tuple[Finding, ...] = ()
     """Oddities of the database that do no harm."""
     _by_name: dict[str, MessageLayout] = field(init=False, repr=False, compare=False)
-    _by_id: dict[tuple[int, bool], MessageLayout] = field(init=False, repr=False, compare=False)
+    _by_id: dict[tuple[int | None, int, bool], MessageLayout] = field(
+        init=False, repr=False, compare=False
+    )
     _readers: tuple[MessageReader, ...] = field(init=False, repr=False, compare=False)
-    _standard: NDArray[np.uint16] = field(init=False, repr=False, compare=False)
-    _extended: NDArray[np.uint32] = field(init=False, repr=False, compare=False)
-    _extended_index: NDArray[np.uint16] = field(init=False, repr=False, compare=False)
+    _identifiers: Identifiers = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        unknown = len(self.messages)
-        standard = np.full(_STANDARD_IDS, unknown, np.uint16)
-        extended = sorted((m.can_id, i) for i, m in enumerate(self.messages) if m.is_extended)
-        for i, message in enumerate(self.messages):
-            if not message.is_extended:
-                standard[message.can_id] = i
+        by_id = {(m.bus, m.can_id, m.is_extended): m for m in self.messages}
         object.__setattr__(self, "_by_name", {m.name: m for m in self.messages})
-        object.__setattr__(self, "_by_id", {(m.can_id, m.is_extended): m for m in self.messages})
+        object.__setattr__(self, "_by_id", by_id)
         object.__setattr__(self, "_readers", tuple(map(compile_message, self.messages)))
-        object.__setattr__(self, "_standard", standard)
-        object.__setattr__(self, "_extended", np.array([e[0] for e in extended], np.uint32))
-        object.__setattr__(self, "_extended_index", np.array([e[1] for e in extended], np.uint16))
+        object.__setattr__(self, "_identifiers", Identifiers.of(self.messages))
 
     def message(self, name: str) -> MessageLayout:
         """Return the message called `name`.
@@ -61,9 +53,10 @@ class Codec:
             raise KeyError(f"the DBC has no message {name}")
         return self._by_name[name]
 
-    def find(self, can_id: int, is_extended: bool) -> MessageLayout | None:
-        """Return the message that frames with this identifier carry, or None."""
-        return self._by_id.get((can_id, is_extended))
+    def find(self, can_id: int, is_extended: bool, bus: int = 0) -> MessageLayout | None:
+        """Return the message that frames with this identifier carry on a bus, or None."""
+        own = self._by_id.get((bus, can_id, is_extended))
+        return own or self._by_id.get((None, can_id, is_extended))
 
     def decode(self, batch: FrameBatch) -> Decoded:
         """Decode a block of frames.
@@ -82,7 +75,7 @@ class Codec:
             message gives NaN (`Quality.MISSING`) for the signals that it does not hold; in a
             longer one the excess is ignored; both are counted as of wrong length.
         """
-        index, error_frames, remote_frames = self._classify(batch)
+        index, error_frames, remote_frames = self._identifiers.classify(batch)
         count = np.bincount(index, minlength=len(self.messages) + 2)
         order = np.argsort(index, kind="stable")
         samples: dict[str, Samples] = {}
@@ -129,27 +122,6 @@ class Codec:
             columns differ in length, or if the counter or the checksum is given.
         """
         return encode_message(self.message(message), values, counter_start)
-
-    def _classify(self, batch: FrameBatch) -> tuple[NDArray[np.uint16], int, int]:
-        """Give each frame its position in `messages`; then unknown ones, then no data at all."""
-        unknown = np.uint16(len(self.messages))
-        index = self._standard.take(batch.can_id, mode="clip")
-        special = FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR
-        flags = batch.flags & np.uint16(special)
-        index[batch.can_id >= _STANDARD_IDS] = unknown
-        if not flags.any():
-            return index, 0, 0
-        extended = np.flatnonzero(flags & np.uint16(FrameFlag.EXTENDED))
-        index[extended] = unknown
-        if len(self._extended):
-            can_id = batch.can_id[extended]
-            place = np.searchsorted(self._extended, can_id).clip(max=len(self._extended) - 1)
-            known = self._extended[place] == can_id
-            index[extended[known]] = self._extended_index[place[known]]
-        error = (flags & np.uint16(FrameFlag.ERROR)) != 0
-        remote = ((flags & np.uint16(FrameFlag.REMOTE)) != 0) & ~error
-        index[error | remote] = unknown + 1
-        return index, int(np.count_nonzero(error)), int(np.count_nonzero(remote))
 
 
 def _gather(batch: FrameBatch, rows: NDArray[np.intp], width: int) -> MessageFrames:

@@ -17,7 +17,15 @@ from .layout import MessageLayout
 from .reader.compose import compose
 from .reader.document import ORPHANS, Block, Document, read_document, whole
 from .reader.limits import MAX_BYTES, PICK_DBC
-from .reader.lint import FaultError, ambiguous, check_message, odd, overlaps, unusable
+from .reader.lint import (
+    FaultError,
+    ambiguous,
+    odd,
+    overlaps,
+    unusable,
+    usable_part,
+    with_own_names,
+)
 from .reader.source import Source
 
 
@@ -86,8 +94,9 @@ def load_codec(path: str | Path) -> Codec:
 def parse_codec(text: str, name: str) -> Codec:
     """Compile the text of a CAN database.
 
-    A message that cannot be decoded rightly is left out, and said so in `Codec.left_out`; the
-    others are loaded.  Overlapping signals are legal (sensors document them): each is read from
+    A signal or message that cannot be decoded rightly is left out, and said so in
+    `Codec.left_out`; the others are loaded.  Messages of one name are loaded under names that tell
+    them apart (`dbc.reader.lint.with_own_names`).  Overlapping signals are legal (sensors document them): each is read from
     its own bits, and `Codec.notes` says so.
 
     Parameters
@@ -137,21 +146,29 @@ def _compile(document: Document, source: Source) -> Codec:
             left_out.append(unusable(source.at(fault[0]), f"message {name}", fault[1]))
             continue
         try:
-            message = compose(document, block)
-            check_message(message)
+            message, lost = usable_part(compose(document, block))
         except FaultError as found:
             place, subject = _place(source, block, name, found.signal)
             left_out.append(unusable(place, subject, found.reason))
         else:
             usable.append((block, message))
+            left_out += [
+                unusable(*_place(source, block, name, signal), reason) for signal, reason in lost
+            ]
     twice = ambiguous([message for _, message in usable])
     left_out += [
         unusable(*_place(source, usable[i][0], usable[i][1].name, None), why)
         for i, why in twice.items()
     ]
-    kept = [pair for i, pair in enumerate(usable) if i not in twice]
+    blocks = [block for i, (block, _) in enumerate(usable) if i not in twice]
+    messages = [message for i, (_, message) in enumerate(usable) if i not in twice]
+    kept = with_own_names(messages)
     notes = [odd(source.at(start), "the text", what) for start, what in document.loose]
-    for block, message in kept:
+    for block, message, own in zip(blocks, messages, kept, strict=True):
+        if own.name != message.name:
+            place = _place(source, block, message.name, None)
+            notes.append(odd(*place, f"has the name of another message: it is {own.name} here"))
+    for block, message in zip(blocks, kept, strict=True):
         shared = overlaps(message)
         if shared:
             more = f" (and {len(shared) - 1} more signals)" if len(shared) > 1 else ""
@@ -159,7 +176,7 @@ def _compile(document: Document, source: Source) -> Codec:
             notes.append(odd(*_place(source, block, message.name, shared[0][0]), what))
     if not kept:
         raise _refusal(source, [*left_out, *notes])
-    return Codec(tuple(message for _, message in kept), tuple(left_out), tuple(notes))
+    return Codec(tuple(kept), tuple(left_out), tuple(notes))
 
 
 def _strays(document: Document) -> dict[int, tuple[int, str]]:

@@ -100,7 +100,7 @@ class MessageLayout:
     """One message of a DBC."""
 
     name: str
-    """Unique in the DBC."""
+    """Unique in the codec; with its sensor's name before a dot where a bench has several."""
     can_id: int
     """11 or 29 bits, without flag bits."""
     is_extended: bool
@@ -119,6 +119,8 @@ class MessageLayout:
     """Nodes that send it."""
     crc_rule: str = "crc8_j1850"
     """How the checksum is computed, a name in `dbc.crc.CRC_RULES`."""
+    bus: int | None = None
+    """The only bus on which frames with this identifier are this message; None: any bus."""
 
     def signal(self, name: str) -> SignalLayout:
         """Return the signal called `name`.

@@ -17,7 +17,15 @@ from ..finding import Finding
 from ..layout import MessageLayout, SignalLayout
 from .document import joined
 from .limits import MAX_MESSAGES, MAX_PAYLOAD_BYTES, MAX_SIGNAL_BITS
-from .lint import FaultError, ambiguous, check_message, odd, overlaps, unusable
+from .lint import (
+    FaultError,
+    ambiguous,
+    odd,
+    overlaps,
+    unusable,
+    usable_part,
+    with_own_names,
+)
 from .sentinels import sentinels
 
 MAX_CHARACTERS = 1_000_000
@@ -44,16 +52,16 @@ def parse_foreign(text: str, name: str) -> Codec:
     left_out: list[Finding] = []
     for found in _parse(text, name, kind):
         try:
-            message = _message(found)
-            check_message(message)
+            message, lost = usable_part(_message(found))
         except FaultError as fault:
             what = f"{found.name}.{fault.signal}" if fault.signal else f"message {found.name}"
             left_out.append(unusable(name, what, fault.reason))
         else:
             messages.append(message)
+            left_out += [unusable(name, f"{found.name}.{signal}", why) for signal, why in lost]
     twice = ambiguous(messages)
     left_out += [unusable(name, f"message {messages[i].name}", why) for i, why in twice.items()]
-    kept = tuple(message for i, message in enumerate(messages) if i not in twice)
+    kept = tuple(with_own_names([m for i, m in enumerate(messages) if i not in twice]))
     if not kept:
         what = left_out[0].text if left_out else "it has no messages"
         raise InputError(name, what, "give another file")
@@ -113,20 +121,18 @@ def _message(message: Any) -> MessageLayout:
         is_extended=message.is_extended_frame,
         length=message.length,
         cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
-        signals=tuple(_signal(message.name, signal) for signal in message.signals),
+        signals=tuple(map(_signal, message.signals)),
         counter=None,
         crc=None,
         senders=tuple(message.senders),
     )
 
 
-def _signal(message: str, signal: Any) -> SignalLayout:
+def _signal(signal: Any) -> SignalLayout:
     is_float = signal.conversion.is_float
     factor, offset = signal.conversion.scale, signal.conversion.offset
     if not is_float and factor == factor // 1 and offset == offset // 1:
         factor, offset = int(factor), int(offset)
-    if not 1 <= signal.length <= MAX_SIGNAL_BITS:
-        raise FaultError(signal.name, f"has {signal.length} bits, not 1 to {MAX_SIGNAL_BITS}")
     layout = SignalLayout(
         name=signal.name,
         unit=signal.unit or "",
@@ -144,4 +150,6 @@ def _signal(message: str, signal: Any) -> SignalLayout:
         sentinels=(),
     )
     table = {int(raw): str(label) for raw, label in (signal.conversion.choices or {}).items()}
-    return replace(layout, sentinels=sentinels(layout, table)) if table else layout
+    if not table or not 1 <= layout.length <= MAX_SIGNAL_BITS:
+        return layout
+    return replace(layout, sentinels=sentinels(layout, table))

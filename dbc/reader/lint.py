@@ -1,13 +1,15 @@
 """Checks a message before frames are decoded with it.
 
-A wrong value is worse than none, so a message with a fault is left out, whole, and said so.
+A wrong value is worse than none, so a signal that cannot be decoded, and a message that cannot be
+decoded in one way only, are left out, and said so.
 """
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from ..finding import Finding, Severity
 from ..layout import MessageLayout, SignalLayout
@@ -30,11 +32,38 @@ class FaultError(Exception):
         super().__init__(signal, reason)
 
 
-def check_message(message: MessageLayout) -> None:
-    """Refuse a message that cannot be decoded, or not in one way only.
+def usable_part(message: MessageLayout) -> tuple[MessageLayout, list[tuple[str, str]]]:
+    """Return a message without the signals that cannot be decoded, and these with the reason.
 
-    Raises FaultError at the first fault.
+    Raises FaultError if it cannot be decoded at all, or not in one way only: so it is if none of
+    its signals is left, or its counter or its checksum cannot be read.
     """
+    _check_frame(message)
+    faults = {}
+    for signal in message.signals:
+        fault = _signal_fault(message, signal)
+        if fault:
+            faults[signal.name] = fault
+    for _ in range(MAX_NESTING):  # what a signal that is left out selects cannot be read either
+        lost = {s.name: s.selector for s in message.signals if s.selector in faults}
+        faults |= {
+            name: f"has the selector {selector}, which is left out"
+            for name, selector in lost.items()
+            if name not in faults
+        }
+    roles = [message.counter.signal if message.counter else None, message.crc]
+    first = next((name for name in faults if name in roles), None)
+    if first is None and len(faults) == len({s.name for s in message.signals}):
+        first = next(iter(faults), None)
+    if first is not None:
+        raise FaultError(first, faults[first])
+    kept = tuple(signal for signal in message.signals if signal.name not in faults)
+    message = message if len(kept) == len(message.signals) else replace(message, signals=kept)
+    _check_message(message)
+    return message, list(faults.items())
+
+
+def _check_frame(message: MessageLayout) -> None:
     bits = EXTENDED_BITS if message.is_extended else STANDARD_BITS
     if message.can_id >> bits:
         kind = "extended" if message.is_extended else "standard"
@@ -47,15 +76,22 @@ def check_message(message: MessageLayout) -> None:
         if signal.name in by_name:
             raise FaultError(signal.name, "is there twice")
         by_name[signal.name] = signal
+
+
+def _check_message(message: MessageLayout) -> None:
+    by_name = {signal.name: signal for signal in message.signals}
     for signal in message.signals:
-        try:
-            fault = _bits_fault(message, signal) or _number_fault(signal)
-        except OverflowError:
-            fault = "has a number beyond float64"
-        fault = fault or _multiplexing_fault(by_name, signal)
+        fault = _multiplexing_fault(by_name, signal)
         if fault:
             raise FaultError(signal.name, fault)
     _check_roles(message)
+
+
+def _signal_fault(message: MessageLayout, signal: SignalLayout) -> str | None:
+    try:
+        return _bits_fault(message, signal) or _number_fault(signal)
+    except OverflowError:
+        return "has a number beyond float64"
 
 
 def _bits_fault(message: MessageLayout, signal: SignalLayout) -> str | None:
@@ -149,28 +185,43 @@ def _bits(signal: SignalLayout) -> range | list[int]:
 
 
 def ambiguous(messages: Sequence[MessageLayout]) -> dict[int, str]:
-    """Find messages that share their name or their identifier with another.
+    """Find messages that share their identifier with another.
 
     `messages`: all of a DBC.  Returns reasons by position: none of them is known to be the right
     one.
     """
     found: dict[int, str] = {}
-    names: dict[str, list[int]] = defaultdict(list)
     keys: dict[tuple[int, bool], list[int]] = defaultdict(list)
     for position, message in enumerate(messages):
-        names[message.name].append(position)
         keys[message.can_id, message.is_extended].append(position)
-    for same in names.values():
-        if len(same) > 1:
-            found |= dict.fromkeys(same, "has the name of another message")
     for key, same in keys.items():
         if len(same) > 1:
             found |= dict.fromkeys(same, f"has the identifier 0x{key[0]:X} of another message")
     return found
 
 
+def with_own_names(messages: Sequence[MessageLayout]) -> list[MessageLayout]:
+    """Return messages of different identifiers, each under a name of its own.
+
+    Where several have one name, each gets its identifier behind it: ``Status_0x1A0``, with an x at
+    the end for one of 29 bits where another of 11 bits has the same number.
+    """
+    names = Counter(message.name for message in messages)
+    taken = set(names)
+    found = []
+    for message in messages:
+        name = message.name
+        if names[name] > 1:
+            name = f"{name}_0x{message.can_id:X}"
+            while name in taken:
+                name += "x"
+            taken.add(name)
+        found.append(message if name == message.name else replace(message, name=name))
+    return found
+
+
 def unusable(where: str, subject: str, reason: str) -> Finding:
-    """Return the finding on a message that is left out."""
+    """Return the finding on a message or a signal that is left out."""
     return Finding("left_out", Severity.ERROR, f"{subject} {reason}", subject, where=where)
 
 

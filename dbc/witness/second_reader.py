@@ -117,9 +117,19 @@ class Witness:
         for name, sample in self._sample.items():
             message = self._codec.message(name)
             theirs = found["messages"].get(key(message.can_id, message.is_extended))
-            differences += message_differences(message, sample, theirs)
+            differences += message_differences(message, sample, _kept(self._codec, name, theirs))
         differences += _unread(self._codec, found["names"])
         return WitnessReport(tuple(differences), "", len(self._sample))
+
+
+def _kept(codec: Codec, message: str, theirs: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Return what cantools has of a message, without the signals that our reader leaves out."""
+    lost = {each.subject.rpartition(".")[2] for each in codec.left_out if "." in each.subject}
+    if theirs is None or not lost:
+        return theirs
+    own = {signal.name for signal in codec.message(message).signals}
+    kept = {n: each for n, each in theirs["signals"].items() if n in own or n not in lost}
+    return {**theirs, "signals": kept}
 
 
 def payloads(message: MessageLayout) -> tuple[bytes, ...]:

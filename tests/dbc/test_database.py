@@ -62,10 +62,6 @@ REFUSED = {
         "x.dbc:5: message M has the identifier 0x100 of another message",
     ),
     "same id again": (GOOD + f"\nBO_ 0256 N: 8 A\n{SIGNAL}", "x.dbc:5: message M has the ident"),
-    "same name": (
-        GOOD + f"\nBO_ 257 M: 8 A\n{SIGNAL}",
-        "x.dbc:5: message M has the name of another message",
-    ),
     "same signal": (GOOD + SIGNAL, "M.s is there twice"),
     "standard id": (GOOD.replace("256", "2048"), "more than 11 bits"),
     "extended id": (GOOD.replace("256", str(0xA0000000)), "more than 29 bits"),

@@ -90,12 +90,74 @@ def test_a_text_that_is_cut_off_is_refused_as_a_whole() -> None:
             parse_codec(text[:stop], "x.dbc")
 
 
-def test_messages_of_one_identifier_or_name_are_both_left_out() -> None:
+def test_messages_of_one_identifier_are_both_left_out() -> None:
     twin = parse_codec(HEAD + M + N + M.replace(" M:", " M2:"), "x.dbc")
     assert [message.name for message in twin.messages] == ["N"]
     assert sorted(name for _, name in left_out(twin)) == ["message M", "message M2"]
-    namesake = parse_codec(HEAD + M + N + M.replace("256", "258"), "x.dbc")
-    assert [message.name for message in namesake.messages] == ["N"]
+
+
+def test_messages_of_one_name_are_kept_under_names_that_tell_them_apart() -> None:
+    far = M.replace("256", str((1 << 31) + 0x1FFFF))
+    codec = parse_codec(HEAD + M + N + M.replace("256", "258") + far, "x.dbc")
+    names = [message.name for message in codec.messages]
+    assert names == ["M_0x100", "N", "M_0x102", "M_0x1FFFF"]
+    assert not codec.left_out
+    assert str(codec.notes[0]) == (
+        "x.dbc:11: message M has the name of another message: it is M_0x100 here"
+    )
+    decoded = codec.decode(block([b"\2\0\7\0\0\0\0\0", b"\4\0\7\0\0\0\0\0"], [256, 258]))
+    assert decoded["M_0x100.s"].value.tolist() == [1.0]
+    assert decoded["M_0x102.s"].value.tolist() == [2.0]
+    twice = M.replace("256", str((1 << 31) + 256))  # the same number with 29 bits
+    both = parse_codec(HEAD + M + twice, "x.dbc")
+    assert [message.name for message in both.messages] == ["M_0x100", "M_0x100x"]
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (' SG_ s : 0|16@1- (0.5,0) [0|0] "g" B\n', None),
+        (' SG_ s : 0|65@1- (0.5,0) [0|0] "g" B\n', "M.s has 65 bits, not 1 to 64"),
+        (' SG_ s : 0|64@1- (0.5,0) [0|0] "g" B\n', None),
+        (' SG_ s : 56|9@1- (0.5,0) [0|0] "g" B\n', "M.s ends in byte 9 of a message of 8"),
+        (' SG_ s : 56|8@1- (0.5,0) [0|0] "g" B\n', None),
+        (' SG_ s : 0|16@1- (0,0) [0|0] "g" B\n', "M.s has the factor 0"),
+    ],
+)
+def test_a_signal_that_cannot_be_decoded_costs_itself_and_not_its_message(
+    line: str, reason: str | None
+) -> None:
+    text = HEAD + M.replace(' SG_ s : 0|16@1- (0.5,0) [0|0] "g" B\n', line)
+    codec = parse_codec(text, "x.dbc")
+    (message,) = codec.messages
+    assert {s.name for s in message.signals} == ({"t"} if reason else {"s", "t"})
+    assert [remark.subject for remark in codec.left_out] == (["M.s"] if reason else [])
+    if reason:
+        assert reason in codec.left_out[0].text
+        assert codec.left_out[0].where == "x.dbc:12"
+    decoded = codec.decode(block([b"\2\0\7\0\0\0\0\0"], 256))
+    assert decoded["M.t"].value.tolist() == [7.0]
+
+
+def test_what_a_lost_selector_selects_is_left_out_with_it() -> None:
+    bad = ' SG_ sel M : 56|16@1+ (1,0) [0|0] "" B\n SG_ a m1 : 0|8@1+ (1,0) [0|0] "" B\n'
+    codec = parse_codec(HEAD + M.rstrip("\n") + "\n" + bad, "x.dbc")
+    assert [s.name for s in codec.message("M").signals] == ["s", "t"]
+    assert [r.text for r in codec.left_out] == [
+        "M.sel ends in byte 9 of a message of 8",
+        "M.a has the selector sel, which is left out",
+    ]
+
+
+def test_a_message_whose_counter_cannot_be_read_is_left_out_whole() -> None:
+    counted = (
+        M.replace("16|8@1+", "60|8@1+")
+        + 'BA_DEF_ SG_ "SignalRole" STRING ;\nBA_DEF_DEF_ "SignalRole" "value";\n'
+        + 'BA_ "SignalRole" SG_ 256 t "counter";\n'
+    )
+    codec = parse_codec(HEAD + N + counted, "x.dbc")
+    assert [message.name for message in codec.messages] == ["N"]
+    assert [remark.subject for remark in codec.left_out] == ["M.t"]
 
 
 def test_overlapping_signals_load_and_are_noted() -> None:

@@ -1,0 +1,89 @@
+"""Which message a frame carries, by its identifier and its bus, for all frames of a block at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .frames import FrameBatch, FrameFlag
+from .layout import MessageLayout
+
+_STANDARD_BITS, _EXTENDED_BITS = 11, 29
+_STANDARD_IDS = 1 << _STANDARD_BITS
+_BUSES = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Identifiers:
+    """Positions of messages by identifier.
+
+    Row 0 holds the messages of any bus; each bus that has messages of its own has a row with both.
+    """
+
+    row: NDArray[np.uint32]
+    """Row of each bus, shape (256,)."""
+    standard: NDArray[np.uint16]
+    """Position by row and identifier of 11 bits, one row after the other."""
+    extended: NDArray[np.uint64]
+    """Row and identifier of 29 bits, sorted."""
+    extended_index: NDArray[np.uint16]
+    """Positions that belong to them."""
+    unknown: int
+    """Position of a frame that no message has: the number of messages."""
+
+    @classmethod
+    def of(cls, messages: Sequence[MessageLayout]) -> Self:
+        """Return the table of these messages; one of a bus goes before one of any bus."""
+        buses = sorted({m.bus for m in messages if m.bus is not None})
+        row = np.zeros(_BUSES, np.uint32)
+        row[buses] = np.arange(1, len(buses) + 1)
+        unknown = len(messages)
+        standard = np.full((len(buses) + 1, _STANDARD_IDS), unknown, np.uint16)
+        extended: dict[int, int] = {}
+        for i in sorted(range(unknown), key=lambda i: messages[i].bus is not None):
+            m = messages[i]
+            rows = range(len(buses) + 1) if m.bus is None else [int(row[m.bus])]
+            if m.is_extended:
+                extended |= {each << _EXTENDED_BITS | m.can_id: i for each in rows}
+            else:
+                standard[list(rows), m.can_id] = i
+        keys = sorted(extended)
+        return cls(
+            row,
+            standard.ravel(),
+            np.array(keys, np.uint64),
+            np.array([extended[key] for key in keys], np.uint16),
+            unknown,
+        )
+
+    def classify(self, batch: FrameBatch) -> tuple[NDArray[np.uint16], int, int]:
+        """Return the position of each frame's message; then unknown ones, then no data at all.
+
+        Also returns the numbers of error frames and of remote frames, which carry no data.
+        """
+        unknown = np.uint16(self.unknown)
+        row = self.row.take(batch.bus) if len(self.standard) > _STANDARD_IDS else None
+        place = batch.can_id if row is None else batch.can_id + (row << np.uint32(_STANDARD_BITS))
+        index = self.standard.take(place, mode="clip")
+        special = FrameFlag.EXTENDED | FrameFlag.REMOTE | FrameFlag.ERROR
+        flags = batch.flags & np.uint16(special)
+        index[batch.can_id >= _STANDARD_IDS] = unknown
+        if not flags.any():
+            return index, 0, 0
+        extended = np.flatnonzero(flags & np.uint16(FrameFlag.EXTENDED))
+        index[extended] = unknown
+        if len(self.extended):
+            key = batch.can_id[extended].astype(np.uint64)
+            if row is not None:
+                key |= row[extended].astype(np.uint64) << np.uint64(_EXTENDED_BITS)
+            found = np.searchsorted(self.extended, key).clip(max=len(self.extended) - 1)
+            known = self.extended[found] == key
+            index[extended[known]] = self.extended_index[found[known]]
+        error = (flags & np.uint16(FrameFlag.ERROR)) != 0
+        remote = ((flags & np.uint16(FrameFlag.REMOTE)) != 0) & ~error
+        index[error | remote] = unknown + 1
+        return index, int(np.count_nonzero(error)), int(np.count_nonzero(remote))
