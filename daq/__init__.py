@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .session import read_session as read_session
     from .session import validate_session as validate_session
     from .session import write_session as write_session
+    from .session_parts import session_part as session_part
     from .sessions import Session as Session
     from .vehicle import FORD_GRANADA as FORD_GRANADA
     from .vehicle import AddedMass as AddedMass

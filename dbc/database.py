@@ -96,8 +96,8 @@ def parse_codec(text: str, name: str) -> Codec:
 
     A signal or message that cannot be decoded rightly is left out, and said so in
     `Codec.left_out`; the others are loaded.  Messages of one name are loaded under names that tell
-    them apart (`dbc.reader.lint.with_own_names`).  Overlapping signals are legal (sensors document them): each is read from
-    its own bits, and `Codec.notes` says so.
+    them apart (`dbc.reader.lint.with_own_names`).  Overlapping signals are legal (sensors document
+    them): each is read from its own bits, and `Codec.notes` says so.
 
     Parameters
     ----------
@@ -166,8 +166,8 @@ def _compile(document: Document, source: Source) -> Codec:
     notes = [odd(source.at(start), "the text", what) for start, what in document.loose]
     for block, message, own in zip(blocks, messages, kept, strict=True):
         if own.name != message.name:
-            place = _place(source, block, message.name, None)
-            notes.append(odd(*place, f"has the name of another message: it is {own.name} here"))
+            where = f"has the name of another message: it is {own.name} here"
+            notes.append(odd(*_place(source, block, message.name, None), where))
     for block, message in zip(blocks, kept, strict=True):
         shared = overlaps(message)
         if shared:

@@ -1,4 +1,4 @@
-"""Which message a frame carries, by its identifier and its bus, for all frames of a block at once."""
+"""Classifies frames: which message each carries, by its identifier and its bus."""
 
 from __future__ import annotations
 

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from daq import Bench
 
 
@@ -24,13 +26,13 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
 
 
 def reachable(bench: Bench, where: str) -> Bench:
-    """Return the bench if its bus reaches other processes.
+    """Return the bench if its buses reach other processes.
 
-    Raises InputError if it is python-can's `virtual`; `where` is named.
+    Raises InputError if one is python-can's `virtual`; `where` is named.
     """
     from daq import InputError
 
-    if bench.bus.interface == "virtual":
+    if any(bus.interface == "virtual" for bus in bench.buses):
         raise InputError(
             where,
             "interface virtual does not reach other processes",
@@ -46,10 +48,53 @@ def bench_with_dbc(path: Path | None, dbc: Path | None) -> Bench:
     `path`: bench.toml; the shipped one if None.  `dbc`: the other DBC; the bench's own if None.
     Raises InputError if a file is bad.
     """
-    from dataclasses import replace
-
     from daq import load_bench
-    from dbc import read_dbc
+    from daq.bench import with_database
 
     bench = load_bench(path)
-    return replace(bench, dbc_text=read_dbc(dbc), dbc_name=str(dbc)) if dbc else bench
+    return with_database(bench, dbc) if dbc else bench
+
+
+def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
+    """Return the positions of buses, which are named as in bench.toml or by their position.
+
+    Raises InputError if the bench has no such bus.
+    """
+    from daq import InputError
+
+    found = set()
+    for name in names:
+        numbers = [i for i, bus in enumerate(bench.buses) if name in (bus.name, bus.channel)]
+        if not numbers and name.isdecimal() and int(name) < max(len(bench.buses), 256):
+            numbers = [int(name)]
+        if not numbers:
+            known = ", ".join(bus.label for bus in bench.buses)
+            raise InputError(f"--bus {name}", "is no bus of the bench", f"name one of {known}")
+        found.update(numbers)
+    return frozenset(found)
+
+
+def with_sensors(bench: Bench, sensors: Sequence[str], buses: frozenset[int]) -> Bench:
+    """Return the bench with the channels of some sensors and some buses alone.
+
+    Empty sets keep all.  Raises InputError if the bench has no such sensor.
+    """
+    from dataclasses import replace
+
+    from daq import InputError
+    from daq.bench import sensor_of_signal
+
+    known = {sensor.name: sensor for sensor in bench.sensors}
+    for name in sensors:
+        if name not in known:
+            names = ", ".join(known) or "none: it has no [[sensor]]"
+            raise InputError(f"--sensor {name}", "is not on the bench", f"its sensors: {names}")
+    wanted = {
+        name
+        for name, sensor in known.items()
+        if (not sensors or name in sensors) and (not buses or sensor.bus in buses)
+    }
+    if wanted == known.keys():
+        return bench
+    channels = tuple(c for c in bench.channels if sensor_of_signal(c.signal) in wanted)
+    return replace(bench, channels=channels)

@@ -18,4 +18,15 @@ CarName = Annotated[
 ]
 """Names of `daq.sim.cars.car_names`; written out, so that --help reads no file."""
 
+Sensors = Annotated[
+    list[str] | None, typer.Option("--sensor", help="Only this sensor; repeatable.")
+]
+"""Names of `[[sensor]]` tables."""
+
+Buses = Annotated[
+    list[str] | None,
+    typer.Option("--bus", help="Only this bus: its name, channel or number from 0; repeatable."),
+]
+"""Buses of the bench."""
+
 BenchFile = Annotated[Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")]

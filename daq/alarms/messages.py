@@ -97,7 +97,7 @@ def advance_messages(
     known, strangers = dict(watch.known), dict(watch.strangers)
     turn_s = max(now_s - watch.turn_s, 1e-3) if watch.turn_s else 1.0
     for bus, can_id, is_extended, length, frames in _distinct(batch):
-        layout = codec.find(can_id, is_extended)
+        layout = codec.find(can_id, is_extended, bus)
         if layout is None:
             key = (bus, can_id, is_extended)
             before = strangers.get(key)
@@ -256,7 +256,7 @@ def _stranger_symptoms(
 ) -> list[Finding]:
     found: list[Finding] = []
     for key in recent:
-        twin = codec.find(key[1], not key[2])
+        twin = codec.find(key[1], not key[2], key[0])
         if twin is not None and len(found) < _SHOWN_IDS:
             bits = (29, 11) if key[2] else (11, 29)
             text = f"{key[1]:#x} comes with {bits[0]} bits; the DBC has it with {bits[1]}"

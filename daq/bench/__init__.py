@@ -5,10 +5,13 @@ from typing import TYPE_CHECKING
 from dbc.lazy import lazy
 
 if TYPE_CHECKING:
+    from ..signal_names import sensor_of as sensor_of
+    from ..signal_names import sensor_of_signal as sensor_of_signal
     from .bench_tables import campaign_limits as campaign_limits
     from .config import BusConfig as BusConfig
     from .config import on_bus as on_bus
     from .config import parse_bench as parse_bench
+    from .databases import Database as Database
     from .edit import with_campaign as with_campaign
     from .edit import with_channel as with_channel
     from .edit import with_facts as with_facts
@@ -19,5 +22,8 @@ if TYPE_CHECKING:
     from .procedure import sketch as sketch
     from .ready_maps import ready_map as ready_map
     from .ready_maps import ready_map_names as ready_map_names
+    from .replaced import with_database as with_database
+    from .sensors import Sensor as Sensor
+    from .sensors import sensors_codec as sensors_codec
 else:
     __all__, __dir__, __getattr__ = lazy(__name__)

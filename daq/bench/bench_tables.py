@@ -52,7 +52,27 @@ class BusTable(Table):
 
     interface: str = "virtual"
     channel: str = "bumpbench"
+    name: Annotated[str, Field(max_length=60)] = ""
     bitrate: Annotated[int, Field(gt=0, le=1_000_000)] = 1_000_000
+
+
+class SensorTable(Table):
+    """One `[[sensor]]`: a device, its database or ready map, and its bus."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=30)]
+    dbc: str = ""
+    layout: str = ""
+    bus: Annotated[int, Field(ge=0)] | str | None = None
+    id_offset: int = 0
+    ids: dict[str, Annotated[int, Field(ge=0)]] = {}
+
+    @model_validator(mode="after")
+    def _one_description(self) -> SensorTable:
+        if bool(self.dbc) == bool(self.layout):
+            raise ValueError("a sensor has either dbc or layout")
+        if self.id_offset and self.ids:
+            raise ValueError("a sensor has either id_offset or ids")
+        return self
 
 
 class GeometryTable(Table):
@@ -249,6 +269,7 @@ class BenchFile(Table):
     """A whole bench.toml."""
 
     dbc: str = ""
+    sensor: Annotated[list[SensorTable], Field(max_length=100)] = []
     bus: BusTable | Annotated[list[BusTable], Field(min_length=1, max_length=16)] = BusTable()
     vehicle: VehicleTable = VehicleTable()
     campaign: CampaignTable = CampaignTable()
@@ -260,3 +281,9 @@ class BenchFile(Table):
     message: list[MessageTable] = []
     sample_set: list[SampleSetTable] = []
     channel: list[ChannelTable] = []
+
+    @model_validator(mode="after")
+    def _one_way_to_name_databases(self) -> BenchFile:
+        if self.sensor and self.dbc:
+            raise ValueError("dbc and [[sensor]] exclude each other: a sensor names its own dbc")
+        return self

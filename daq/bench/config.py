@@ -10,11 +10,12 @@ from types import MappingProxyType
 
 from pydantic import ValidationError
 
-from dbc import Codec, parse_codec, read_dbc, shipped_dbc
+from dbc import Codec, read_dbc, shipped_dbc
 
 from ..channels import SI_UNITS, Channel
 from ..errors import InputError
 from ..runs import ADDED, BASELINE
+from ..signal_names import message_of
 from ..vehicle import (
     AddedMass,
     BodyWeight,
@@ -29,10 +30,13 @@ from ..vehicle import (
 )
 from .bench_tables import BenchFile, ChannelTable, MessageTable, WeightTable
 from .campaign import Campaign
+from .databases import database_codec, stored_databases, stored_text
 from .message_rules import MessageRule, SampleSet, TimeRule, check_sets, ruled_codec
 from .origin import Origin
 from .procedure import Procedure
 from .ready_maps import PREFIX, ready_map
+from .sensor_tables import read_databases, sensors_of, with_ready_maps
+from .sensors import Sensor, full_name, sensors_codec
 
 MAX_CONFIG_BYTES = 1_000_000
 
@@ -44,6 +48,13 @@ class BusConfig:
     interface: str
     channel: str
     bitrate: int
+    name: str = ""
+    """Name for people, and for the sensors of bench.toml; empty: its channel is its name."""
+
+    @property
+    def label(self) -> str:
+        """The name, or the channel."""
+        return self.name or self.channel
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +97,13 @@ class Bench:
     dbc_name: str
     """Source of the DBC, for messages to the user."""
     dbc_text: str
-    """The DBC as read; it is stored in every journal and session."""
+    """The DBC as read, or all databases of the sensors (`daq.bench.databases`); it is stored in
+    every journal and session."""
     buses: tuple[BusConfig, ...]
     """At least one; a frame's `bus` is the position in it."""
     vehicle: Vehicle
     channels: tuple[Channel, ...]
+    """Signals are written in full (`daq.signal_names`)."""
     mass_states: tuple[MassState, ...]
     campaign: Campaign
     bump_s: float
@@ -106,6 +119,8 @@ class Bench:
     """How the bumps are made."""
     recorder: RecorderConfig = RecorderConfig()
     """Limits of the recorder."""
+    sensors: tuple[Sensor, ...] = ()
+    """The sensors; empty on a bench whose one DBC holds for every bus."""
     origin: Origin = Origin.REAL
     """Where the frames come from; not in bench.toml, but set by whoever opens the buses."""
 
@@ -162,8 +177,11 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
         for name in names:
             if names.count(name) > 1:
                 raise InputError(where, f"{kind} {name} occurs twice", "give each its own name")
+    buses, sensors = _buses(table, where), sensors_of(table, where)
     if dbc_text is None:
-        dbc_text = _dbc_text(table.dbc, folder)
+        read = read_databases(sensors, folder)
+        dbc_text = stored_text(read) if sensors else _dbc_text(table.dbc, folder)
+    channels = tuple(_channel(c) for c in table.channel)
     geometry = table.vehicle.geometry
     decided = table.vehicle.structure.decided
     structure = Structure(
@@ -177,9 +195,11 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
             raise InputError(where, what, f"use one of {', '.join(known)}")
     return Bench(
         text=text,
-        dbc_name=table.dbc or "bumpbench.dbc (shipped)",
+        dbc_name=", ".join(dict.fromkeys(sensor.database for sensor in sensors))
+        or table.dbc
+        or "bumpbench.dbc (shipped)",
         dbc_text=dbc_text,
-        buses=_buses(table, where),
+        buses=buses,
         vehicle=Vehicle(
             table.vehicle.name,
             VehicleGeometry(geometry.a_m, geometry.b_m, geometry.t_f_m, geometry.t_r_m)
@@ -189,7 +209,7 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
             tuple(Fact(fact.quantity, fact.value, fact.sigma) for fact in table.fact),
             decided,
         ),
-        channels=tuple(_channel(c) for c in table.channel),
+        channels=_named_in_full(channels, sensors, dbc_text, len(buses)),
         mass_states=(
             MassState(BASELINE),
             MassState(ADDED, AddedMass(tuple(_weight(w) for w in table.weight))),
@@ -215,12 +235,24 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
             table.recorder.reserve_mb * 1e6,
             table.recorder.silent_s,
         ),
+        sensors=sensors,
     )
+
+
+def _named_in_full(
+    channels: tuple[Channel, ...], sensors: tuple[Sensor, ...], dbc_text: str, n_buses: int
+) -> tuple[Channel, ...]:
+    """Return the channels of a list of sensors with their messages named, if the DBCs are there."""
+    if not (sensors and dbc_text):
+        return channels
+    databases = stored_databases(dbc_text)
+    messages = [m for s in sensors for m in sensors_codec([s], databases, n_buses).messages]
+    return tuple(replace(c, signal=full_name(c.signal, messages)) for c in channels)
 
 
 def _buses(table: BenchFile, where: str) -> tuple[BusConfig, ...]:
     tables = table.bus if isinstance(table.bus, list) else [table.bus]
-    buses = tuple(BusConfig(bus.interface, bus.channel, bus.bitrate) for bus in tables)
+    buses = tuple(BusConfig(bus.interface, bus.channel, bus.bitrate, bus.name) for bus in tables)
     taken = [(bus.interface, bus.channel) for bus in buses]
     for interface, channel in taken:
         if taken.count((interface, channel)) > 1:
@@ -230,21 +262,30 @@ def _buses(table: BenchFile, where: str) -> tuple[BusConfig, ...]:
 
 
 def bench_codec(bench: Bench) -> Codec:
-    """Return the bench's DBC, compiled, with what bench.toml adds to its messages.
+    """Return the bench's databases, compiled, with what bench.toml adds to their messages.
 
     Raises
     ------
     InputError
         If the DBC cannot be used, or bench.toml and the DBC do not fit together.
     """
-    codec = parse_codec(bench.dbc_text, bench.dbc_name)
+    if bench.sensors:
+        used = {message_of(channel.signal) for channel in bench.channels}
+        used |= {rule.name for rule in bench.message_rules}
+        used |= {name for each in bench.sample_sets for name in each.messages}
+        databases = stored_databases(bench.dbc_text)
+        codec = sensors_codec(bench.sensors, databases, len(bench.buses), used)
+    else:
+        codec = database_codec(bench.dbc_text, bench.dbc_name)
     codec = ruled_codec(codec, bench.message_rules, bench.dbc_name)
     check_sets(codec, bench.message_rules, bench.sample_sets)
     return codec
 
 
 def _completed(table: BenchFile) -> BenchFile:
-    """Fill in what the file leaves to the shipped bench or to a ready map."""
+    """Fill in what the file leaves to the shipped bench or to ready maps."""
+    if table.sensor:
+        return with_ready_maps(table)
     if not table.dbc.startswith(PREFIX):
         if table.channel:
             return table
@@ -323,9 +364,15 @@ def _channel(table: ChannelTable) -> Channel:
 
 
 def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
-    """Return the bench on another bus, where one is named: on that one alone."""
+    """Return the bench on another bus, where one is named: on that one alone.
+
+    Raises InputError if its sensors are on several buses.
+    """
     if not (interface or channel):
         return bench
+    if len({sensor.bus for sensor in bench.sensors}) > 1:
+        what = f"the bench has sensors on {len(bench.buses)} buses, and one bus is named"
+        raise InputError("--interface, --channel", what, "name the buses in bench.toml")
     bus = replace(
         bench.bus,
         interface=interface or bench.bus.interface,

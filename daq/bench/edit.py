@@ -27,6 +27,7 @@ from .campaign import Campaign
 from .config import Bench, default_bench_text, parse_bench
 from .procedure import Method, Procedure
 from .ready_maps import PREFIX, ready_map
+from .sensor_maps import ready_tables
 
 WHERE = "bench.toml"
 Weight = BodyWeight | HubWeight
@@ -89,7 +90,10 @@ def with_channel(text: str, name: str, sign: float | None = None, tare: float | 
         raise InputError(WHERE, f"channel {name}: sign {sign} is not 1 or -1", "state 1 or -1")
     document = _document(text)
     if not document.get("channel"):
-        _append(document, "channel", _document(_channels_in_force(document)))
+        _append(document, "channel", _channels_in_force(document))
+    elif name not in [table["name"] for table in document["channel"]]:
+        for table in _channels_in_force(document):
+            document["channel"].append(table)
     for table in cast(AoT, document["channel"]):
         if table["name"] == name:
             if sign is not None:
@@ -185,12 +189,19 @@ _LEFT_OUT = {"sigma_kg": 0.0, "height_m": 0.0, "position_sigma_m": 0.0}
 """Keys of a weight that need not be written, with the value that holds without them."""
 
 
-def _channels_in_force(document: tomlkit.TOMLDocument) -> str:
-    """Return the text of the bench whose channels hold where a bench.toml has none."""
+def _channels_in_force(document: tomlkit.TOMLDocument) -> list[Table]:
+    """Return the channels that hold although the bench.toml does not state them."""
+    if "sensor" in document:
+        tables = document["sensor"].unwrap()
+        sensors = [
+            (t["name"], f"{PREFIX}{t['layout']}" if t.get("layout") else t["dbc"]) for t in tables
+        ]
+        added = ready_tables(sensors, document.unwrap())
+        return [_new_table(row) for row in added["channel"]]
     dbc = str(document.get("dbc", ""))
-    if dbc.startswith(PREFIX):
-        return ready_map(dbc.removeprefix(PREFIX)).bench_text
-    return default_bench_text()
+    ready = dbc.startswith(PREFIX)
+    text = ready_map(dbc.removeprefix(PREFIX)).bench_text if ready else default_bench_text()
+    return list(cast(AoT, _document(text)["channel"]))
 
 
 # Tables and their trimmings ---------------------------------------------------------------------
@@ -225,12 +236,7 @@ def _set(table: Any, key: str, value: Any) -> None:
     _add_tail(table, tail)
 
 
-def _append(document: tomlkit.TOMLDocument, key: str, source: tomlkit.TOMLDocument) -> None:
-    """Append the tables of that name in another document."""
-    _append_tables(document, key, list(cast(AoT, source[key])))
-
-
-def _append_tables(document: tomlkit.TOMLDocument, key: str, tables: Sequence[Table]) -> None:
+def _append(document: tomlkit.TOMLDocument, key: str, tables: Sequence[Table]) -> None:
     if document.body:
         document.add(tomlkit.nl())
     document.append(key, AoT(list(tables), key, parsed=True))
@@ -246,7 +252,7 @@ def _put_tables(document: tomlkit.TOMLDocument, key: str, rows: Sequence[_Row]) 
             tables = [_new_table(row) for row in rows]
             for table in tables[:-1]:
                 _add_tail(table, "\n")
-            _append_tables(document, key, tables)
+            _append(document, key, tables)
         return
     old = list(present)
     tails = [_cut_tail(table) for table in old]

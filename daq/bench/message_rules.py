@@ -62,7 +62,7 @@ class SampleSet:
     @property
     def carrier(self) -> tuple[str, str]:
         """Message and signal that number the sets."""
-        message, dot, signal = self.bound_by.partition(".")
+        message, dot, signal = self.bound_by.rpartition(".")
         return (message, signal) if dot else (self.messages[0], self.bound_by)
 
 
@@ -95,7 +95,7 @@ def ruled_codec(codec: Codec, rules: Sequence[MessageRule], dbc_name: str) -> Co
         _ruled(message, by_name[message.name]) if message.name in by_name else message
         for message in codec.messages
     )
-    return codec if messages == codec.messages else Codec(messages)
+    return codec if messages == codec.messages else replace(codec, messages=messages)
 
 
 def _ruled(message: MessageLayout, rule: MessageRule) -> MessageLayout:

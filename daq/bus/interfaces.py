@@ -14,7 +14,7 @@ import select
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -109,6 +109,13 @@ def open_bus(config: BusConfig) -> can.BusABC:
         )
     _tune_socket(bus)
     return bus
+
+
+@contextlib.contextmanager
+def open_buses(configs: Sequence[BusConfig]) -> Iterator[tuple[can.BusABC, ...]]:
+    """Open buses for sending and close them at the end; raises BusError as `open_source`."""
+    with contextlib.ExitStack() as stack:
+        yield tuple(stack.enter_context(open_bus(config)) for config in configs)
 
 
 def _name(config: BusConfig) -> str:

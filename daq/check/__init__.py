@@ -7,6 +7,7 @@ from dbc.lazy import lazy
 if TYPE_CHECKING:
     from .check import CheckReport as CheckReport
     from .check import check_bench as check_bench
+    from .check import part_of as part_of
     from .dbc_readers import bench_witness as bench_witness
     from .dbc_readers import reader_lines as reader_lines
     from .propose import propose_bench as propose_bench

@@ -6,7 +6,8 @@ reason and, where something can be done, what to do.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from datetime import date
 
 import numpy as np
@@ -21,8 +22,10 @@ from ..runs import SampleGroup
 from ..samples.groups import sample_groups, timekeeping
 from ..samples.mapping import map_channels
 from ..samples.trigger import trigger_channels
+from ..signal_names import sensor_of, sensor_of_signal
+from .bus_checks import check_traffic
 from .channel_checks import check_channel
-from .frame_checks import check_messages, check_traffic, frame_table
+from .frame_checks import check_messages, frame_table
 from .result import WORDS, about, judged, ok, warn
 
 _INCOMPLETE_SHARE = 0.01
@@ -70,7 +73,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     keeping = timekeeping(bench, codec)
     table = frame_table(codec.messages, frames)
     groups = sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))
-    lines = pauses + check_traffic(codec.messages, table, decoded, bench.bus.bitrate)
+    lines = pauses + check_traffic(codec.messages, table, decoded, bench.buses)
     lines += check_messages(mapped, keeping, table, decoded)
     for each in bench.sample_sets:
         if _is_used(each, groups):
@@ -82,6 +85,26 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     for m in mapped:
         lines += check_channel(m, mapped, keeping, decoded, bench.calibration_days, today)
     return CheckReport(seconds, len(frames), tuple(lines))
+
+
+def part_of(
+    report: CheckReport, bench: Bench, sensors: Collection[str], buses: Collection[int]
+) -> CheckReport:
+    """Return the lines of a report that are about some sensors and some buses; empty: all."""
+    own = {s.name for s in bench.sensors if not buses or s.bus in buses}
+    wanted = own & set(sensors) if sensors else own
+    channels = {c.name for c in bench.channels if sensor_of_signal(c.signal) in wanted}
+    labels = {bus.label for i, bus in enumerate(bench.buses) if not buses or i in buses}
+
+    def is_wanted(line: Finding) -> bool:
+        kind, _, name = line.subject.partition(" ")
+        if kind == "message":
+            return sensor_of(name) in wanted
+        return name in channels if kind == "channel" else kind != "bus" or name in {*labels, ""}
+
+    if not sensors and not buses:
+        return report
+    return replace(report, lines=tuple(filter(is_wanted, report.lines)))
 
 
 def _without_pauses(frames: FrameBatch) -> tuple[FrameBatch, list[Finding]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dbc.crc import CRC_RULES, covered
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch, FrameFlag
+from dbc.identifiers import Identifiers
 from dbc.layout import MessageLayout
 from dbc.samples import UNUSABLE, Decoded, Quality
 
@@ -24,16 +25,15 @@ from .result import about, fail, judged, ok, warn
 
 _RATE_WARN, _RATE_FAIL = 0.02, 0.10
 _LOST_FAIL = 0.01
-_LOAD_WARN = 0.8
 _CLOCK_WARN, _CLOCK_FAIL = 2e-3, 0.2
 _SILENT_S = 0.5
-_SHOWN_IDS = 6
 _EXTENDED_KEY = 1 << 29
+_BUS_KEY = 1 << 30
 
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """The data frames of one identifier."""
+    """The data frames of one identifier on one bus, or of one message."""
 
     can_id: int
     """The identifier."""
@@ -45,6 +45,8 @@ class Arrivals:
     """Bytes received, shape (n,)."""
     data: NDArray[np.uint8]
     """Payloads."""
+    buses: tuple[int, ...]
+    """The buses on which they came."""
 
     @property
     def rate_hz(self) -> float:
@@ -60,7 +62,7 @@ class Arrivals:
 
 @dataclass(frozen=True, slots=True)
 class FrameTable:
-    """All traffic by identifier."""
+    """All traffic by message, or by bus and identifier."""
 
     known: dict[str, Arrivals]
     """Messages of the DBC that came."""
@@ -70,8 +72,10 @@ class FrameTable:
     """Time stamp of the first frame."""
     end_ns: int
     """Time stamp of the last frame."""
-    bits: float
-    """Bits on the wire, estimated."""
+    bits: Mapping[int, float]
+    """Bits on the wire of each bus, estimated."""
+    frames: Mapping[int, int]
+    """Number of data frames of each bus."""
 
     @property
     def seconds(self) -> float:
@@ -80,67 +84,46 @@ class FrameTable:
 
 
 def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameTable:
-    """Sort the data frames of a recording, which must not be empty, by identifier."""
+    """Sort the data frames of a recording, which must not be empty, by message."""
     special = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
     data = frames.select((frames.flags & special) == 0)
     extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
+    index, _, _ = Identifiers.of(messages).classify(data)
+    stranger = index == len(messages)
     key = data.can_id.astype(np.int64) + _EXTENDED_KEY * extended
+    key = np.where(
+        stranger, key + _BUS_KEY * data.bus.astype(np.int64), -1 - index.astype(np.int64)
+    )
     order = np.argsort(key, kind="stable")
     keys, first = np.unique(key[order], return_index=True)
-    names = {m.can_id + _EXTENDED_KEY * m.is_extended: m.name for m in messages}
     known, unknown = {}, []
     for one, rows in zip(keys.tolist(), np.split(order, first[1:]), strict=False):
         part = data.select(rows)
-        is_extended, can_id = divmod(one, _EXTENDED_KEY)
-        arrivals = Arrivals(can_id, bool(is_extended), part.t_ns, part.length, part.data)
-        if one in names:
-            known[names[one]] = arrivals
+        is_extended, can_id = divmod(one % _BUS_KEY, _EXTENDED_KEY)
+        if one < 0:
+            message = messages[-1 - one]
+            is_extended, can_id = message.is_extended, message.can_id
+        buses = tuple(np.unique(part.bus).tolist())
+        arrivals = Arrivals(can_id, bool(is_extended), part.t_ns, part.length, part.data, buses)
+        if one < 0:
+            known[message.name] = arrivals
         else:
             unknown.append(arrivals)
     unknown.sort(key=lambda a: -len(a.t_ns))
-    bits = float(np.sum(wire_bits(data)))
-    return FrameTable(known, tuple(unknown), int(frames.t_ns.min()), int(frames.t_ns.max()), bits)
+    bits, number = np.bincount(data.bus, wire_bits(data)), np.bincount(data.bus)
+    present = np.flatnonzero(number).tolist()
+    return FrameTable(
+        known,
+        tuple(unknown),
+        int(frames.t_ns.min()),
+        int(frames.t_ns.max()),
+        {bus: float(bits[bus]) for bus in present},
+        {bus: int(number[bus]) for bus in present},
+    )
 
 
-def check_traffic(
-    messages: Sequence[MessageLayout], table: FrameTable, decoded: Decoded, bitrate: int
-) -> list[Finding]:
-    """Check the bus as a whole: load, error frames, unknown identifiers."""
-    load = table.bits / (bitrate * table.seconds) if table.seconds > 0 else 0.0
-    count = sum(len(a.t_ns) for a in (*table.known.values(), *table.unknown))
-    reason = f"{count} frames in {table.seconds:.2f} s, about {100 * load:.0f} % of the bit rate"
-    heavy = load > _LOAD_WARN
-    advice = "a full bus delays and loses frames: lower rates or take two buses" if heavy else ""
-    figures = {"frames": count, "seconds": table.seconds, "load": load}
-    verdict = Severity.WARNING if heavy else Severity.NOTE
-    lines = about("bus", [judged("load", verdict, reason, advice)], figures)
-    if decoded.counts.error_frames:
-        reason = f"{decoded.counts.error_frames} error frames"
-        advice = "check termination (60 ohm between the wires), bit rate and plugs"
-        lines += about("bus", [warn("error_frames", reason, advice)])
-    if table.unknown:
-        unknown = _unknown_line(messages, table.unknown)
-        lines += about("bus", [unknown], {"unknown": len(table.unknown)})
-    return lines
-
-
-def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]) -> Finding:
-    shown = ", ".join(f"{_hex(a)} ({a.rate_hz:.0f} Hz)" for a in unknown[:_SHOWN_IDS])
-    more = f" and {len(unknown) - _SHOWN_IDS} more" if len(unknown) > _SHOWN_IDS else ""
-    reason = f"{len(unknown)} identifiers are not in the DBC: {shown}{more}"
-    advice = "foreign devices, or the DBC is not the one of this bus"
-    by_id = {m.can_id: m for m in messages}
-    for a in unknown:
-        twin = by_id.get(a.can_id)
-        if twin is not None and twin.is_extended != a.is_extended:
-            bits = (29, 11) if a.is_extended else (11, 29)
-            advice = (
-                f"{a.can_id:#x} comes with {bits[0]} bits; the DBC has {twin.name} with {bits[1]}"
-            )
-    return warn("unknown_id", reason, advice)
-
-
-def _hex(a: Arrivals) -> str:
+def id_text(a: Arrivals) -> str:
+    """Return an identifier as lines show it: with an x behind it if it has 29 bits."""
     return f"{a.can_id:#x}" + ("x" if a.is_extended else "")
 
 
@@ -164,6 +147,7 @@ def check_messages(
         counter = counters.get(name)
         sent = len(arrivals.t_ns) + (counter.missing if counter else 0)
         found = [
+            *_bus_lines(arrivals, Severity.ERROR if name in used | carriers else Severity.WARNING),
             *_rate_lines(message, arrivals, sent, table, name in keeping.clocks),
             *_length_lines(message, arrivals),
             *_checksum_lines(message, arrivals, decoded),
@@ -179,6 +163,14 @@ def check_messages(
     return lines
 
 
+def _bus_lines(arrivals: Arrivals, verdict: Severity) -> list[Finding]:
+    if len(arrivals.buses) == 1:
+        return []
+    reason = f"comes on the buses {' and '.join(map(str, arrivals.buses))}: two sensors read as one"
+    advice = "describe each as a [[sensor]] with its bus; for a log, import one with --bus"
+    return [judged("mixed_buses", verdict, reason, advice)]
+
+
 def _missing_line(
     message: MessageLayout, unknown: Sequence[Arrivals], verdict: Severity
 ) -> Finding:
@@ -186,7 +178,7 @@ def _missing_line(
     reason = f"no frame with identifier {message.can_id:#x}{width}"
     advice = "is the sensor on, set to this identifier, and set to send?"
     alike = [
-        _hex(a)
+        id_text(a)
         for a in unknown
         if a.usual_length == message.length
         and (message.cycle_s is None or abs(a.rate_hz * message.cycle_s - 1) < _RATE_FAIL)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Iterator
 
 import can
+import numpy as np
 
 from dbc import FrameBatch, FrameFlag
 
@@ -23,27 +24,33 @@ LONGEST_GAP_S = 10.0
 two runs of a session or two logs."""
 
 
-def play(batches: Iterable[FrameBatch], bus: can.BusABC, speed: float | None) -> Iterator[int]:
+def play(
+    batches: Iterable[FrameBatch], bus: can.BusABC, speed: float | None, *more: can.BusABC
+) -> Iterator[int]:
     """Send frames in the order given.
 
     Frames are sent while the result is iterated; a caller stops by ending the iteration.  Error
     frames are left out: no controller can be made to send one.
 
-    `batches`: blocks that are made quickly: no frame is sent while the next one is made.  `bus`:
-    any bus of python-can.  Each message has its own time stamp, which a virtual bus opened with
-    ``preserve_timestamps=True`` passes on.  `speed`: 1 sends each frame at its own time after the
-    first one, 2 in half that time; None as fast as the bus takes them.  Yields the number of frames
-    sent.  Raises BusError if the bus refuses a frame for `PATIENCE_S`.
+    `batches`: blocks that are made quickly: no frame is sent while the next one is made.  `bus`
+    and `more`: any buses of python-can: a frame goes to that of its number, and to the first one
+    where there is none of that number.  Each message has its own time stamp, which a virtual bus
+    opened with ``preserve_timestamps=True`` passes on.  `speed`: 1 sends each frame at its own time
+    after the first one, 2 in half that time; None as fast as the bus takes them.  Yields the number
+    of frames sent.  Raises BusError if the bus refuses a frame for `PATIENCE_S`.
     """
+    buses = (bus, *more)
     pace = _Pace(speed) if speed else None
     sent = 0
     for batch in batches:
         frames = batch.select((batch.flags & FrameFlag.ERROR) == 0)
         for start in range(0, len(frames), BLOCK_FRAMES):
-            for t_ns, message in _messages(frames.select(slice(start, start + BLOCK_FRAMES))):
+            block = frames.select(slice(start, start + BLOCK_FRAMES))
+            numbers = np.where(block.bus < len(buses), block.bus, 0).tolist()
+            for number, (t_ns, message) in zip(numbers, _messages(block), strict=True):
                 if pace:
                     pace.wait_for(t_ns)
-                _send(bus, message)
+                _send(buses[number], message)
                 sent += 1
             yield sent
 

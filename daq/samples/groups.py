@@ -19,6 +19,9 @@ from .clock import SensorTimes, arrival_times, sensor_times, stamped_times
 from .mapping import MappedChannel
 from .sample_sets import bind, bind_counted
 
+_LONGEST_NAME = 64
+"""Bytes of the name of a group in a session file (`daq.session`)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Timekeeping:
@@ -41,6 +44,7 @@ def sample_groups(
 
     `t0_ns`: origin of the times.  No group is empty.
     """
+    names = group_names([m.channel.signal if m.is_multiplexed else m.message.name for m in mapped])
     set_of = {message: each for each in keeping.sets for message in each.messages}
     members: dict[str, list[MappedChannel]] = {}
     sets: dict[str, SampleSet] = {}
@@ -48,12 +52,12 @@ def sample_groups(
         if m.channel.signal not in decoded.samples:
             continue
         if m.is_multiplexed:
-            name = m.channel.signal.replace(".", "_")
+            name = names[m.channel.signal]
         elif m.message.name in set_of and _has_carrier(set_of[m.message.name], decoded):
             name = set_of[m.message.name].name
             sets[name] = set_of[m.message.name]
         else:
-            name = m.message.name
+            name = names[m.message.name]
         members.setdefault(name, []).append(m)
     groups = (
         _set_group(sets[name], channels, decoded, keeping, t0_ns)
@@ -62,6 +66,18 @@ def sample_groups(
         for name, channels in members.items()
     )
     return tuple(group for group in groups if len(group.time_s))
+
+
+def group_names(names: Sequence[str]) -> dict[str, str]:
+    """Return a name for each of these that a session file can have: no dot, not too long."""
+    found: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        plain = name.replace(".", "_")
+        short, number = plain[:_LONGEST_NAME], 2
+        while short in found.values():
+            short, number = f"{plain[: _LONGEST_NAME - 4]}_{number}", number + 1
+        found[name] = short
+    return found
 
 
 def _has_carrier(sample_set: SampleSet, decoded: Decoded) -> bool:

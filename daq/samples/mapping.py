@@ -14,6 +14,7 @@ from dbc.units import to_si
 
 from ..channels import SI_UNITS, Channel, Quantity
 from ..errors import InputError
+from ..signal_names import message_of, signal_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,7 @@ class MappedChannel:
     @property
     def signal(self) -> SignalLayout:
         """The signal that carries the channel."""
-        return self.message.signal(self.channel.signal.partition(".")[2])
+        return self.message.signal(signal_of(self.channel.signal))
 
     @property
     def is_multiplexed(self) -> bool:
@@ -70,13 +71,14 @@ def map_channels(
 
 
 def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) -> MappedChannel:
-    message_name, _, signal_name = channel.signal.partition(".")
+    message_name, signal_name = message_of(channel.signal), signal_of(channel.signal)
     where = f"channel {channel.name}"
     message = by_name.get(message_name)
     signal = next((s for s in message.signals if s.name == signal_name), None) if message else None
     if message is None or signal is None:
         what = f"{dbc_name} has no signal {channel.signal!r}"
-        raise InputError(where, what, "write signal as Message.signal of the DBC")
+        advice = "write signal as Message.signal of the DBC, or as sensor.signal of a [[sensor]]"
+        raise InputError(where, what, advice)
     if channel.quantity is Quantity.UNUSED:
         return _unused(channel, message, signal)
     expected = SI_UNITS[channel.quantity]

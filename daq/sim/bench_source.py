@@ -21,7 +21,7 @@ from ..runs import BASELINE
 from ..vehicle import Corner
 from .acts import Act, Acts
 from .car import SimulatedCar
-from .ecu import on_the_wire, rig_of, sample
+from .ecu import on_the_buses, rig_of, sample
 from .spoils import LOST_S, SPOILT_BUMP, UNPLUG_AFTER_S, UNPLUGGED_S, Fault
 
 __all__ = ["Fault", "SimulatedBench"]
@@ -65,7 +65,8 @@ class SimulatedBench:
         self._speed = speed
         self._wish = wish
         self._fault = fault
-        self._start_ns = self._free_ns = start_ns
+        self._start_ns = start_ns
+        self._free_ns = [start_ns] * len(bench.buses)
         self._rng = np.random.default_rng([seed, 2])
         self._mass_state = BASELINE
         self._act = self._acts.rest(BASELINE)
@@ -196,9 +197,8 @@ class SimulatedBench:
             sample(self._rig, sender, scene, span_s, self._rng, self._act.limits)
             for sender in self._rig.senders
         ]
-        batch = on_the_wire(bursts, self._bench.bus.bitrate, self._start_ns, self._free_ns)
+        batch = on_the_buses(bursts, self._bench.buses, self._start_ns, self._free_ns)
         if not len(batch):
             return batch
-        self._free_ns = int(batch.t_ns[-1])
         sent_s = (batch.t_ns - self._start_ns) * 1e-9
         return batch.select((sent_s < self._gap_s[0]) | (sent_s >= self._gap_s[1]))

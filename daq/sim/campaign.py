@@ -20,8 +20,9 @@ from dbc.frames import FrameBatch
 from ..channels import Channel
 from ..runs import BASELINE, Excitation, Losses, Run, RunStatus, SampleGroup
 from ..sessions import Session
+from ..signal_names import message_of
 from ..vehicle import MassState, Vehicle
-from .car import SensorTruth, SimulatedCar, Truth, draw, message_of
+from .car import SensorTruth, SimulatedCar, Truth, draw
 from .excitation import Bump
 from .faults import low_pass
 from .load import load_car
@@ -144,7 +145,7 @@ def _sampled(
     seen = motion.at(fine_s)
     groups: dict[str, list[Channel]] = {}
     for channel in plan.channels:
-        groups.setdefault(message_of(channel), []).append(channel)
+        groups.setdefault(message_of(channel.signal), []).append(channel)
     result = []
     for name, channels in groups.items():
         clock = drawn.clocks[name]

@@ -17,6 +17,7 @@ import numpy as np
 from ..bench.config import Bench
 from ..channels import ON_BODY, Channel, Quantity
 from ..errors import InputError
+from ..signal_names import message_of
 from ..vehicle import FORD_GRANADA, AddedMass, BodyWeight, MassState, VehicleParameters
 from .faults import SensorFault
 from .imperfections import NONE, Imperfections
@@ -136,16 +137,6 @@ class Truth:
     """True clock of every message that carries a channel."""
 
 
-def message_of(channel: Channel) -> str:
-    """Return the name of the message that carries a channel."""
-    return channel.signal.partition(".")[0]
-
-
-def signal_of(channel: Channel) -> str:
-    """Return the name of the channel's signal within its message."""
-    return channel.signal.partition(".")[2]
-
-
 def truth(bench: Bench, car: SimulatedCar, seed: int) -> Truth:
     """Draw what differs between a bench as described and as it is; errors are those of `draw`."""
     return draw(bench.channels, bench.mass_states, car, seed)
@@ -166,7 +157,7 @@ def draw(
     """
     faults = _by_channel(car.faults, [channel.name for channel in channels])
     rng = np.random.default_rng([seed, 0])
-    messages = dict.fromkeys(message_of(channel) for channel in channels)
+    messages = dict.fromkeys(message_of(channel.signal) for channel in channels)
     # One message is one device: what delays one of its signals delays them all.
     lateness = {message: rng.standard_normal() for message in messages}
     clocks = {
@@ -175,7 +166,7 @@ def draw(
     }
     sensors = {}
     for channel in channels:
-        late = lateness[message_of(channel)]
+        late = lateness[message_of(channel.signal)]
         slip = channel.position_sigma_m * rng.standard_normal(2)
         bias = car.bias.of(channel.quantity) * rng.standard_normal()
         cg = (-car.parameters.a, car.imperfections.cg_offset_m)

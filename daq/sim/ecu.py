@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from dbc import Codec, FrameBatch, FrameFlag, MessageLayout
 
-from ..bench.config import Bench
+from ..bench.config import Bench, BusConfig
 from ..channels import Channel
 from ..errors import InputError
 from ..runs import BASELINE, Excitation
-from .car import ClockTruth, SimulatedCar, Truth, message_of, signal_of, truth
+from ..signal_names import message_of, signal_of
+from .car import ClockTruth, SimulatedCar, Truth, truth
 from .excitation import Bump
 from .load import load_car
 from .motion import Motion, Moving, drive_all, standing
@@ -100,15 +101,13 @@ def campaign_frames(
     """
     rig = rig_of(bench, codec, car, seed)
     motions = _motions(bench, rig)
-    free_ns = start_ns
+    free_ns = [start_ns] * len(bench.buses)
     for number, step in enumerate(bench.campaign.steps):
         rng = np.random.default_rng([seed, 1, number])
         start_s = number * car.run_s
         scene = scene_of(rig, motions[step.mass_state, step.excitation], start_s, car.run_s)
         bursts = [sample(rig, s, scene, (start_s, start_s + car.run_s), rng) for s in rig.senders]
-        batch = on_the_wire(bursts, bench.bus.bitrate, start_ns, free_ns)
-        free_ns = int(batch.t_ns[-1])
-        yield batch
+        yield on_the_buses(bursts, bench.buses, start_ns, free_ns)
 
 
 def _motions(bench: Bench, rig: Rig) -> dict[tuple[str, Excitation], Motion]:
@@ -143,13 +142,13 @@ def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...
     """
     carried: dict[str, list[Channel]] = {}
     for channel in bench.channels:
-        carried.setdefault(message_of(channel), []).append(channel)
+        carried.setdefault(message_of(channel.signal), []).append(channel)
     senders = []
     for name, channels in carried.items():
         for channel in channels:
             try:
                 message = codec.message(name)
-                message.signal(signal_of(channel))
+                message.signal(signal_of(channel.signal))
             except KeyError as error:
                 raise InputError(
                     f"channel {channel.name}",
@@ -219,7 +218,7 @@ def sample(
     values = {}
     for channel in sender.channels:
         sensor = sensors[channel.name]
-        signal = sender.message.signal(signal_of(channel))
+        signal = sender.message.signal(signal_of(channel.signal))
         if channel.name in scene.low_passed:
             seen_s = tick_s - scene.begins_s - sensor.delay_s
             reading = np.interp(seen_s, *scene.low_passed[channel.name])
@@ -232,8 +231,30 @@ def sample(
     return Burst(sender.message, tick_s + late_s, payload)
 
 
-def on_the_wire(bursts: list[Burst], bitrate: int, start_ns: int, free_ns: int) -> FrameBatch:
-    """Merge the frames of all messages in the order in which the bus carries them."""
+def on_the_buses(
+    bursts: Sequence[Burst], buses: Sequence[BusConfig], start_ns: int, free_ns: list[int]
+) -> FrameBatch:
+    """Merge the frames of all messages as their buses carry them.
+
+    `free_ns`: when each bus is free again; kept up to date here.
+    """
+    batches = []
+    for number, bus in enumerate(buses):
+        own = [burst for burst in bursts if (burst.message.bus or 0) == number]
+        if not own:
+            continue
+        batch = _on_the_wire(own, number, bus.bitrate, start_ns, free_ns[number])
+        if len(batch):
+            free_ns[number] = int(batch.t_ns[-1])
+        batches.append(batch)
+    merged = FrameBatch.concatenate(batches)
+    return merged if len(batches) == 1 else merged.select(np.argsort(merged.t_ns, kind="stable"))
+
+
+def _on_the_wire(
+    bursts: Sequence[Burst], bus: int, bitrate: int, start_ns: int, free_ns: int
+) -> FrameBatch:
+    """Merge the frames of one bus in the order in which it carries them."""
     messages = [burst.message for burst in bursts]
     owner = np.repeat(np.arange(len(bursts)), [len(burst.release_s) for burst in bursts])
     release_s = np.concatenate([burst.release_s for burst in bursts])
@@ -250,7 +271,7 @@ def on_the_wire(bursts: list[Burst], bitrate: int, start_ns: int, free_ns: int) 
         t_ns=t_ns[order],
         can_id=np.array([m.can_id for m in messages], np.uint32)[owner],
         flags=np.array(flags, np.uint16)[owner],
-        bus=np.zeros(len(owner), np.uint8),
+        bus=np.full(len(owner), bus, np.uint8),
         length=np.array([m.length for m in messages], np.uint8)[owner],
         data=np.concatenate([burst.payload for burst in bursts])[order],
     )

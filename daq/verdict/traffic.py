@@ -13,6 +13,7 @@ from ..bench.config import Bench
 from ..channels import Channel, Quantity
 from ..samples.converter import flat_tops
 from ..samples.counter import FASTEST
+from ..signal_names import message_of
 from .window import RunWindow, Trace
 from .words import finding
 
@@ -94,7 +95,7 @@ def _poor(
 
 
 def _message(channel: Channel) -> str:
-    return channel.signal.partition(".")[0] or channel.name
+    return message_of(channel.signal) or channel.name
 
 
 def _good(channel: Channel, window: RunWindow) -> NDArray[np.int64]:

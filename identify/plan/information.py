@@ -143,7 +143,7 @@ def _channel_groups(plan: Plan) -> tuple[dict[ChannelGroup, float], tuple[Channe
     for sensor in plan.sensors:
         c = sensor.channel
         alike = (c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order)
-        groups[(c.signal.partition(".")[0], sensor.rate_hz, *alike)].append(c)
+        groups[(c.signal.rpartition(".")[0], sensor.rate_hz, *alike)].append(c)
     rates = {ChannelGroup(key[0], tuple(cs)): key[1] for key, cs in groups.items()}
     return rates, tuple(rates)
 

@@ -25,14 +25,12 @@ M, X, N = parse_codec(TEXT, "x.dbc").messages
 
 def two_buses() -> Codec:
     """Return a codec with M and X on the buses 0 and 3, and N on any."""
-    return Codec(
-        tuple(
-            replace(message, name=f"{sensor}.{message.name}", bus=bus)
-            for sensor, bus in (("a", 0), ("b", 3))
-            for message in (M, X)
-        )
-        + (N,)
-    )
+    own = [
+        replace(message, name=f"{sensor}.{message.name}", bus=bus)
+        for sensor, bus in (("a", 0), ("b", 3))
+        for message in (M, X)
+    ]
+    return Codec((*own, N))
 
 
 @pytest.mark.parametrize(("message", "can_id"), [("M", 256), ("X", 262143)])

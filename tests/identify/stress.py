@@ -19,7 +19,8 @@ from daq.bench.config import load_bench
 from daq.channels import Channel
 from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import Session
-from daq.sim.car import NOISE, SensorTruth, SimulatedCar, Spread, message_of, spoilt
+from daq.signal_names import message_of
+from daq.sim.car import NOISE, SensorTruth, SimulatedCar, Spread, spoilt
 from daq.sim.excitation import Bump
 from daq.sim.faults import SensorFault
 from daq.sim.imperfections import NONE, Friction, Imperfections
@@ -280,7 +281,7 @@ def _clean(
 ) -> tuple[Array, Array]:
     """Return a channel's sampling instants and its readings before bias, noise and gain."""
     tick = np.arange(round(RUN_S * rate_hz), dtype=np.float64)
-    t_s = (tick + _PHASES[message_of(channel)]) / rate_hz
+    t_s = (tick + _PHASES[message_of(channel.signal)]) / rate_hz
     return t_s, _reading(stress, channel, state, excitation, t_s)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..diagnostics import ExitCode, say, say_left_out
-from ..options import BenchFile
+from ..options import BenchFile, Buses, Sensors
 
 if TYPE_CHECKING:
     from daq import Bench
@@ -35,6 +36,8 @@ def check(
     ] = False,
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
+    sensor: Sensors = None,
+    bus: Buses = None,
 ) -> int:
     """Check the bench: every message and every channel, with the car at rest.
 
@@ -46,7 +49,9 @@ def check(
     from datetime import date
 
     from daq import InputError, bench_codec
-    from daq.check import bench_witness, check_bench, reader_lines
+    from daq.check import bench_witness, check_bench, part_of, reader_lines
+
+    from ..bench import bus_numbers, with_sensors
 
     if layout is not None and bench is not None:
         raise InputError("--layout", "and a bench.toml exclude each other", "name one of them")
@@ -60,6 +65,8 @@ def check(
     else:
         described = _bench(bench, layout, log, interface, channel)
         frames = None
+    numbers = bus_numbers(described, bus or [])
+    with_sensors(described, sensor or [], numbers)  # refuses names that are not there
     codec = bench_codec(described)  # before anything is opened
     say_left_out(codec)
     with bench_witness(described, codec) as witness:  # at work while the bus is listened to
@@ -67,6 +74,7 @@ def check(
             frames = _frames(described, log, seconds)
         report = check_bench(described, codec, frames, date.today())
         report = replace(report, lines=(*report.lines, *reader_lines(witness.report())))
+        report = part_of(report, described, sensor or [], numbers)
     if json:
         _print_document(report)
     else:
@@ -162,18 +170,24 @@ def _frames(bench: Bench, log: Path | None, seconds: float) -> FrameBatch:
         frames = FrameBatch.concatenate(batches)
         end_ns = int(frames.t_ns[0]) + round(seconds * 1e9) if len(frames) else 0
         return frames.select(frames.t_ns <= end_ns)
+    import numpy as np
+
     from daq import open_source
 
-    source = open_source(bench.bus, 0)
-    try:
-        with progress("check") as stage:
-            start_s = time.monotonic()
-            while (passed_s := time.monotonic() - start_s) < seconds:
-                stage(passed_s / seconds)
-                batches.append(source.read(min(0.1, seconds - passed_s)))
-    finally:
-        source.close()
-    return FrameBatch.concatenate(batches)
+    with ExitStack() as stack, progress("check") as stage:
+        sources = []
+        for number, bus in enumerate(bench.buses):
+            sources.append(open_source(bus, number))
+            stack.callback(sources[-1].close)
+        start_s = time.monotonic()
+        while (passed_s := time.monotonic() - start_s) < seconds:
+            stage(passed_s / seconds)
+            wait_s = min(0.1, seconds - passed_s) / len(sources)
+            batches += [source.read(wait_s) for source in sources]
+    frames = FrameBatch.concatenate(batches)
+    if len(sources) == 1:
+        return frames
+    return frames.select(np.argsort(frames.t_ns, kind="stable"))
 
 
 def _print_report(report: CheckReport) -> None:

@@ -2,49 +2,70 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import Buses, Sensors
 
 if TYPE_CHECKING:
-    from dbc import Codec, Decoded
+    from collections.abc import Sequence
+
+    from dbc import Codec, Decoded, FrameBatch, MessageLayout
 
 
 def decode(
     log: Annotated[Path, typer.Argument(help="BLF, ASC, TRC, candump log, CSV, MF4, MCAP.")],
-    dbc: Annotated[Path | None, typer.Option(help="DBC file; default: the shipped one.")] = None,
+    dbc: Annotated[
+        list[Path] | None, typer.Option(help="DBC file; repeatable; default: the shipped one.")
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(help="bench.toml: its sensors and buses, in place of --dbc."),
+    ] = None,
+    sensor: Sensors = None,
+    bus: Buses = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON instead.")] = False,
 ) -> int:
-    """Decode a log to CSV: time_s, message, signal, value, unit."""
+    """Decode a log to CSV: time_s, message, signal, value, unit.
+
+    With a bench.toml, bus and sensor come before the message.
+    """
     import sys
     from collections import Counter
     from dataclasses import asdict
 
     from daq import InputError, read_log
-    from dbc import load_codec, parse_codec, shipped_dbc
 
     from ..diagnostics import say, say_left_out
     from ..output import print_json
 
-    codec = load_codec(dbc) if dbc else parse_codec(shipped_dbc(), "the shipped DBC")
+    if config and dbc:
+        raise InputError("--dbc", "and --config exclude each other", "name one of them")
+    described = _Described.of_bench(config, sensor or [], bus or []) if config else None
+    if described is None and (sensor or bus):
+        raise InputError("--sensor, --bus", "name no bench", "name the bench.toml with --config")
+    codec = described.codec if described else _databases(dbc or [])
     say_left_out(codec)
     totals: Counter[str] = Counter()
     samples: Counter[str] = Counter()
-    header = "" if json else "time_s,message,signal,value,unit\n"
+    places = "bus,sensor," if described else ""
+    header = "" if json else f"time_s,{places}message,signal,value,unit\n"
     source = read_log(log)
     for batch in source:
-        decoded = codec.decode(batch)
+        decoded = codec.decode(described.wanted(batch) if described else batch)
         totals.update(frames=len(batch), **asdict(decoded.counts))
         samples.update({name: len(s.value) for name, s in decoded.samples.items()})
         if not json and decoded.samples:
             sys.stdout.write(header)
-            sys.stdout.writelines(_rows(codec, decoded))
+            sys.stdout.writelines(_rows(codec, decoded, described))
             header = ""
     if not samples:
-        what = f"none of its {totals['frames']} frames is in {dbc or 'the shipped DBC'}"
+        names = ", ".join(map(str, dbc or [])) or config or "the shipped DBC"
+        what = f"none of its {totals['frames']} frames is in {names}"
         raise InputError(str(log), what, "name the DBC of that bus with --dbc")
     if json:
         print_json({"log": str(log), **totals, "samples": samples})
@@ -56,7 +77,65 @@ def decode(
     return ExitCode.DATA_LOST if source.loss.any else ExitCode.OK
 
 
-def _rows(codec: Codec, decoded: Decoded) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class _Described:
+    """A bench as far as decoding needs it."""
+
+    codec: Codec
+    """Messages of the chosen sensors."""
+    buses: Sequence[str]
+    """Names of its buses."""
+    chosen: frozenset[int]
+    """Buses whose frames are decoded; empty: all."""
+
+    @classmethod
+    def of_bench(cls, path: Path, sensors: Sequence[str], buses: Sequence[str]) -> Self:
+        """Return the chosen part of a bench; raises InputError if it has no such part."""
+        from dataclasses import replace
+
+        from daq import InputError, bench_codec, load_bench
+        from daq.bench import sensor_of
+
+        from ..bench import bus_numbers, with_sensors
+
+        bench = load_bench(path)
+        numbers = bus_numbers(bench, buses)
+        with_sensors(bench, sensors, numbers)  # refuses names that are not there
+        codec = bench_codec(bench)
+        kept = tuple(m for m in codec.messages if not sensors or sensor_of(m.name) in sensors)
+        if not kept:
+            raise InputError(str(path), "has no message left", "name other sensors")
+        named = [bus.label for bus in bench.buses]
+        return cls(replace(codec, messages=kept), named, numbers)
+
+    def wanted(self, batch: FrameBatch) -> FrameBatch:
+        """Return the frames of the chosen buses."""
+        import numpy as np
+
+        if not self.chosen:
+            return batch
+        return batch.select(np.isin(batch.bus, sorted(self.chosen)))
+
+    def place(self, message: MessageLayout) -> str:
+        """Return the columns bus and sensor of a message, each with its comma."""
+        bus = message.bus if message.bus is not None else 0 if len(self.buses) == 1 else None
+        named = "" if bus is None else self.buses[bus]
+        return f"{_quoted(named)},{message.name.rpartition('.')[0]},"
+
+
+def _databases(paths: Sequence[Path]) -> Codec:
+    """Return one database as it is, several under the names of their files."""
+    from daq.bench import Database, Sensor, sensors_codec
+    from dbc import load_codec, parse_codec, read_dbc, shipped_dbc
+
+    if len(paths) < 2:
+        return load_codec(paths[0]) if paths else parse_codec(shipped_dbc(), "the shipped DBC")
+    databases = [Database(str(path), read_dbc(path)) for path in dict.fromkeys(paths)]
+    named = [Sensor(Path(each.name).stem.replace(".", "_"), each.name) for each in databases]
+    return sensors_codec(named, databases, 1)
+
+
+def _rows(codec: Codec, decoded: Decoded, described: _Described | None) -> list[str]:
     """Return the CSV lines of a block in order of time; a missing value is left out."""
     import numpy as np
 
@@ -65,13 +144,16 @@ def _rows(codec: Codec, decoded: Decoded) -> list[str]:
         for message in codec.messages
         for signal in message.signals
     }
+    layouts = {message.name: message for message in codec.messages}
     times, lines = [], []
     for name, samples in decoded.samples.items():
-        message, signal = name.split(".", 1)
+        message, _, signal = name.rpartition(".")
+        place = described.place(layouts[message]) if described else ""
+        shown = message.rpartition(".")[2] if described else message
         present = ~np.isnan(samples.value)
         stamps = samples.t_ns[present]
         times.append(stamps)
-        tail = f",{message},{signal},"
+        tail = f",{place}{shown},{signal},"
         unit = _quoted(units[name])
         lines += [
             f"{t // 1_000_000_000}.{t % 1_000_000_000:09d}{tail}{value:.17g},{unit}\n"

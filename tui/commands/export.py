@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say
+from ..options import Sensors
 
 if TYPE_CHECKING:
     from daq import Session
@@ -37,6 +38,10 @@ def export(
         Path | None, typer.Option(help="File to write; default: next to the session.")
     ] = None,
     run: Annotated[list[str] | None, typer.Option(help="Only this run; repeatable.")] = None,
+    sensor: Sensors = None,
+    bus: Annotated[
+        list[int] | None, typer.Option(help="Only the raw frames of this bus, from 0; repeatable.")
+    ] = None,
     separator: Annotated[str, typer.Option(help="Column separator of CSV.")] = ",",
     decimal: Annotated[str, typer.Option(help="Decimal mark of CSV: point or comma.")] = ".",
     modes: Annotated[
@@ -45,7 +50,7 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
 ) -> int:
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or SEP005."""
-    from daq import InputError, read_foreign_session
+    from daq import InputError, read_foreign_session, session_part
     from daq.formats import CsvStyle, ExportFormat, chosen_runs, export_session, format_of
 
     from ..output import print_line
@@ -61,7 +66,7 @@ def export(
         raise InputError("--modes", f"{wanted} holds no mode shapes", "use --format uff")
     style = CsvStyle(separator, decimal)
     whole = read_foreign_session(session)
-    chosen = chosen_runs(whole, run or [])
+    chosen = session_part(chosen_runs(whole, run or []), sensor or [], bus or [])
     shapes = _mode_shapes(whole) if modes else ()
     if shapes is None:
         return ExitCode.ANSWER_IS_NO

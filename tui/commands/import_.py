@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,6 +43,7 @@ def import_(
     bus: Annotated[
         int | None, typer.Option(min=0, max=255, help="Only this bus of the log, from 0.")
     ] = None,
+    sensor: Sensors = None,
     config: Annotated[
         Path | None, typer.Option(help="bench.toml; default: the shipped bench.")
     ] = None,
@@ -62,7 +64,7 @@ def import_(
     from daq.formats import read_logs
     from dbc import Severity
 
-    from ..bench import bench_with_dbc
+    from ..bench import bench_with_dbc, with_sensors
     from ..diagnostics import say, say_left_out
     from ..output import print_json, progress
     from ..recorders.recording import print_summary, summary
@@ -73,7 +75,7 @@ def import_(
         raise InputError("import", what, "name logs, or --run MASS_STATE:EXCITATION:FILE each")
     if singles and (runs or skip):
         raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")
-    bench = bench_with_dbc(config, dbc)
+    bench = with_sensors(bench_with_dbc(config, dbc), sensor or [], frozenset())
     codec = bench_codec(bench)
     say_left_out(codec)
     if singles:
@@ -90,11 +92,11 @@ def import_(
         parts = _parts(bench, codec, sources, bus, stage, apart=bool(singles))
         if singles:
             for part, source in zip(parts, sources, strict=True):
-                _some_bump([part], [source])
+                _some_bump([part], [source], len(bench.buses))
             pairs = zip(parts, steps, strict=True)
             parts = [labelled([part], [step], 0)[0] for part, step in pairs]
         else:
-            _some_bump(parts, sources)
+            _some_bump(parts, sources, len(bench.buses))
             parts = list(labelled(parts, steps, skip))
         stage(1.0, "reading the logs' hashes")
         about = {"software": f"bumpbench {version('bumpbench')}"}
@@ -166,7 +168,7 @@ def _parts(
     return [intake.part() for intake in intakes]
 
 
-def _some_bump(parts: Sequence[LogPart], sources: Sequence[Log]) -> None:
+def _some_bump(parts: Sequence[LogPart], sources: Sequence[Log], n_buses: int) -> None:
     """Refuse logs without a bump, with the reason as far as it is known."""
     from daq import InputError
 
@@ -177,7 +179,10 @@ def _some_bump(parts: Sequence[LogPart], sources: Sequence[Log]) -> None:
     unknown = sum(part.unknown_id for part in parts)
     if not parts or unknown == frames:
         what = f"none of its {frames} frames is in the DBC"
-        raise InputError(where, what, "name the DBC of that bus with --dbc, or another --bus")
+        advice_on_buses = "name the DBC of that bus with --dbc, or another --bus"
+        if n_buses > 1:
+            advice_on_buses = "the sensors' buses must be those of the log, counted from 0"
+        raise InputError(where, what, advice_on_buses)
     what = f"no bump in {frames} frames, {unknown} of them not in the DBC"
     advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
     raise InputError(where, what, advice)

@@ -58,8 +58,8 @@ def _bench(old: Session, where: str, dbc: Path | None, config: Path | None) -> B
     from dataclasses import replace
 
     from daq import InputError
-    from daq.bench import parse_bench
-    from dbc import read_dbc, shipped_dbc
+    from daq.bench import parse_bench, with_database
+    from dbc import shipped_dbc
 
     from ..bench import bench_with_dbc
 
@@ -73,4 +73,5 @@ def _bench(old: Session, where: str, dbc: Path | None, config: Path | None) -> B
         raise InputError(where, "holds no bench.toml", "name one with --config")
     assert dbc is not None  # one of the two is named
     text = old.provenance["bench_toml"]
-    return parse_bench(text, f"bench.toml in {where}", Path(), read_dbc(dbc))
+    recorded = old.provenance.get("dbc", "")
+    return with_database(parse_bench(text, f"bench.toml in {where}", Path(), recorded), dbc)

@@ -32,7 +32,7 @@ def replay(
     from collections.abc import Iterable
 
     from daq import read_foreign_session, read_log
-    from daq.bus import open_bus
+    from daq.bus import open_buses
     from daq.replay import play, recorded_frames
     from dbc import FrameBatch
 
@@ -53,8 +53,8 @@ def replay(
             yield chosen
 
     sent = 0
-    with open_bus(described.bus) as wire, progress("replay") as stage:
-        for sent in play(wanted(), wire, None if fast else speed):
+    with open_buses(described.buses) as (wire, *more), progress("replay") as stage:
+        for sent in play(wanted(), wire, None if fast else speed, *more):
             stage(log.share if log else 0.0, f"{sent} frames")
     left_out = read - sent
     lost = log.loss if log else None

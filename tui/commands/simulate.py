@@ -18,13 +18,13 @@ def simulate(
     car: CarName = "granada",
     json: Annotated[bool, typer.Option("--json", help="Print the truth as JSON.")] = False,
 ) -> None:
-    """Play a campaign of the simulated car on a bus, frame by frame, in real time."""
+    """Play a campaign of the simulated car, each sensor on its bus, in real time."""
     import time
     from bisect import bisect_right
     from itertools import accumulate
 
     from daq import bench_codec
-    from daq.bus import open_bus
+    from daq.bus import open_buses
     from daq.replay import play
     from daq.sim import campaign_frames, named_car, present_parameters
     from identify.report import number
@@ -37,14 +37,14 @@ def simulate(
     described = shared_bench(bench, interface, channel)
     codec = bench_codec(described)
     steps = described.campaign.steps
-    with open_bus(described.bus) as bus, progress("simulate") as stage:
+    with open_buses(described.buses) as (bus, *more), progress("simulate") as stage:
         batches = []
         for batch in campaign_frames(described, codec, simulated, seed, time.time_ns()):
             batches.append(batch)
             stage(0.0, f"computing run {len(batches)} of {len(steps)}")
         ends = list(accumulate(map(len, batches)))
         sent = 0
-        for count in play(batches, bus, None if fast else 1.0):
+        for count in play(batches, bus, None if fast else 1.0, *more):
             sent = count
             run = min(bisect_right(ends, sent), len(steps) - 1)
             stage(sent / ends[-1], f"playing {steps[run].label}")

@@ -1,0 +1,150 @@
+"""The sensors of a bench: which database describes each, on which bus, under which identifiers.
+
+The codec of such a bench names a message ``sensor.Message``: two sensors of one database, and
+messages of one name in two databases, are different messages.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+from dbc import Codec
+from dbc.finding import Finding, Severity
+from dbc.layout import MessageLayout
+
+from ..errors import InputError
+from .databases import Database, database_codec, database_text
+
+CORRECT_SENSOR = "correct that [[sensor]] in bench.toml"
+_BITS = {False: 11, True: 29}
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """One device that sends on a bus."""
+
+    name: str
+    """Name before the dot of its messages and signals."""
+    database: str
+    """Place of its database as bench.toml states it: a path, or ``layout:NAME``."""
+    bus: int = 0
+    """Position of its bus."""
+    id_offset: int = 0
+    """Difference of its identifiers to those of the database."""
+    ids: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    """Identifiers of its messages by name, or by identifier in the database, as ``0x181``; others
+    are not sent.  Empty: all messages, with the identifiers of the database."""
+
+
+def sensors_codec(
+    sensors: Sequence[Sensor],
+    databases: Sequence[Database],
+    n_buses: int,
+    used: Collection[str] = (),
+) -> Codec:
+    """Return the messages of all sensors, each on its bus, under their own names.
+
+    `n_buses`: on a bench of one bus, a frame of any bus number is of it, as logs number theirs in
+    many ways.  `used`: messages that bench.toml refers to.  Where two sensors have one identifier
+    on one bus, the message that is used is kept and the other one is left out.
+
+    Raises InputError if a database or an identifier cannot be used, or two messages that are used
+    have one identifier.
+    """
+    messages: list[MessageLayout] = []
+    left_out: dict[Finding, None] = {}
+    notes: dict[Finding, None] = {}
+    for sensor in sensors:
+        text = database_text(databases, sensor.database)
+        if text is None:
+            what = f"the database {sensor.database} is not at hand"
+            raise InputError(f"sensor {sensor.name}", what, CORRECT_SENSOR)
+        codec = database_codec(text, sensor.database)
+        left_out |= dict.fromkeys(codec.left_out)
+        notes |= dict.fromkeys(codec.notes)
+        messages += _own_messages(sensor, codec, sensor.bus if n_buses > 1 else None)
+    kept, lost = _one_each(messages, used)
+    return Codec(tuple(kept), (*left_out, *lost), tuple(notes))
+
+
+def _own_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[MessageLayout]:
+    """Return the messages of a database as one sensor sends them."""
+    where = f"sensor {sensor.name}"
+    found = []
+    listed = dict(sensor.ids)
+    for message in codec.messages:
+        keys = [key for key in listed if key == message.name or _number(key) == message.can_id]
+        if sensor.ids and not keys:
+            continue
+        can_id = listed[keys[0]] if keys else message.can_id + sensor.id_offset
+        bits = _BITS[message.is_extended]
+        if not 0 <= can_id < 1 << bits:
+            what = f"{message.name} would have the identifier {can_id:#x}, not one of {bits} bits"
+            raise InputError(where, what, "correct id_offset or ids")
+        own = f"{sensor.name}.{message.name}"
+        found.append(replace(message, name=own, can_id=can_id, bus=bus))
+    names = {message.name for message in codec.messages}
+    numbers = {message.can_id for message in codec.messages}
+    for key in listed:
+        if key not in names and _number(key) not in numbers:
+            what = f"ids names {key}, which {sensor.database} has not"
+            raise InputError(where, what, "name a message of the database, or its identifier")
+    return found
+
+
+def _number(key: str) -> int | None:
+    try:
+        return int(key, 0)
+    except ValueError:
+        return None
+
+
+def _one_each(
+    messages: Sequence[MessageLayout], used: Collection[str]
+) -> tuple[list[MessageLayout], list[Finding]]:
+    """Return the messages whose identifier is theirs alone, and the others as left out."""
+    by_key: dict[tuple[int | None, int, bool], list[MessageLayout]] = defaultdict(list)
+    for message in messages:
+        by_key[message.bus, message.can_id, message.is_extended].append(message)
+    lost: dict[str, Finding] = {}
+    for (_, can_id, _), same in by_key.items():
+        if len(same) == 1:
+            continue
+        wanted = [message for message in same if message.name in used]
+        if len(wanted) > 1:
+            what = f"{wanted[0].name} and {wanted[1].name} have the identifier {can_id:#x} on a bus"
+            advice = "give one of the two sensors another bus, an id_offset or ids"
+            raise InputError("bench.toml", what, advice)
+        names = " and ".join(message.name for message in same)
+        for message in same:
+            if message not in wanted:
+                text = f"message {message.name} is left out: {names} have the identifier"
+                subject = f"message {message.name}"
+                lost[message.name] = Finding(
+                    "left_out", Severity.ERROR, f"{text} {can_id:#x} on a bus", subject
+                )
+    return [message for message in messages if message.name not in lost], list(lost.values())
+
+
+def full_name(signal: str, messages: Sequence[MessageLayout]) -> str:
+    """Return ``sensor.Message.signal`` of a signal that is written so or as ``sensor.signal``.
+
+    A name that is in no message is returned as it is written.  Raises InputError if several
+    messages of the sensor have the signal.
+    """
+    owner, _, name = signal.rpartition(".")
+    found = [
+        message.name
+        for message in messages
+        if owner in (message.name, message.name.rpartition(".")[0])
+        and any(s.name == name for s in message.signals)
+    ]
+    if owner in found:
+        return signal
+    if len(found) > 1:
+        what = f"{signal} is in {' and in '.join(found[:2])}"
+        raise InputError("bench.toml", what, f"write {found[0]}.{name} or {found[1]}.{name}")
+    return f"{found[0]}.{name}" if found else signal

@@ -1,0 +1,96 @@
+"""The commands on a bench of sensors: they show and choose by sensor and bus."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from daq.bench.config import bench_codec, load_bench
+from daq.sim.car import SimulatedCar
+from daq.sim.ecu import campaign_frames
+from dbc import FrameBatch
+from tui.cli import run
+
+from ..daq.sensor_bench import DATABASES, TEXT
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with bench.toml, its databases and a candump log of both buses."""
+    made = tmp_path_factory.mktemp("sensors")
+    (made / "bench.toml").write_text(TEXT, "utf-8")
+    for each in DATABASES:
+        (made / each.name).write_text(each.text, "utf-8")
+    bench = load_bench(made / "bench.toml")
+    frames = campaign_frames(bench, bench_codec(bench), SimulatedCar(), 1, 1_800_000_000 * 10**9)
+    (made / "drive.log").write_text(_candump(next(frames)), "utf-8")
+    return made
+
+
+def _candump(frames: FrameBatch) -> str:
+    rows = zip(
+        frames.t_ns.tolist(), frames.bus, frames.can_id, frames.length, frames.data, strict=True
+    )
+    return "".join(
+        f"({t // 10**9}.{t % 10**9 // 1000:06d}) can{bus} {can_id:03X}#{data[:n].tobytes().hex()}\n"
+        for t, bus, can_id, n, data in rows
+    )
+
+
+def test_decode_names_bus_and_sensor_and_chooses_by_them(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, bench = str(folder / "drive.log"), str(folder / "bench.toml")
+    assert run(["decode", log, "--config", bench, "--sensor", "imu_b"]) == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert {(row["bus"], row["sensor"]) for row in rows} == {("rear", "imu_b")}
+    level = [float(row["value"]) for row in rows if row["signal"] == "AccZ"][:100]
+    assert sum(level) / 100 == pytest.approx(-1.0, abs=0.05)
+    assert run(["decode", log, "--config", bench, "--bus", "can0", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert {name.partition(".")[0] for name in said["samples"]} == {"imu_a", "hubs"}
+
+
+def test_decode_puts_databases_together(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    named = ["--dbc", str(folder / "imu.dbc"), "--dbc", str(folder / "hubs.dbc")]
+    assert run(["decode", str(folder / "drive.log"), *named, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert {"imu.Accel.AccZ", "hubs.Accel.FL"} <= said["samples"].keys()
+
+
+def test_check_and_import_choose_a_sensor(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, bench = str(folder / "drive.log"), str(folder / "bench.toml")
+    rest = ["--seconds", "1.2", "--json"]
+    assert run(["check", bench, "--log", log, "--sensor", "imu_b", *rest]) == 0
+    lines = json.loads(capsys.readouterr().out)["lines"]
+    assert "message imu_b.Accel" in {line["subject"] for line in lines}
+    assert not any("imu_a" in line["subject"] for line in lines)
+    out = tmp_path / "s.h5"
+    runs = ["--run", f"baseline:bounce:{log}", "--sensor", "hubs", "--sensor", "imu_a"]
+    assert run(["import", "--config", bench, "--out", str(out), *runs]) == 0
+    capsys.readouterr()
+    assert run(["export", str(out), "--format", "csv", "--sensor", "hubs"]) == 0
+    assert all("hubs" in line for line in capsys.readouterr().out.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--sensor", "imu_c"], "--sensor imu_c: is not on the bench"),
+        (["--bus", "can9"], "--bus can9: is no bus of the bench (name one of can0, rear)"),
+    ],
+)
+def test_a_sensor_or_bus_that_is_not_there_is_one_line(
+    folder: Path, words: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for command in (
+        ["decode", str(folder / "drive.log"), "--config", str(folder / "bench.toml")],
+        ["check", str(folder / "bench.toml"), "--log", str(folder / "drive.log")],
+    ):
+        assert run([*command, *words]) == 2
+        assert reason in capsys.readouterr().err
