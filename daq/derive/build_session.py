@@ -44,6 +44,7 @@ from .build_samples import (
     measured_run,
     run_window,
 )
+from .finished import keep_finished
 from .grown import (
     Grown,
     GrownRun,
@@ -104,6 +105,8 @@ def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> 
         target,
         run_log.revision,
     )
+    if recording.ended and run_log.runs and target.name == recording.session_name:
+        keep_finished(target)
     return Derived(found.loss, len(run_log.runs))
 
 

@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from itertools import groupby
 from pathlib import Path
 
 from ..errors import InputError
+from ..regular_file import is_regular
 from ..runlog.runlog import Code
 from ..runs import Event
 from .contents import JournalTail, RecordingInfo
 from .gaps import ENDED, RETENTION, overlap, parse_gap
+from .names import OPEN, SEALED, sealed_path, segment_number
 from .scan import SegmentInfo, read_head, scan
-
-PATTERN = "journal_*.mcap"
 
 
 def segments_in(folder: Path) -> tuple[Path, ...]:
-    """Return the segments in a folder in order of their numbers, also empty ones."""
-    return tuple(sorted(folder.glob(PATTERN), key=segment_number))
+    """Return the segments in a folder in order of their numbers, also empty and open ones."""
+    found = {sealed_path(path): path for path in (*folder.glob(OPEN), *folder.glob(SEALED))}
+    return tuple(sorted(found.values(), key=segment_number))
 
 
-def segment_number(path: Path) -> int:
-    """Return the number in a segment's name, 0 if there is none."""
-    digits = path.stem.rpartition("_")[2]
-    return int(digits) if digits.isdecimal() else 0
+def seal_left_open(folder: Path) -> None:
+    """Give the segments that a killed recorder left open the names of those that never change.
+
+    To be called before a recorder begins, while none is at work.
+    """
+    for path in folder.glob(OPEN):
+        if is_regular(path) and not sealed_path(path).exists():
+            with suppress(OSError):  # it is read under either name
+                path.rename(sealed_path(path))
 
 
 def next_segment(folder: Path) -> int:

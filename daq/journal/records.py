@@ -17,6 +17,7 @@ from typing import Self
 
 from ..errors import InputError
 from ..regular_file import open_regular
+from .names import sealed_path
 
 ADVICE = "move it away, and name the recorder's own files journal_*.mcap"
 MAGIC = b"\x89MCAP0\r\n"
@@ -59,8 +60,9 @@ class SegmentFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._fd = open_regular(path, ADVICE)
+        # Its writer may have finished it since it was listed, and given it its last name.
+        self.path = path if os.path.lexists(path) else sealed_path(path)
+        self._fd = open_regular(self.path, ADVICE)
         self.size = os.fstat(self._fd).st_size
         """Size when it was opened, bytes; what is written later is not read."""
         self.stop = 0

@@ -1,7 +1,8 @@
 """Chooses the segments that may be deleted to make room, and deletes them.
 
 The oldest go first, and only sealed ones that are not needed: of a recording whose session file is
-complete, of one without a run, and of the open one those far from every run.
+complete, of one without a run, and of the open one those far from every run.  Where bench.toml says
+so, a segment goes only once a copier has left its receipt.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ..runs import Event
 from .built import built_recordings
 from .folder import segments_in
 from .gaps import RETENTION, Gap, gap_event, parse_gap
+from .names import RECEIPT_SUFFIX, receipt_path
 from .scan import SegmentInfo, scan
 
 REACH_NS = 1_200_000_000_000
@@ -107,7 +109,8 @@ def _near(info: SegmentInfo, times_ns: Sequence[int]) -> bool:
 class Retention:
     """The segments in a folder except the one being written: their sizes, and which may go.
 
-    `recording`: identity of the open recording; changes with it.  Raises OSError if the folder
+    `recording`: identity of the open recording; changes with it.  `why_not`: reason for which the
+    rest was not chosen last.  Raises OSError if the folder
     cannot be read.
     """
 
@@ -121,6 +124,7 @@ class Retention:
             else:
                 _log.warning("%s: is no regular file, and is left alone (move it away)", path)
         self._infos: dict[Path, SegmentInfo] = {}
+        self.why_not = ""
 
     @property
     def bytes(self) -> int:
@@ -136,8 +140,13 @@ class Retention:
         self._sizes.pop(path, None)
         self._infos.pop(path, None)
 
-    def choose(self, excess_bytes: float, now_ns: int) -> tuple[SegmentInfo, ...] | None:
-        """Return the segments to delete; None if not all segments have been scanned yet."""
+    def choose(
+        self, excess_bytes: float, now_ns: int, *, copied: bool = False
+    ) -> tuple[SegmentInfo, ...] | None:
+        """Return the segments to delete; None if not all segments have been scanned yet.
+
+        `copied`: only those that have a copier's receipt.
+        """
         unknown = [path for path in self._sizes if path not in self._infos]
         for path in unknown[:_SCANS]:
             try:
@@ -152,10 +161,15 @@ class Retention:
             return None
         built = built_recordings(self._folder, self._infos.values())
         may = expendable(tuple(self._infos.values()), self.recording, built, now_ns)
+        self.why_not = "its runs are in no session file yet"
+        if copied and may:
+            may = tuple(info for info in may if receipt_path(info.path).exists())
+            self.why_not = f"it waits for a copier's receipt (*{RECEIPT_SUFFIX})"
         return oldest(may, excess_bytes)
 
     def delete(self, info: SegmentInfo) -> None:
-        """Delete a segment."""
-        with suppress(OSError):
-            info.path.unlink()
+        """Delete a segment, and its receipt."""
+        for path in (info.path, receipt_path(info.path)):
+            with suppress(OSError):
+                path.unlink()
         self.forget(info.path)

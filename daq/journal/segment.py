@@ -29,6 +29,7 @@ from .format import (
     JournalHead,
     unpack_events,
 )
+from .names import sealed_path
 from .summary import SUMMARY_RECORD, Summary, pack_summary
 
 
@@ -85,7 +86,8 @@ class Segment:
     """A file of the journal.
 
     `file`: new and empty; closed here.  `path`: its name; deleted again if the head cannot be
-    written.  `record`: from `head_record`.  Raises OSError if the head cannot be written.
+    written.  Once nothing more is written to it, it gets the name of `names.sealed_path`.
+    `record`: from `head_record`.  Raises OSError if the head cannot be written.
     """
 
     def __init__(
@@ -147,21 +149,26 @@ class Segment:
             self._writer.finish()  # type: ignore[no-untyped-call]
             self.file.sync()
         finally:
-            with suppress(OSError):
-                self.file.close()
+            self._settle()
 
     def abandon(self) -> None:
         """Close the file as it is, and delete it if no block is in it."""
         if self.first is None:
             self.discard()
-            return
-        with suppress(OSError):
-            self.file.close()
+        else:
+            self._settle()
 
     def release(self) -> None:
         """Close the file only: its name belongs to another file by now."""
         with suppress(OSError):
             self.file.close()
+
+    def _settle(self) -> None:
+        """Close the file, and give it the name of those that never change again."""
+        with suppress(OSError):
+            self.file.close()
+        with suppress(OSError):  # the next recorder does it
+            self.path = self.path.rename(sealed_path(self.path))
 
     def _note(self, block: Block) -> None:
         """Add a block that is on the disk to the summary."""

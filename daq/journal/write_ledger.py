@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .folder import segment_number
 from .gaps import Gap
+from .names import segment_number
 from .segment import Block
 
 
@@ -40,6 +40,11 @@ class WriteLedger:
             frames + (before.frames if before else 0),
         )
         return frames
+
+    def rename(self, path: Path, now: Path) -> None:
+        """Note that a segment has another name."""
+        if path in self._spans:
+            self._spans[now] = self._spans.pop(path)
 
     def forget(self, path: Path) -> None:
         """Remove a segment that was deleted on purpose."""

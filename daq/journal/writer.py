@@ -29,6 +29,7 @@ from .disk_space import DiskWatch, Room, room_on
 from .folder import next_segment
 from .format import EVENTS_TOPIC, FRAMES_TOPIC, JournalHead, head_record, pack_events, pack_frames
 from .gaps import DISK_GAP, ENDED, FILE_GONE, gap_event
+from .names import open_path
 from .retention import Retention, parting_events
 from .segment import Block, JournalFile, Segment, SyncedFile
 from .write_ledger import WriteLedger
@@ -99,6 +100,8 @@ class JournalWriter:
                     "choose another folder",
                 ) from error
             self._failed = _reason(error)
+            # It may well work a second later, before anybody is there to read the status.
+            self._warning = f"the first file could not be written: {self._failed}"
 
     def begin(self, head: JournalHead) -> bool:
         """End the recording and begin the next one; return whether that could be done.
@@ -138,7 +141,7 @@ class JournalWriter:
     def maintain(self, monotonic_s: float) -> None:
         """Check disk and files; to be called with every block, and ten times a second if idle."""
         if self._now_s is None:
-            self._opened_s = monotonic_s
+            self._opened_s = self._warned_s = monotonic_s
             self._checked_s = monotonic_s - CHECK_S
         self._now_s = monotonic_s
         if monotonic_s - self._checked_s >= CHECK_S:
@@ -263,7 +266,7 @@ class JournalWriter:
         self._folder.mkdir(parents=True, exist_ok=True)
         self._disk.settle()
         number = next_segment(self._folder)
-        path = self._folder / f"journal_{number:04d}.mcap"
+        path = open_path(self._folder, number)
         segment = Segment(self._create(path), path, head_record(self.head, number), self.head)
         self._opened_s, self._checked_bytes = self._now_s or 0.0, 0
         return segment
@@ -280,10 +283,15 @@ class JournalWriter:
     def _leave(self, end: Callable[[Segment], None]) -> None:
         """End the open segment by a method of it."""
         segment, self._segment = self._segment, None
-        if segment is not None:
+        if segment is None:
+            return
+        path = segment.path
+        try:
+            end(segment)
+        finally:
+            self.ledger.rename(path, segment.path)
             if segment.first is not None:
                 self._retention.add(segment.path, segment.size)
-            end(segment)
 
     def _seal(self) -> None:
         name = self._segment.path.name if self._segment else ""
@@ -352,7 +360,8 @@ class JournalWriter:
         if excess <= 0:
             self._retention_warning = ""
             return
-        going = self._retention.choose(excess, self._t_ns)
+        copied = self.limits.keep_until_copied
+        going = self._retention.choose(excess, self._t_ns, copied=copied)
         if going is None:
             return  # not all old segments are scanned yet
         for info in going:
@@ -363,7 +372,7 @@ class JournalWriter:
             ""
             if going
             else f"the journal has {self._retention.bytes / 1e9:.2f} GB and none of it may be "
-            "deleted: its runs are in no session file yet"
+            f"deleted: {self._retention.why_not}"
         )
 
 

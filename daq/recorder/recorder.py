@@ -40,6 +40,7 @@ from ..control.orders import (
 from ..derive.grown import forget_others
 from ..journal.built import built_revision
 from ..journal.contents import JournalTail
+from ..journal.folder import seal_left_open
 from ..journal.segment import SyncedFile
 from ..runlog.fold import fold
 from ..runlog.runlog import Code
@@ -285,6 +286,7 @@ class Recorder:
     def _resume_or_begin(self) -> None:
         """Resume the last campaign, or build its session file if necessary and begin a new one."""
         now = _now()
+        seal_left_open(self._journal)
         found = resumable(self._journal, self._bench) if self._resume else None
         if found is not None:
             tail, bench = found

@@ -1,5 +1,8 @@
 """Kills, crash images, failing operations, full and vanishing disks: `python -m tests.daq.crash`.
 
+R1, R5 and those with "record" in their name drive the whole command from outside; the others drive
+the writer of the journal, in far larger numbers or on a clock of their own.
+
 The figures reached are printed for the recorder's manual; any frame lost is an error.
 """
 
@@ -14,25 +17,26 @@ from pathlib import Path
 
 import numpy as np
 
+from .crash_broken import failures, fills
 from .crash_derive import journal_of_runs, kill_derive, rates
 from .crash_faults import faults
-from .crash_frames import RATE_HZ
 from .crash_full import disks_full
 from .crash_images import images
 from .crash_kills import kills
 from .crash_power import cuts
+from .crash_sender import RATE_HZ
 from .crash_slow import slow_disk
 from .crash_taken import TAKINGS, read_only, take_away, unmounted
 
 
 def _kills(folder: Path, count: int) -> str:
     done = kills(folder, count)
-    flight = [kill.in_flight / RATE_HZ * 1e3 for kill in done if not kill.hot] or [0.0]
-    frames = sum(kill.read for kill in done)
+    flight = [n / RATE_HZ * 1e3 for some in done for n in some.in_flight] or [0.0]
     return (
-        f"{len(done)} kills, {sum(kill.hot for kill in done)} unthrottled, {frames:,} frames read:"
-        f" 0 acknowledged lost, 0 wrong; in flight {np.median(flight):.0f} ms, at most"
-        f" {max(flight):.0f} ms"
+        f"{sum(some.kills for some in done)} kills of `record` in {len(done)} folders, every other"
+        f" unthrottled, {sum(some.read for some in done):,} frames read,"
+        f" {sum(some.runs for some in done)} runs recovered: 0 acknowledged lost, 0 doubled; in"
+        f" flight {np.median(flight):.0f} ms, at most {max(flight):.0f} ms"
     )
 
 
@@ -44,6 +48,11 @@ def _images(folder: Path, count: int) -> str:
 def _faults(folder: Path, count: int) -> str:
     failed = faults(folder, range(1, count + 1))
     return f"{failed} failing operations (EIO, ENOSPC, short, fdatasync): 0 lost, 0 doubled"
+
+
+def _failures(folder: Path, count: int) -> str:
+    frames = failures(folder, count)
+    return f"{count} failing operations of `record`: 0 of {frames:,} frames lost, 0 doubled"
 
 
 def _full(folder: Path, sizes: int) -> str:
@@ -58,12 +67,25 @@ def _full(folder: Path, sizes: int) -> str:
     )
 
 
+def _fills(folder: Path, count: int) -> str:
+    done = fills(folder, count)
+    kinds = ", ".join(sorted({full.kind for full in done}))
+    return (
+        f"{len(done)} full disks ({kinds}) of `record`: {sum(full.sent for full in done):,} frames"
+        f" sent, {sum(full.dropped for full in done):,} dropped and reported exactly, 0 others"
+        f" lost; taken up {max(full.resumed_s for full in done):.1f} s after room came back"
+    )
+
+
 def _power(folder: Path, count: int) -> str:
     done = cuts(folder, count)
     if done is None:
         return "no power cut tried: disks cannot be mounted here"
     frames = sum(acknowledged for acknowledged, _ in done)
-    return f"{len(done)} power cuts (ext4): 0 of {frames:,} acknowledged frames lost, 0 wrong"
+    return (
+        f"{len(done)} power cuts (ext4) of `record`: 0 of {frames:,} acknowledged frames lost, 0"
+        " doubled"
+    )
 
 
 def _taken(folder: Path, count: int) -> str:
@@ -101,7 +123,9 @@ CAMPAIGNS: dict[str, tuple[Callable[[Path, int], str], int]] = {
     "R1": (_kills, 200),
     "R2": (_images, 3000),
     "R3": (_faults, 200),
+    "R3_record": (_failures, 40),
     "R4": (_full, 20),
+    "R4_record": (_fills, 30),
     "R5": (_power, 10),
     "R6": (_taken, 3),
     "R7": (_derive, 50),

@@ -1,102 +1,87 @@
-"""R1: a recorder's journal under SIGKILL at random moments, paced and unthrottled."""
+"""R1: the whole `bumpbench record` under SIGKILL at random moments, paced and unthrottled."""
 
 from __future__ import annotations
 
-import os
 import shutil
-import signal
-import subprocess
-import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from daq.bench.config import RecorderConfig
-from daq.bus.source import HopLosses
-from daq.journal.folder import last_recording, segments_in
-from daq.journal.writer import JournalWriter
+from .crash_process import RecorderProcess, assert_gapless, recovered
+from .crash_sender import Sender
 
-from .crash_frames import BLOCK_FRAMES, HEAD, RATE_HZ, block, read_numbers
-
-SEGMENT_BYTES = 400_000.0
-"""Small, so that kills fall into the change of segments too."""
+KILLS_A_FOLDER = 10
+"""Kills of recorders that take up each other's recording, before the next folder is begun."""
 
 
 @dataclass(frozen=True, slots=True)
-class Kill:
-    """One kill: frames acknowledged, read back, and received but lost (paced only)."""
+class Kills:
+    """Kills in one folder: how many, frames acknowledged and read at the end, runs recovered."""
 
-    hot: bool
+    kills: int
     acknowledged: int
     read: int
-    in_flight: int
-    segments: int
+    runs: int
+    in_flight: tuple[int, ...]
+    """Frames that a paced sender had sent and that were not stored, one for each kill."""
 
 
-def write_forever(folder: Path, hot: bool) -> None:
-    """Write numbered blocks and tell after each how many frames are acknowledged."""
-    writer = JournalWriter(folder, HEAD, RecorderConfig(segment_bytes=SEGMENT_BYTES))
-    n, start_s = 0, time.monotonic()
-    os.write(1, f"start {start_s!r}\n".encode())
-    while True:
-        if not hot:
-            time.sleep(max(0.0, start_s + (n + BLOCK_FRAMES) / RATE_HZ - time.monotonic()))
-        writer.append(block(n, BLOCK_FRAMES), HopLosses())
-        writer.maintain(time.monotonic())
-        n += BLOCK_FRAMES
-        os.write(1, f"{writer.status.recorded_frames}\n".encode())
-
-
-def kill_once(folder: Path, hot: bool, after_s: float) -> Kill:
-    """Start a writer, kill it, read its journal with nothing but the reader.
+def kill_series(folder: Path, count: int, rng: np.random.Generator, *, hot: bool) -> Kills:
+    """Kill `count` recorders that take up one recording, recover after each, and end the last.
 
     Raises
     ------
     AssertionError
-        If an acknowledged frame is lost, or a frame is not what was written.
+        If a frame that was acknowledged before any kill is lost, or any is doubled or altered.
     """
-    command = [sys.executable, "-m", "tests.daq.crash_kills", str(folder), "hot" if hot else ""]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
-        assert writer.stdout is not None
-        start_s = float(writer.stdout.readline().split()[1])
-        deadline_s = time.monotonic() + after_s
-        told = []
-        while time.monotonic() < deadline_s:  # each line is an acknowledgement: 10 /s at least
-            told.append(writer.stdout.readline())
-        writer.send_signal(signal.SIGKILL)
-        killed_s = time.monotonic()
-        told += writer.stdout.readlines()
-    acknowledged = int([line for line in told if line.endswith("\n")][-1])
-    segments = segments_in(folder)
-    read = read_numbers(segments)
-    assert np.array_equal(read, np.arange(len(read))), "frames are missing, doubled or in disorder"
-    assert len(read) >= acknowledged, f"{acknowledged - len(read)} acknowledged frames lost"
-    tail = last_recording(folder)
-    assert tail is not None
-    assert tail.frames == len(read)
-    assert not tail.ended
-    received = len(read) if hot else round((killed_s - start_s) * RATE_HZ)
-    return Kill(hot, acknowledged, len(read), max(0, received - len(read)), len(segments))
+    before = np.empty(0, np.int64)
+    acknowledged, in_flight = 0, []
+    folder.mkdir(parents=True)
+    with Sender(hot=hot) as sender:
+        for _ in range(count):
+            with RecorderProcess(folder / "out", sender) as recorder:
+                if rng.random() < 0.1:  # while it starts
+                    time.sleep(rng.uniform(0.2, 2.0))
+                else:
+                    recorder.wait_open()
+                    deadline_s = time.monotonic() + rng.uniform(0.05, 2.0)
+                    while time.monotonic() < deadline_s:
+                        acknowledged = max(acknowledged, recorder.status().disk.recorded_frames)
+                sent = sender.sent
+            found = recovered(folder / "out", sender)
+            n = found.numbers
+            assert len(n) >= acknowledged, f"{acknowledged - len(n)} acknowledged frames lost"
+            assert np.array_equal(n[: len(before)], before), "earlier frames are gone"
+            assert_gapless(n, sender)
+            lost = found.lost
+            assert lost.blocks_missing == lost.blocks_corrupt == lost.frames_dropped == 0
+            if not hot and len(n) > len(before):
+                in_flight.append(sent - 1 - int(n[-1]))
+            before = n
+        with RecorderProcess(folder / "out", sender) as last:
+            last.wait_open()
+            time.sleep(0.3)
+            stop = sender.pause()
+            expected = len(before) + stop - sender.openings[-1]
+            last.until(lambda status: status.disk.recorded_frames == expected)
+            last.end()
+        found = recovered(folder / "out", sender)
+        assert_gapless(found.numbers, sender)
+        assert len(found.numbers) == expected
+        assert found.numbers[-1] == stop - 1
+        assert not found.lost.any, found.lost.text
+    return Kills(count, acknowledged, expected, found.runs, tuple(in_flight))
 
 
-def kills(folder: Path, count: int, seed: int = 1) -> list[Kill]:
-    """Kill `count` writers at random moments, every other one unthrottled, two at a time."""
+def kills(folder: Path, count: int, seed: int = 1) -> list[Kills]:
+    """Kill `count` recorders at random moments, every other folder unthrottled."""
     rng = np.random.default_rng(seed)
-    moments = [rng.uniform(0.15, 0.6) if i % 2 else rng.uniform(0.2, 2.0) for i in range(count)]
-
-    def one(i: int) -> Kill:
-        place = folder / f"kill{i}"
-        try:
-            return kill_once(place, i % 2 == 1, moments[i])
-        finally:
-            shutil.rmtree(place, ignore_errors=True)
-
-    with ThreadPoolExecutor(2) as lanes:
-        return list(lanes.map(one, range(count)))
-
-
-if __name__ == "__main__":
-    write_forever(Path(sys.argv[1]), sys.argv[2] == "hot")
+    done: list[Kills] = []
+    for first in range(0, count, KILLS_A_FOLDER):
+        place = folder / f"kills{first}"
+        some = min(KILLS_A_FOLDER, count - first)
+        done.append(kill_series(place, some, rng, hot=len(done) % 2 == 1))
+        shutil.rmtree(place)
+    return done

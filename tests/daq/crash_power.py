@@ -1,4 +1,4 @@
-"""R5: a disk in mid-write as a power cut leaves it: what only the kernel had is gone."""
+"""R5: the disk of a `bumpbench record` as a power cut leaves it, without what the kernel held."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.journal.folder import segments_in
-
-from .crash_frames import read_numbers
+from .crash_process import RecorderProcess, assert_gapless, recovered
+from .crash_sender import Sender
 
 _IMAGE_BYTES = 256_000_000
 
@@ -34,10 +32,10 @@ def mounted(image: Path, folder: Path) -> Iterator[bool]:
             subprocess.run(["umount", str(folder)], check=True)
 
 
-def cut_once(folder: Path, after_s: float) -> tuple[int, int] | None:
-    """Copy a disk in mid-write and read what is on it; None where that is not possible.
+def cut_once(folder: Path, after_s: float, *, hot: bool) -> tuple[int, int] | None:
+    """Copy a disk in mid-write and recover what is on it; None where that is not possible.
 
-    The writer is halted for the copy, so that the image is of one moment: all that had only
+    The recorder is halted for the copy, so that the image is of one moment: all that had only
     reached the kernel's cache is not on it.
 
     Returns
@@ -48,7 +46,7 @@ def cut_once(folder: Path, after_s: float) -> tuple[int, int] | None:
     Raises
     ------
     AssertionError
-        If an acknowledged frame is lost, or a frame is not what was written.
+        If an acknowledged frame is lost, or a frame is not what was sent.
     """
     folder.mkdir()
     image, copy = folder / "disk", folder / "copy"
@@ -57,37 +55,34 @@ def cut_once(folder: Path, after_s: float) -> tuple[int, int] | None:
     made = subprocess.run(["mkfs.ext4", "-q", str(image)], capture_output=True, check=False)
     if made.returncode:
         return None
-    with mounted(image, folder / "live") as allowed:
+    with mounted(image, folder / "live") as allowed, Sender(hot=hot) as sender:
         if not allowed:
             return None
-        journal = folder / "live" / "journal"
-        command = [sys.executable, "-m", "tests.daq.crash_kills", str(journal), ""]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
-            assert writer.stdout is not None
-            told = [writer.stdout.readline()]
-            deadline_s = time.monotonic() + after_s
+        with RecorderProcess(folder / "live" / "out", sender, beside=folder) as recorder:
+            recorder.wait_open()
+            acknowledged, deadline_s = 0, time.monotonic() + after_s
             while time.monotonic() < deadline_s:
-                told.append(writer.stdout.readline())
-            writer.send_signal(signal.SIGSTOP)
-            os.waitpid(writer.pid, os.WUNTRACED)
+                acknowledged = recorder.status().disk.recorded_frames
+            recorder.process.send_signal(signal.SIGSTOP)
+            os.waitpid(recorder.process.pid, os.WUNTRACED)
             shutil.copyfile(image, copy)
-            writer.send_signal(signal.SIGKILL)
-            told += writer.stdout.readlines()
-    acknowledged = int([line for line in told if line.endswith("\n")][-1])
-    with mounted(copy, folder / "after") as allowed:
-        assert allowed, "the copy cannot be mounted"
-        read = read_numbers(segments_in(folder / "after" / "journal"))
-    assert np.array_equal(read, np.arange(len(read))), "frames are missing, doubled or in disorder"
-    assert len(read) >= acknowledged, f"{acknowledged - len(read)} acknowledged frames lost"
-    return acknowledged, len(read)
+        recorder.wait_builders()
+        with mounted(copy, folder / "after") as again:
+            assert again, "the copy cannot be mounted"
+            found = recovered(folder / "after" / "out", sender)
+    n, lost = found.numbers, found.lost
+    assert len(n) >= acknowledged, f"{acknowledged - len(n)} acknowledged frames lost"
+    assert_gapless(n, sender)
+    assert lost.blocks_missing == lost.blocks_corrupt == lost.frames_dropped == 0, lost.text
+    return acknowledged, len(n)
 
 
 def cuts(folder: Path, count: int, seed: int = 5) -> list[tuple[int, int]] | None:
-    """Cut the power so often; None where disks cannot be mounted."""
+    """Cut the power `count` times, half of them unthrottled; None where nothing can be mounted."""
     rng = np.random.default_rng(seed)
     done = []
     for i in range(count):
-        one = cut_once(folder / f"cut{i}", rng.uniform(0.5, 3.0))
+        one = cut_once(folder / f"cut{i}", rng.uniform(0.5, 3.0), hot=i % 2 == 1)
         if one is None:
             return None
         done.append(one)

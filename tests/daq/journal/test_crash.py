@@ -11,14 +11,7 @@ from ..crash_derive import journal_of_runs, kill_derive
 from ..crash_faults import KINDS, faults
 from ..crash_full import mounted_disk, run_full, small_disk
 from ..crash_images import images
-from ..crash_kills import kills
 from ..crash_taken import TAKINGS, read_only, take_away
-
-
-def test_a_kill_loses_nothing_that_was_acknowledged(tmp_path: Path) -> None:
-    done = kills(tmp_path, 4, seed=11)
-    assert sum(kill.acknowledged for kill in done) > 0
-    assert any(kill.segments > 1 for kill in done)
 
 
 def test_a_crash_image_loses_nothing_that_was_acknowledged(tmp_path: Path) -> None:

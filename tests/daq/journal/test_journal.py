@@ -255,7 +255,8 @@ def test_segments_are_numbered_on_and_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "journal_old.mcap").write_bytes(b"")
     with JournalWriter(tmp_path, HEAD, LIMITS) as journal:
         journal.append(block(0), HopLosses())
-        assert [path.name for path in journal.paths] == ["journal_0008.mcap"]
+        assert [path.name for path in journal.paths] == ["open_0008.mcap"]
+    assert [path.name for path in journal.paths] == ["journal_0008.mcap"]
     assert (tmp_path / "journal_0007.mcap").read_bytes() == b"precious"
 
 

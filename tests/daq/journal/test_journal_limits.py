@@ -15,9 +15,10 @@ from daq.journal.backlog import Backlog
 from daq.journal.built import built_recordings, built_revision, is_outdated, note_built
 from daq.journal.contents import HopCounts, JournalLoss
 from daq.journal.disk_space import DiskWatch, Room, low_text, taken_away, too_little
-from daq.journal.folder import next_segment, segment_number
+from daq.journal.folder import next_segment
 from daq.journal.format import JournalHead
 from daq.journal.gaps import Gap, gap_event, parse_gap
+from daq.journal.names import segment_number
 from daq.journal.retention import Retention, expendable, parting_events
 from daq.journal.scan import SegmentInfo
 from daq.journal.segment import Block

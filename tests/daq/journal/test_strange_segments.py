@@ -42,6 +42,7 @@ def segment(folder: Path, blocks: int = 3) -> tuple[Path, list[int]]:
         writer.append(block(BLOCK_FRAMES * k, BLOCK_FRAMES), HopLosses())
         edges.append(path.stat().st_size)
     writer.close()
+    path = segments_in(folder)[-1]  # it has another name now
     os.truncate(path, edges[-1])
     return path, edges
 

@@ -12,6 +12,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.contents import JournalLoss
 from daq.journal.disk_space import Room
+from daq.journal.folder import segments_in
 from daq.journal.format import JournalHead, pack_frames
 from daq.journal.gaps import Gap, gap_event
 from daq.journal.reader import read_journal
@@ -19,7 +20,7 @@ from daq.journal.scan import scan
 from daq.journal.writer import JournalWriter
 from daq.runs import Event
 
-from ..crash_disk import QuickFile
+from ..crash_disk import FailingDisk, QuickFile
 from ..crash_frames import START_NS, block
 
 S = 1_000_000_000
@@ -51,6 +52,20 @@ def test_the_disk_is_checked_once_a_second(tmp_path: Path) -> None:
         assert disk.count == 2
         writer.maintain(101.0)
         assert disk.count == 3
+
+
+def test_a_first_file_that_failed_and_then_did_not_is_in_the_status_for_a_minute(
+    tmp_path: Path,
+) -> None:
+    with JournalWriter(tmp_path, HEAD, LIMITS, FailingDisk("eio", 2).create) as writer:
+        writer.append(block(0, 1), HopLosses())
+        writer.maintain(5000.0)
+        assert not writer.status.failed
+        writer.maintain(5060.0)
+        warning = "the first file could not be written: Input/output error"
+        assert writer.status.warning == warning
+        writer.maintain(5061.0)
+        assert writer.status.warning == ""
 
 
 def test_the_disk_is_checked_after_sixteen_megabytes(tmp_path: Path) -> None:
@@ -115,7 +130,7 @@ def test_a_segment_ends_at_its_size(tmp_path: Path, size: float, files: int) -> 
     with JournalWriter(tmp_path, HEAD, limits, QuickFile) as writer:
         writer.append(block(0, 400), HopLosses())  # 9.6 kB and the head
         writer.maintain(0.0)
-        assert len(list(tmp_path.glob("journal_*"))) == files
+        assert len(segments_in(tmp_path)) == files
 
 
 @pytest.mark.parametrize(("age_s", "files"), [(899.9, 1), (900.0, 2)])
@@ -125,7 +140,7 @@ def test_a_segment_ends_at_its_age(tmp_path: Path, age_s: float, files: int) -> 
         writer.maintain(50.0)
         writer.append(block(0, 1), HopLosses())
         writer.maintain(50.0 + age_s)
-        assert len(list(tmp_path.glob("journal_*"))) == files
+        assert len(segments_in(tmp_path)) == files
 
 
 @pytest.mark.parametrize(("number", "believed"), [(3, True), (2, False), (1 << 40, True)])
