@@ -20,6 +20,8 @@ from .inputs import WINDOW_S, Count, Key, fault
 _CALM_S = 2.0
 """Time without an error, s, after which a controller that receives is taken for error-active again:
 many drivers do not report the change."""
+_FULL_LOAD = 0.95
+"""Load of a bus from which on it counts as full: the frames of lowest priority wait for ever."""
 Traffic = tuple[float, int, int, float, int]
 """Monotonic time of a turn, good frames, error frames and bits in it, its latest time stamp."""
 
@@ -224,6 +226,9 @@ def bus_symptoms(
             found.append(fault("check_bitrate", name, text))
         else:
             found.append(fault("bus_silent", name, f"no frame for {waited}"))
+    elif status.load >= _FULL_LOAD:
+        text = f"load {status.load:.0%} of {link.bitrate / 1e3:g} kbit/s"
+        found.append(fault("bus_full", name, text))
     if watch.controller is ControllerState.PASSIVE:
         counted = (
             f"{watch.tx_errors} transmit and {watch.rx_errors} receive errors counted"

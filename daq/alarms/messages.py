@@ -50,6 +50,11 @@ class MessageWatch:
     """Monotonic time at which it was last seen, by the number of the bus."""
 
     @property
+    def home(self) -> int:
+        """Number of the bus that it came from last."""
+        return max(self.buses, key=lambda bus: self.buses[bus])
+
+    @property
     def timeout_s(self) -> float | None:
         """Longest silence that is no fault; None without a period."""
         if self.period_s is None:
@@ -237,8 +242,7 @@ def _known_symptoms(
 ) -> list[Finding]:
     found: list[Finding] = []
     away_s, timeout_s = now_s - each.seen_s, each.timeout_s
-    home = max(each.buses, key=lambda bus: each.buses[bus])
-    is_well = home < len(well) and well[home]
+    is_well = each.home < len(well) and well[each.home]
     ended = away_s > _FORGET_S and not is_expected
     if timeout_s is not None and away_s > timeout_s and is_well and not ended:
         assert each.period_s is not None  # as it has a timeout

@@ -23,16 +23,16 @@ class Explanation:
 
 EXPLAINED = MappingProxyType(
     {
+        "journal_failed": Explanation(
+            "the disk refuses",
+            "The disk refuses the journal; frames are held in memory and stored once it takes them",
+            "make room on the disk, or mount and plug it again",
+        ),
         "not_recording": Explanation(
             "not recording",
             "Frames arrive, and for a second none of them was stored on the disk",
             "see the other alarms for the cause; if there is none, restart the recorder and report "
             "it",
-        ),
-        "journal_failed": Explanation(
-            "the disk refuses",
-            "The disk refuses the journal; frames are held in memory and stored once it takes them",
-            "make room on the disk, or mount and plug it again",
         ),
         "disconnected": Explanation(
             "bus disconnected",
@@ -71,6 +71,11 @@ EXPLAINED = MappingProxyType(
             "Error frames come, and not one good frame: so does a wrong bit rate, or a bus that is "
             "not terminated",
             "check the bit rate first, then termination (60 ohm between the wires)",
+        ),
+        "bus_full": Explanation(
+            "bus overloaded",
+            "The bus is full: messages of low priority come late or never",
+            "take other devices off this bus, let sensors send less often, or raise the bit rate",
         ),
         "none_of_dbc": Explanation(
             "nothing of the DBC",

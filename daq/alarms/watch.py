@@ -25,6 +25,7 @@ from ..runs import Event
 from ..samples.health import HealthState
 from ..samples.mapping import MappedChannel
 from .buses import BusWatch, advance_buses, bus_status, bus_symptoms
+from .causes import Wiring, causes, dead_bus
 from .debounce import Ledger
 from .host import CLOCK_STEP_S, dropped_since, host_symptoms
 from .inputs import Window, fault
@@ -97,6 +98,29 @@ class AlarmState:
     def alarms(self) -> tuple[Alarm, ...]:
         """The alarms that last, in order of gravity."""
         return self.ledger.alarms
+
+    @property
+    def causes(self) -> tuple[Alarm, ...]:
+        """The alarms as a person reads them: one for each cause, the worst first."""
+        return causes(self.alarms, self._wiring)
+
+    @property
+    def dead_bus(self) -> Alarm | None:
+        """The alarm of a bus with channels of the bench from which no good frame comes."""
+        return dead_bus(self.causes, self._wiring)
+
+    @property
+    def _wiring(self) -> Wiring:
+        names = [bus.name for bus in self.buses]
+        homes = {name: each.home for name, each in self.messages.known.items()}
+        return Wiring(
+            {name: names[home] for name, home in homes.items() if home < len(names)},
+            {m.channel.name: m.message.name for m in self.signals.mapped},
+            {
+                watch.name: round(watch.good_s * 1e9) + (self.clock_offset_ns or 0)
+                for watch in self.bus_watches
+            },
+        )
 
     @property
     def overloaded(self) -> tuple[str, ...]:

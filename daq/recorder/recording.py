@@ -29,6 +29,7 @@ from ..runs import Event, Losses
 from ..samples import health, trigger
 from ..samples.bench_mapping import bench_mapping
 from ..verdict import RunMeasure
+from ..verdict.words import finding
 from . import run_loop
 from .bench_checks import configured
 from .fault_barrier import FaultBarrier
@@ -199,11 +200,8 @@ class Recording:
 
     def cut(self, why: str) -> None:
         """Reject the run that is being recorded, if any, because it cannot be finished."""
-        if not self.running:
-            return
-        finding = Finding("cut", Severity.ERROR, f"cut: {why}", advice="bump again")
-        self._log_event(verdict_entry(self._t_ns, self.running, [finding]), [])
-        self._loop = run_loop.judged(self._loop, self._surroundings(self._t_ns))
+        if self.running:
+            self._reject(Finding("cut", Severity.ERROR, f"cut: {why}", advice="bump again"), [])
 
     def note(self, code: str, value: float, text: str, now: Now) -> None:
         """Store an event of the recorder, at the time of the latest frame."""
@@ -324,6 +322,11 @@ class Recording:
         seen_ns = max(event.t_ns, int(turn.batch.t_ns[0]))  # a bus may have paused meanwhile
         self._loop = run_loop.judged(self._loop, self._surroundings(seen_ns))
 
+    def _reject(self, finding: Finding, events: list[Event]) -> None:
+        """End the run that is being recorded now, with the reason."""
+        self._log_event(verdict_entry(self._t_ns, self.running, [finding]), events)
+        self._loop = run_loop.judged(self._loop, self._surroundings(self._t_ns))
+
     def _findings(self, label: str) -> Sequence[Finding]:
         step = parse_label(label)
         assert step is not None  # the recorder gave it
@@ -346,3 +349,6 @@ class Recording:
         self._judge.saw_saturated(self._t_ns, at_end)
         for event in alarm_events:
             self._log_event(event, events)
+        dead = self._alarms.dead_bus if self.running else None
+        if dead is not None:
+            self._reject(finding("bus_lost", False, 0.0, 0.0, "", dead.text, dead.subject), events)

@@ -97,7 +97,7 @@ def build_status(
         overrides=run_log.overrides,
         undo=_text_of_last(run_log.done),
         redo=_text_of_last(run_log.undone),
-        alarms=alarms.alarms,
+        alarms=alarms.causes,
         overloaded=alarms.overloaded,
         buses=alarms.buses,
         sensors_alive=alarms.sensors_alive,

@@ -88,6 +88,11 @@ WORDS: Mapping[str, Words] = MappingProxyType(
             "No channel has samples before and after the bump.",
             "check the sensors and their plugs, then bump again",
         ),
+        "bus_lost": Words(
+            "bus lost",
+            "No frame came any more in mid-run: the bus was unplugged or its power was off.",
+            "plug the bus in, check the power of the sensors, then bump again",
+        ),
         "cut": Words(
             "cut",
             "The recorder was stopped in mid-run.",

@@ -12,7 +12,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.command import Provider
 from textual.filter import LineFilter
@@ -23,6 +22,8 @@ from daq import InputError, Status
 from daq.control import QUESTIONS, AskBench, AskHistory, Hello, Live, Order, Phase, Reply, Setup
 from daq.errors import printable
 
+from .background import begin
+from .keyboard import KeyboardApp
 from .screens.news import LiveArrived, RecorderLost, StatusArrived
 from .screens.other_recorder import OtherRecorder
 from .state.feed import Feed, Lost, News, Refused, Role
@@ -64,7 +65,7 @@ class NewsArrived(Message):
     """The feed has posted news."""
 
 
-class BenchApp(App[None]):
+class BenchApp(KeyboardApp):
     """A client of one recorder.
 
     `folder`: the recorder's; sessions and reports are in it.  `operator`: the person; the journal
@@ -190,9 +191,9 @@ class BenchApp(App[None]):
             self._history_of = status.recording
             if before is not None and before.recording != status.recording:
                 self.lanes.clear()
-            self.run_worker(self._fetch_history(), group="history", exclusive=True)
+            begin(self, self._fetch_history, group="history", exclusive=True)
         if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
-            self.run_worker(self._fetch_bench(), group="bench", exclusive=True)
+            begin(self, self._fetch_bench, group="bench", exclusive=True)
         if not self._started and not self._other.asking:
             self._started = True
             step = BenchStep.BASELINE if _waits_unarmed(status) else progress(status).due
@@ -380,10 +381,9 @@ class BenchApp(App[None]):
         """Set the window's title and ring the bell when the phase changes."""
         if before is not None and before.phase is status.phase:
             return
-        words = f"{status.phase.value.upper()} - {status.vehicle} - Bumpbench"
-        safe = "".join(c for c in words if c.isprintable())
+        words = f"{status.phase.value.upper()} - {printable(status.vehicle)} - Bumpbench"
         if self._driver is not None and not self.is_headless:
-            self._driver.write(f"\x1b]2;{safe}\x07")
+            self._driver.write(f"\x1b]2;{words}\x07")
         rings = {Phase.TRIGGERED: 1, Phase.ACCEPTED: 2, Phase.REJECTED: 3}
         if self.bell_on and before is not None:
             for _ in range(rings.get(status.phase, 0)):

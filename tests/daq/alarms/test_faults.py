@@ -75,6 +75,13 @@ def silent(bench: WatchedBench, k: int) -> object:
     return bench.turn(bench.healthy())
 
 
+def crowded(bench: WatchedBench, k: int) -> object:
+    bench.link(0, bitrate=300_000)
+    bench.turn(*both(bench))
+    bench.link(0, bitrate=1_000_000)
+    return None
+
+
 def sensor_silent(bench: WatchedBench, k: int) -> object:
     return bench.turn(bench.healthy(without=["IMU_Rate"]), foreign(bench))
 
@@ -159,6 +166,7 @@ FAULTS: list[tuple[str, str, FaultyTurn, int]] = [
     ("restamped", "can1", losing("restamped", 5), 100),
     ("interface_down", "can1", taken_down, 0),
     ("bus_silent", "can1", silent, 0),
+    ("bus_full", "can0", crowded, 0),
     ("stale", "IMU_Rate", sensor_silent, 0),
     ("wrong_length", "SUSP_Rear", cut_short, 60),
     ("crc_bad", "HUB_Front", flipped_bit, 40),

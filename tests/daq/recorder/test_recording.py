@@ -11,6 +11,7 @@ import pytest
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses
 from daq.channels import Quantity
+from daq.clocks import Now
 from daq.control.messages import Phase
 from daq.control.orders import (
     Arm,
@@ -90,6 +91,32 @@ def test_the_status_says_what_is_due_and_what_is_going_on(
     assert status.due is not None
     assert status.due.step == CAMPAIGN.steps[1]
     assert [tally.accepted for tally in status.tallies] == [1, 0, 0, 0]
+
+
+def test_a_dead_bus_ends_a_decay_at_once_with_its_reason(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    recording = armed(quick, codec, journal)
+    frames = bumps(codec, 2)
+    given = blocks(frames.select(slice(0, 700)))
+    feed(recording, given)
+    assert recording.running == LABELS[0]
+    events: list[Event] = []
+    heard_s, turns = now(given[-1]).monotonic_s, 0
+    while recording.running:
+        turns += 1
+        later = Now(now(given[-1]).wall_ns + turns * 100_000_000, heard_s + turns * 0.1)
+        events += recording.step(given[-1].select(slice(0, 0)), HopLosses(), later, [LINK])
+    assert turns == 10  # `silent_s` is 1 s
+    (run,) = status_of(recording).runs
+    assert (run.label, run.status) == (LABELS[0], LoggedStatus.REJECTED)
+    assert [finding.code for finding in run.findings] == ["bus_lost"]
+    assert "silent since" in run.findings[0].text
+    assert run.findings[0].advice.startswith("plug the bus in")
+    assert status_of(recording).phase is Phase.REJECTED
+    assert [event.code for event in events][-2:] == ["alarm", "verdict"]
+    feed(recording, blocks(frames.select(slice(700, None))))
+    assert [run.label for run in recording.run_log.runs] == [LABELS[0], f"{LABELS[0][:-1]}2"]
 
 
 def test_live_samples_are_published_once_and_kept_for_those_who_come_later(

@@ -76,7 +76,7 @@ async def test_weights_are_added_changed_removed_and_undone(make_app: Make) -> N
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, MassesScreen)
         await pilot.press("delete", "delete", "u", "a")
-        await pilot.press("right", "enter", *"W-1", "enter", *"2,5", "ctrl+s")
+        await pilot.press(*"W-1", "enter", *"2,5", "enter", "enter", "right", "ctrl+s")
         await pilot.pause()
         assert "✗ NO   FL    W-1       2.50" in screen_text(app)
         await pilot.press("b", "space")
@@ -99,7 +99,7 @@ async def test_a_weight_half_typed_survives_esc_and_a_crash(make_app: Make) -> N
     app = make_app(_loaded())
     async with app.run_test(size=(80, 24)) as pilot:
         await reach(pilot, MassesScreen)
-        await pilot.press("b", "a", "enter", *"M-9", "enter", *"2x", "ctrl+s")
+        await pilot.press("b", "a", *"M-9", "enter", *"2x", "ctrl+s")
         await pilot.pause()
         assert "Mass: '2x' is not a number (limit: 0.1 to 500 kg)" in screen_text(app)
         await pilot.press("escape", "a")

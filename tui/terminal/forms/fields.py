@@ -59,6 +59,12 @@ class Field:
         low = f"above {self.low:g}, up" if self.above_low else f"{self.low:g}"
         return f"{kind}{low} to {self.high:g} {self.unit}".strip()
 
+    @property
+    def advice(self) -> str:
+        """What to enter, the limits, and how a choice is changed."""
+        keys = "; left and right change it" if self.choices else ""
+        return f"{self.help} ({self.limit}{keys})"
+
 
 @dataclass(frozen=True, slots=True)
 class FieldError:

@@ -21,13 +21,14 @@ NEW_WEIGHT = {
 """Values of the form before anything is typed."""
 
 WEIGHT_FIELDS: tuple[Field, ...] = (
-    Field("place", "Place", needed=True, choices=(BODY, *Corner),
-          help="body, or the hub that it is bolted to"),
-    Field("serial", "Serial", most=20, help="what is stamped on it, if anything"),
+    Field("serial", "Serial", most=20,
+          help="what is stamped on it; a bar-code line of serial, mass and ± fills three fields"),
     Field("mass_kg", "Mass", "kg", 0.1, 500.0, "a weight that a person or a crane puts on",
           "as weighed", True),
     Field("sigma_kg", "Mass ±", "kg", 0.0, 5.0, "weigh it if it is not known better",
           "tolerance of the weight, one standard deviation"),
+    Field("place", "Place", needed=True, choices=(BODY, *Corner),
+          help="body, or the hub that it is bolted to"),
     Field("x_m", "x", "m", -8.0, 3.0, "the weight must be on the car",
           "forward of the middle of the front axle; most are negative"),
     Field("y_m", "y", "m", -1.5, 1.5, "the weight must be on the car", "to the left of the middle"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import aclosing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -17,6 +18,7 @@ from daq.runlog import LoggedStatus
 from ...jobs.lines import Done, IdentifyTask, Trouble
 from ...jobs.outcome import Outcome, parse_outcome
 from ...jobs.worker import lines_of
+from ..background import begin
 from ..state.long_work import LongWork, Stage, after, work_text
 from ..state.steps import BenchStep
 from .work import OUTDATED, WorkScreen
@@ -92,7 +94,7 @@ class IdentifyScreen(WorkScreen):
         begun = (Stage.BUILDING.value,) if self.work.stage is Stage.BUILDING else ()
         self.work = LongWork(Stage.WORKING, path, 0.0, begun)
         self.draw()
-        self.run_worker(self._identify(path, without), exclusive=True)
+        begin(self, partial(self._identify, path, without), exclusive=True)
 
     async def _identify(self, path: str, without: tuple[str, ...]) -> None:
         key = (path, _changed_ns(path), without)

@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
@@ -22,6 +23,7 @@ from daq.errors import printable
 from daq.loading import expected_car, loading
 
 from ...jobs.gain import GAIN, Gain
+from ..background import begin
 from ..forms.axle_limits import AxleLimits, axles_line, check_axles, read_limits
 from ..forms.fields import FieldError
 from ..forms.inventory import (
@@ -132,7 +134,7 @@ class MassesScreen(BenchScreen):
             rest = read_draft(app.folder / REST)
             self._rest = {k: v for k, v in rest.items() if isinstance(v, float)}
             self._predict()
-            self.run_worker(self.action_measure())
+            begin(self, self.action_measure)
         self._show_all()
 
     # Car and weights ----------------------------------------------------------------------------
@@ -236,7 +238,7 @@ class MassesScreen(BenchScreen):
         if predict:
             self._predict()
         self._show_all()
-        self.run_worker(self._keep_draft(), group="draft", exclusive=True)
+        begin(self, self._keep_draft, group="draft", exclusive=True)
 
     async def _keep_draft(self) -> None:
         draft = {"entries": entry_values(self._entries), "open": self._open}
@@ -267,7 +269,7 @@ class MassesScreen(BenchScreen):
 
         def keep(typed: dict[str, str]) -> None:
             self._open[key] = typed
-            self.run_worker(self._keep_draft(), group="draft", exclusive=True)
+            begin(self, self._keep_draft, group="draft", exclusive=True)
 
         def done(typed: dict[str, str] | None) -> None:
             if typed is None:
@@ -317,7 +319,7 @@ class MassesScreen(BenchScreen):
             return
         if text != self._asked_text or self._gain is None:
             self._asked_text, self._gain = text, None
-            self.run_worker(self._compute(text), group="gain", exclusive=True)
+            begin(self, partial(self._compute, text), group="gain", exclusive=True)
 
     async def _compute(self, text: str) -> None:
         await asyncio.sleep(_QUIET_S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import aclosing
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -15,6 +16,7 @@ from daq.errors import printable
 from ...jobs.lines import ReportTask
 from ...jobs.session_list import report_of, size_text
 from ...jobs.worker import lines_of
+from ..background import begin
 from ..state.long_work import LongWork, Stage, after
 from ..state.steps import BenchStep, is_marked
 from .work import OUTDATED, WorkScreen
@@ -104,7 +106,7 @@ class ReportScreen(WorkScreen):
         """Write the report in a worker."""
         self.work = LongWork(Stage.WORKING, self._session)
         self.draw()
-        self.run_worker(self._write(self._session), exclusive=True)
+        begin(self, partial(self._write, self._session), exclusive=True)
 
     async def _write(self, path: str) -> None:
         html = report_of(Path(path))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import aclosing
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -20,6 +21,7 @@ from daq.errors import printable
 from ...jobs.lines import CompareTask, Done, Item, ListTask, Task, Trouble
 from ...jobs.session_list import SessionEntry, SessionState, entry_line, found, heading, with_open
 from ...jobs.worker import lines_of
+from ..background import begin
 from ..state.steps import progress
 from ..widgets.line import Line
 from .base import BenchScreen
@@ -70,7 +72,7 @@ class SessionsScreen(BenchScreen):
         super().on_screen_resume()
         self.query_one("#list", OptionList).focus()
         if self._stale:
-            self.run_worker(self._read(), group="list", exclusive=True)
+            begin(self, self._read, group="list", exclusive=True)
 
     def on_screen_suspend(self) -> None:
         """Read the folder again after another screen, not after a dialog."""
@@ -142,7 +144,7 @@ class SessionsScreen(BenchScreen):
             self._draw()
             return
         first, self._first = self._first, ""
-        self.run_worker(self._compare((first, entry.path)), group="compare", exclusive=True)
+        begin(self, partial(self._compare, (first, entry.path)), "compare", exclusive=True)
 
     def action_export(self) -> None:
         """Write a session in another tool's format."""

@@ -170,7 +170,7 @@ class VehicleScreen(BenchScreen):
             text = f"{bad} {errors[0]}"
             more = f"; {len(errors) - 1} more" if len(errors) > 1 else ""
             return [Content.styled(text, "bold $error"), Content(f"Tab goes there{more}.")]
-        lines = [Content(f"{field.help} ({field.limit})")]
+        lines = [Content(field.advice)]
         own = [error for error in errors if error.field == field.name] or list(errors[:1])
         if own:
             lines.append(Content.styled(f"{bad} {own[0]}", "bold $error"))

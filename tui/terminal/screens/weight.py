@@ -80,7 +80,7 @@ class WeightScreen(ModalScreen[Values | None]):
         if field is None:
             return
         own = [error for error in errors if error.field == field.name] or list(errors[:1])
-        lines = [Content(f"{field.help} ({field.limit})")]
+        lines = [Content(field.advice)]
         if own:
             lines.append(Content.styled(str(own[0]), "bold $error"))
         self.query_one("#help", Static).update(Content("\n").join(lines))

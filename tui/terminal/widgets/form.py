@@ -9,6 +9,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.content import Content
+from textual.events import Paste
 from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Input, Static
@@ -21,16 +22,31 @@ class TextField(Line):
     """A field that is typed into."""
 
     def __init__(self, field: Field, width: int) -> None:
-        super().__init__(compact=True, select_on_focus=False, max_length=max(field.most, 60))
+        super().__init__(compact=True, max_length=max(field.most, 60))
         self.field = field
         self.styles.width = width
 
+    class Row(Message):
+        """Texts with tabs between them were pasted: one for each field from this one on."""
+
+        def __init__(self, widget: TextField, texts: Sequence[str]) -> None:
+            self.widget, self.texts = widget, tuple(texts)
+            super().__init__()
+
+    def on_paste(self, event: Paste) -> None:
+        """Pass texts with tabs between them on; a text without is inserted as in any line."""
+        texts = event.text.splitlines()[0].split("\t") if event.text.strip() else [""]
+        if len(texts) > 1:
+            event.stop()
+            event.prevent_default()
+            self.post_message(self.Row(self, texts))
+
 
 class ChoiceField(Static, can_focus=True):
-    """A field that is one of a few words: left, right and SPACE go through them."""
+    """A field that is one of a few words: left and right go through them, SPACE leaves them."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("right,space", "turn(1)", "Change", show=False),
+        Binding("right", "turn(1)", "Change", show=False),
         Binding("left", "turn(-1)", "Change", show=False),
         Binding("enter", "submit", "Next field", show=False),
     ]
@@ -82,8 +98,8 @@ class Label(Static):
     One widget and not three, because a form of thirty fields has to be there at once.
     """
 
-    def __init__(self, before: str, words: str) -> None:
-        self._before, self._words, self._bad = before, words, False
+    def __init__(self, before: str, words: str, bracket: str = "") -> None:
+        self._before, self._words, self._bad, self._bracket = before, words, False, bracket
         super().__init__(self._text())
 
     def mark(self, bad: bool) -> None:
@@ -97,7 +113,7 @@ class Label(Static):
             return Content(self._before)
         style = "bold $error" if self._bad else ""
         mark = "!" if self._bad else " "
-        return Content.assemble(self._before, (f"{mark}{self._words[1:]}[", style))
+        return Content.assemble(self._before, (f"{mark}{self._words[1:]}{self._bracket}", style))
 
 
 class Form(VerticalScroll, can_focus=False):
@@ -114,8 +130,8 @@ class Form(VerticalScroll, can_focus=False):
     Form TextField:focus, Form ChoiceField:focus { text-style: bold reverse; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("down", "screen.focus_next", "Next field", show=False),
-        Binding("up", "screen.focus_previous", "Field before", show=False),
+        Binding("down", "app.focus_next", "Next field", show=False),
+        Binding("up", "app.focus_previous", "Field before", show=False),
     ]
 
     class Changed(Message):
@@ -140,12 +156,13 @@ class Form(VerticalScroll, can_focus=False):
         for position, field in enumerate(row):
             short = "±" if field.name.endswith(".sigma") else field.label
             words = f" {short}".ljust(self._label_width) if position == 0 else f" {short} "
-            label = Label(before, words)
+            opens, closes = "<>" if field.choices else "[]"
+            label = Label(before, words, opens)
             widget = ChoiceField(field) if field.choices else TextField(field, _width(field))
             self._labels[field.name], self._fields[field.name] = label, widget
             yield label
             yield widget
-            before = f"] {field.unit:<4} "
+            before = f"{closes} {field.unit:<4} "
         yield Label(before.rstrip(" "), "")
 
     @property
@@ -180,6 +197,16 @@ class Form(VerticalScroll, can_focus=False):
     def on_input_changed(self, event: Input.Changed) -> None:
         """Post the form's own message."""
         event.stop()
+        self.post_message(self.Changed())
+
+    def on_text_field_row(self, event: TextField.Row) -> None:
+        """Fill the fields from the one with the cursor on; go to the last one that was filled."""
+        event.stop()
+        widgets = list(self._fields.values())
+        for widget, text in zip(widgets[widgets.index(event.widget) :], event.texts, strict=False):
+            if not widget.field.choices or text in widget.field.choices:
+                widget.value = text
+            widget.focus()
         self.post_message(self.Changed())
 
     def on_choice_field_changed(self, event: ChoiceField.Changed) -> None:

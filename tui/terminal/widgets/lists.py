@@ -136,13 +136,12 @@ class AlarmList(Words):
             )
             for alarm in status.alarms
         ]
-        alarms += [
-            (
-                f"{self._glyphs.overload} OVERLOAD",
-                f"{printable(channel, 40)} touched the end of its range: A puts the lamp out",
-            )
-            for channel in status.overloaded
-        ]
+        if status.overloaded:
+            many = len(status.overloaded) > 1
+            ends = "the end of their range: A puts the lamps" if many else "the end of its range"
+            lamps = ends if many else f"{ends}: A puts the lamp"
+            names = printable(", ".join(status.overloaded), 120)
+            alarms.append((f"{self._glyphs.overload} OVERLOAD", f"{names} touched {lamps} out"))
         self.display = bool(alarms)
         self.say(Content("\n").join(self._rows(alarms, self.size.width or self.app.size.width)))
 

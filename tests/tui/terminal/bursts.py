@@ -1,0 +1,139 @@
+"""Keys that come faster than an app turns, as from a bar-code scanner or a line that lags.
+
+`make bursts`: 500 keys, 0 to 20 ms apart, into every field of every form; how many are wrong.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import string
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from random import Random
+
+from textual.events import Key
+from textual.keys import _character_to_key
+from textual.pilot import Pilot
+from textual.widgets import TextArea
+
+from tui.terminal.app import BenchApp
+from tui.terminal.forms.fields import Field
+from tui.terminal.forms.vehicle_form import VEHICLE_FIELDS
+from tui.terminal.forms.weight_form import WEIGHT_FIELDS
+from tui.terminal.keyboard import KeyboardApp
+from tui.terminal.screens.dialogs import Question
+from tui.terminal.screens.note import NoteScreen
+from tui.terminal.screens.weight import WeightScreen
+from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
+from tui.terminal.widgets.form import Form
+from tui.terminal.widgets.line import Line
+
+from .fake_recorder import FakeRecorder
+
+_CHARACTERS = {"space": " ", "tab": "\t", "enter": "\r", "backspace": "\x7f"}
+
+
+async def burst(pilot: Pilot[None], *keys: str, most_s: float = 0.0, seed: int = 1) -> None:
+    """Post keys without a wait, or 0 to `most_s` apart; wait when all are posted."""
+    gaps = Random(seed)
+    for key in keys:
+        pilot.app.post_message(_key(key))
+        if most_s:
+            await asyncio.sleep(gaps.uniform(0.0, most_s))
+    app = pilot.app
+    assert isinstance(app, KeyboardApp)
+    await asyncio.sleep(0)
+    while app._effect is not None or app._waiting:
+        await asyncio.sleep(0.001)
+    await pilot.pause()
+
+
+def _key(name: str) -> Key:
+    if len(name) == 1:
+        return Key(name if name.isalnum() else _character_to_key(name), name)
+    return Key(name, _CHARACTERS.get(name))
+
+
+KEYS = 500
+MOST_S = 0.02
+_WIDTH = 6
+"""Characters that are typed into each field."""
+
+
+def _texts(fields: tuple[Field, ...], rng: Random) -> dict[str, str]:
+    """Return what to type into each field of text."""
+    letters = string.ascii_letters + string.digits + " .-"
+    return {
+        field.name: "".join(rng.choice(letters) for _ in range(_WIDTH))
+        for field in fields
+        if not field.choices
+    }
+
+
+async def _filled(
+    pilot: Pilot[None], fields: tuple[Field, ...], rng: Random
+) -> tuple[int, Mapping[str, str], Mapping[str, str]]:
+    """Type into a form whose first field has the cursor; return keys, texts and what is there."""
+    texts = _texts(fields, rng)
+    keys = []
+    for field in fields:
+        keys += [*texts.get(field.name, ""), rng.choice(("tab", "enter", "down"))]
+    await burst(pilot, *keys[:-1], most_s=MOST_S, seed=rng.randrange(1 << 30))
+    values = pilot.app.screen.query_one(Form).values
+    return len(keys) - 1, texts, {name: values[name] for name in texts}
+
+
+async def wrong_keys(seed: int) -> tuple[int, int]:
+    """Return how many keys were typed into every form, and how many landed wrong."""
+    rng = Random(seed)
+    app = BenchApp(
+        FakeRecorder(), Path(tempfile.mkdtemp()), choose_glyphs(GlyphSet.BRAILLE, {}, "utf-8"), "MK"
+    )
+    typed = wrong = 0
+
+    def count(keys: int, texts: Mapping[str, str], there: Mapping[str, str]) -> None:
+        nonlocal typed, wrong
+        typed += keys
+        for name, text in texts.items():
+            found = there[name].ljust(len(text))
+            wrong += sum(a != b for a, b in zip(text, found, strict=False))
+            wrong += max(0, len(found) - len(text))
+
+    async with app.run_test(size=(140, 40)) as pilot:
+        while app.bench is None:
+            await asyncio.sleep(0.02)
+        await app.open("vehicle")
+        await burst(pilot, "tab")
+        count(*await _filled(pilot, VEHICLE_FIELDS, rng))
+        while typed < KEYS:
+            app.push_screen(WeightScreen("Weight", {}, lambda _: (), lambda _: None))
+            await pilot.pause()
+            count(*await _filled(pilot, WEIGHT_FIELDS, rng))
+            await burst(pilot, "escape")
+            note, question = NoteScreen(), Question(f"Why {typed}", "why")
+            dialogs: tuple[ModalScreen[Any], ...] = (note, question)
+            for screen in dialogs:
+                app.push_screen(screen)
+                text = _texts(WEIGHT_FIELDS[:1], rng)["serial"].strip() or "x"
+                await burst(pilot, *text, most_s=MOST_S, seed=rng.randrange(1 << 30))
+                if screen is note:
+                    area = note.query_one(TextArea)
+                    there, area.text = area.text, ""  # else it is the next note's draft
+                else:
+                    there = screen.query_one(Line).value
+                count(len(text), {"text": text}, {"text": there})
+                await burst(pilot, "escape")
+    return typed, wrong
+
+
+def main() -> None:
+    """Print the count; end with 1 if a key is wrong."""
+    typed, wrong = asyncio.run(wrong_keys(seed=1))
+    sys.stdout.write(f"{wrong} of {typed} keys wrong, 0 to {1e3 * MOST_S:g} ms apart\n")
+    sys.exit(wrong > 0)
+
+
+if __name__ == "__main__":
+    main()

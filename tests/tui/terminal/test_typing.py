@@ -1,0 +1,154 @@
+"""Input in the order in which it came: bursts as of a bar-code scanner or a line that lags."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from textual.app import ComposeResult
+from textual.events import Key, Paste
+from textual.widgets import Input, TextArea
+
+from daq.control.messages import Phase
+from daq.control.orders import Accept, Arm, Note
+from tui.terminal.app import BenchApp
+from tui.terminal.keyboard import KeyboardApp
+from tui.terminal.screens.dialogs import Question
+from tui.terminal.screens.home import HomeScreen
+from tui.terminal.screens.masses import MassesScreen
+from tui.terminal.screens.run import RunScreen
+from tui.terminal.screens.vehicle import VehicleScreen
+from tui.terminal.screens.weight import WeightScreen
+from tui.terminal.widgets.form import Form
+
+from .bursts import burst
+from .fake_recorder import DOUBLE_BUMP, FakeRecorder
+from .operated import Make, check_items, orders_of, reach
+
+
+def _typed(app: BenchApp) -> dict[str, str]:
+    return app.screen.query_one(Form).values
+
+
+async def test_a_tab_in_a_burst_parts_two_fields(make_app: Make) -> None:
+    app = make_app(FakeRecorder())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        await burst(pilot, "tab", "tab", "tab", *"1551", "tab", *"2")
+        assert _typed(app)["total_mass_kg"] == "1551"
+        assert _typed(app)["total_mass_kg.sigma"] == "2"
+
+
+async def test_a_whole_form_in_one_burst(make_app: Make) -> None:
+    app = make_app(FakeRecorder())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, VehicleScreen)
+        keys = ["tab", *"T5 A1", "enter", *"JL", "tab", *"1552", "tab", *"1.5"]
+        keys += ["enter", *"800x", "backspace", "down", *"2", "up", "home", *"1", "delete"]
+        await burst(pilot, *keys)
+        typed = _typed(app)
+        assert typed["name"] == "T5 A1"
+        assert typed["operator"] == "JL"
+        assert (typed["total_mass_kg"], typed["total_mass_kg.sigma"]) == ("1552", "1.5")
+        assert (typed["front_axle_kg"], typed["front_axle_kg.sigma"]) == ("100", "2")
+
+
+async def test_a_text_typed_at_once_behind_the_key_of_its_dialog_is_not_lost(
+    make_app: Make,
+) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await reach(pilot, HomeScreen)
+        await burst(pilot, "n", *"rear left damper looks wet", "ctrl+s", "space")
+        assert orders_of(recorder, Note) == [Note("rear left damper looks wet")]
+        assert orders_of(recorder, Arm) == [Arm()]
+        assert isinstance(app.screen, RunScreen)
+
+
+async def test_an_answer_in_one_burst_with_its_question(make_app: Make) -> None:
+    recorder = FakeRecorder()
+    label = recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    recorder.phase = Phase.IDLE
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await burst(pilot, "t", *"a door", "enter", "n", *"2nd door")
+        assert orders_of(recorder, Accept) == [Accept(label, "a door")]
+        assert not isinstance(app.screen, Question)
+        assert app.screen.query_one(TextArea).text == "2nd door"
+
+
+def _masses() -> FakeRecorder:
+    recorder = FakeRecorder(check=check_items())
+    recorder.mark("vehicle", "check")
+    recorder.finish("baseline")
+    recorder.phase = Phase.IDLE
+    return recorder
+
+
+async def test_a_bar_code_line_fills_a_row_of_weights(make_app: Make) -> None:
+    app = make_app(_masses())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await app.open("masses")
+        await reach(pilot, MassesScreen)
+        await burst(pilot, "a", *"M-07", "tab", *"20.00", "tab", *"0.02", "enter", "right")
+        typed = _typed(app)
+        assert (typed["serial"], typed["mass_kg"], typed["sigma_kg"]) == ("M-07", "20.00", "0.02")
+        assert typed["place"] == "FL"
+        await burst(pilot, "ctrl+s")
+        assert isinstance(app.screen, MassesScreen)
+        assert app.screen._entries[-1].serial == "M-07"
+
+
+async def test_a_pasted_bar_code_line_fills_the_same_fields(make_app: Make) -> None:
+    app = make_app(_masses())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await app.open("masses")
+        await reach(pilot, MassesScreen)
+        await burst(pilot, "a")
+        app.post_message(Paste("M-08\t20,5\t0.03\n"))
+        await burst(pilot, "enter", "right")
+        typed = _typed(app)
+        assert (typed["serial"], typed["mass_kg"], typed["sigma_kg"]) == ("M-08", "20,5", "0.03")
+        assert typed["place"] == "FL"
+
+
+async def test_space_leaves_a_choice_as_it_is(make_app: Make) -> None:
+    app = make_app(_masses())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await app.open("masses")
+        await reach(pilot, MassesScreen)
+        await burst(pilot, "a", "tab", "tab", "tab", "space")
+        assert isinstance(app.screen, WeightScreen)
+        assert _typed(app)["place"] == "body"
+
+
+class _OneLine(KeyboardApp):
+    def compose(self) -> ComposeResult:
+        yield Input()
+
+
+@pytest.mark.parametrize(("patience_s", "there"), [(0.05, "ab"), (60.0, "a")])
+async def test_a_key_waits_for_an_effect_that_does_not_end_as_long_as_its_patience(
+    monkeypatch: pytest.MonkeyPatch, patience_s: float, there: str
+) -> None:
+    monkeypatch.setattr("tui.terminal.keyboard.PATIENCE_S", patience_s)
+    app, done = _OneLine(), asyncio.Event()
+    async with app.run_test() as pilot:
+        line = app.screen.query_one(Input)
+        line.focus()
+        await pilot.pause()
+        app.screen.call_later(done.wait)
+        app.post_message(Key("a", "a"))
+        app.post_message(Key("b", "b"))
+        await asyncio.sleep(0.2)
+        assert line.value == there
+        done.set()
+        await pilot.pause()
+        assert line.value == "ab"

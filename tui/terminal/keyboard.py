@@ -1,0 +1,99 @@
+"""Handles keys one at a time, in the order in which they are typed.
+
+Textual sends a key to the widget that has the cursor, and looks for the key's binding when the key
+has come back through the widgets around it.  A key that is typed meanwhile overtakes it: of
+`1 Tab 2` both digits land in the first field, and a text typed at once behind the key that opens a
+dialog is lost (https://github.com/Textualize/textual/issues/6605).  Here a key waits until the key
+before it has had its effect: until its messages are processed and the screen that it opened has its
+cursor.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Sequence
+
+from textual.app import App
+from textual.dom import DOMNode
+from textual.events import Event, InputEvent, MouseMove, Paste
+
+PATIENCE_S = 5.0
+"""Seconds that the effect of a key is waited for: as long as a recorder may take for its answer."""
+LOOK_S = 0.05
+"""Seconds between two looks whether a widget that is waited for is still there."""
+FEWEST_PASSES = 2
+"""Passes for one key: one behind the key itself, one behind the messages of its action."""
+
+
+class KeyboardApp(App[None]):
+    """An app whose keys, clicks and pasted texts take effect in the order in which they come."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._waiting: deque[Event] = deque()
+        """Input that has come and is not delivered."""
+        self._delivered: Event | None = None
+        """Input that is on its way through the app's queue for the second time."""
+        self._effect: asyncio.Task[None] | None = None
+        """Waits until the last key has had its effect."""
+
+    async def on_event(self, event: Event) -> None:
+        """Deliver input if nothing is before it; all other events go their way."""
+        if not _is_input(event):
+            await super().on_event(event)
+        elif event is self._delivered or (self._effect is None and not self._waiting):
+            self._delivered = None
+            widgets = self._front
+            self._effect = asyncio.create_task(self._await_effect(widgets))
+            await super().on_event(event)
+        else:
+            self._waiting.append(event)
+
+    def on_unmount(self) -> None:
+        """Wait for no effect any more."""
+        if self._effect is not None:
+            self._effect.cancel()
+
+    @property
+    def _front(self) -> Sequence[DOMNode]:
+        """The widget that takes the next key, and those around it up to the app."""
+        if not self.screen_stack:
+            return (self,)
+        return (self.focused or self.screen).ancestors_with_self
+
+    async def _await_effect(self, widgets: Sequence[DOMNode]) -> None:
+        """Wait until a key has had its effect, then deliver the next one."""
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                passes = 0
+                while True:
+                    for widget in widgets:
+                        await self._passed(widget)
+                    passes += 1
+                    before, widgets = widgets, self._front
+                    if passes >= FEWEST_PASSES and widgets[0] is before[0]:
+                        break
+        except TimeoutError:
+            self.log.warning("a key has had no effect for too long; the next one is delivered")
+        self._effect = None
+        if self._waiting:
+            self._delivered = self._waiting.popleft()
+            self.post_message(self._delivered)
+
+    async def _passed(self, widget: DOMNode) -> None:
+        """Wait until a widget has processed all messages that it has now."""
+        passed = asyncio.Event()
+        if not widget.call_later(passed.set):
+            return
+        while not passed.is_set() and (widget is self or widget.is_attached):
+            try:
+                await asyncio.wait_for(passed.wait(), LOOK_S)
+            except TimeoutError:
+                continue
+
+
+def _is_input(event: Event) -> bool:
+    """Return True for a key, a click or a pasted text that comes from the terminal."""
+    kind = isinstance(event, (InputEvent, Paste)) and not isinstance(event, MouseMove)
+    return kind and not event.is_forwarded
