@@ -23,7 +23,8 @@ RESERVED = {
     "sdnotify": ("daq/control/systemd.py",),
     "prometheus_client": ("daq/control/figures_file.py",),
     "textual": tuple(
-        f"tui/terminal/{room}" for room in ("app", "palette", "themes", "screens/", "widgets/")
+        f"tui/terminal/{room}"
+        for room in ("app", "background", "keyboard", "palette", "themes", "screens/", "widgets/")
     ),
     "textual_serve": ("tui/browser/",),
     "aiohttp": ("tui/browser/",),

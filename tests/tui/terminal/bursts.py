@@ -12,10 +12,12 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from random import Random
+from typing import Any
 
 from textual.events import Key
 from textual.keys import _character_to_key
 from textual.pilot import Pilot
+from textual.screen import ModalScreen
 from textual.widgets import TextArea
 
 from tui.terminal.app import BenchApp
@@ -85,6 +87,13 @@ async def _filled(
     return len(keys) - 1, texts, {name: values[name] for name in texts}
 
 
+async def _open(app: BenchApp, screen: ModalScreen[Any]) -> None:
+    """Open a dialog, and wait until it has its cursor."""
+    await app.push_screen(screen)
+    while screen.focused is None:
+        await asyncio.sleep(0.001)
+
+
 async def wrong_keys(seed: int) -> tuple[int, int]:
     """Return how many keys were typed into every form, and how many landed wrong."""
     rng = Random(seed)
@@ -108,14 +117,13 @@ async def wrong_keys(seed: int) -> tuple[int, int]:
         await burst(pilot, "tab")
         count(*await _filled(pilot, VEHICLE_FIELDS, rng))
         while typed < KEYS:
-            app.push_screen(WeightScreen("Weight", {}, lambda _: (), lambda _: None))
-            await pilot.pause()
+            await _open(app, WeightScreen("Weight", {}, lambda _: (), lambda _: None))
             count(*await _filled(pilot, WEIGHT_FIELDS, rng))
             await burst(pilot, "escape")
             note, question = NoteScreen(), Question(f"Why {typed}", "why")
             dialogs: tuple[ModalScreen[Any], ...] = (note, question)
             for screen in dialogs:
-                app.push_screen(screen)
+                await _open(app, screen)
                 text = _texts(WEIGHT_FIELDS[:1], rng)["serial"].strip() or "x"
                 await burst(pilot, *text, most_s=MOST_S, seed=rng.randrange(1 << 30))
                 if screen is note:
