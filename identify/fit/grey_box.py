@@ -28,7 +28,8 @@ from daq.vehicle import (
 from dbc.frames import read_only
 
 from ..decays.decay import ChannelGroup
-from ..model.facts import CORNERS, predicted
+from ..model.complex_step import COMPLEX_STEP, stepped
+from ..model.facts import CORNERS, misfits_of
 from ..model.matrices import (
     SYMMETRIC,
     delta_mass,
@@ -38,8 +39,6 @@ from ..model.matrices import (
     state_matrix,
 )
 
-COMPLEX_STEP = 1e-30
-"""Step of the derivatives: there is no subtraction, so no lower limit from rounding."""
 _CROSS_SCALE_KG = 10.0
 _OFF = ("", "x of ", "y of ")
 """Begins the name of a weight's correction: its mass, its place forward, to the left."""
@@ -217,13 +216,7 @@ class GreyBox:
             Derivative of the predicted value.
         """
         points = stepped(eta)
-        full, cross = self.full(points), self.cross_kg(points)
-        misfits, slopes = np.zeros(len(self.facts)), np.zeros((len(self.facts), len(eta)))
-        for i, fact in enumerate(self.facts):
-            value = predicted(fact, full, cross)
-            misfits[i] = (fact.value - value[0].real) / fact.sigma
-            slopes[i] = value[1:].imag / COMPLEX_STEP / fact.sigma
-        return misfits, slopes
+        return misfits_of(self.facts, self.full(points), self.cross_kg(points))
 
     def cross_kg(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return what the front left corner carries beyond its share, (n,) kg, at `eta`, (n, P)."""
@@ -294,9 +287,3 @@ def weight_sigmas(weight: BodyWeight | HubWeight) -> tuple[float, ...]:
     if isinstance(weight, BodyWeight):
         return weight.sigma_kg, weight.position_sigma_m, weight.position_sigma_m
     return (weight.sigma_kg,)
-
-
-def stepped(eta: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return the point itself and one `COMPLEX_STEP` along each unknown, (P + 1, P)."""
-    steps = np.vstack([np.zeros(len(eta)), np.eye(len(eta))])
-    return np.asarray(eta + 1j * COMPLEX_STEP * steps)

@@ -206,6 +206,11 @@ class Engine(Protocol):
     ) -> tuple[Residuals, ...]:
         """Return what the model at `eta` leaves of each decay."""
 
+    def fact_misfits(
+        self, eta: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return measured less predicted value of each fact in sigmas, and the latter's slopes."""
+
 
 @dataclass(frozen=True, slots=True)
 class LinearEngine:
@@ -231,3 +236,9 @@ class LinearEngine:
     ) -> tuple[Residuals, ...]:
         """Return what the model at `eta` leaves of each decay."""
         return residuals(self.box, decays, sigma, eta)
+
+    def fact_misfits(
+        self, eta: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return measured less predicted value of each fact in sigmas, and the latter's slopes."""
+        return self.box.fact_misfits(eta)

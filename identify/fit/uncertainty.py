@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from daq.vehicle import parameter_unit
 from dbc.frames import read_only
 
+from ..model.complex_step import COMPLEX_STEP, stepped
 from ..model.derived import derived_quantities
 from ..model.exponentials import spectrum
-from .grey_box import COMPLEX_STEP, SIGNED, GreyBox, stepped
+from .grey_box import SIGNED, GreyBox
 from .likelihood import Fit, covariance_of
 
 COVERAGE_95 = 1.959964  # standard deviations, normal distribution

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.vehicle import Corner, Fact, FactQuantity
 
+from .complex_step import COMPLEX_STEP
 from .matrices import FULL_NAMES
 
 CORNERS = {
@@ -60,7 +63,24 @@ def predicted(
     if corner is not None:
         return corner_load(corner, full, cross_kg)
     # A parameter of a symmetric vehicle stands for both corners of its axle.
-    return full[..., next(i for i, n in enumerate(FULL_NAMES) if fact.quantity in (n, n[:-1]))]
+    meant = [i for i, name in enumerate(FULL_NAMES) if fact.quantity in (name, name[:-1])]
+    return np.asarray(full[..., meant].mean(axis=-1))
+
+
+def misfits_of(
+    facts: Sequence[Fact], full: NDArray[np.complex128], cross_kg: NDArray[np.complex128]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return measured less predicted value of each fact in sigmas, and the slopes of the latter.
+
+    `full`, (1 + P, 28), and `cross_kg`, (1 + P,): at a point, and a `COMPLEX_STEP` along each of P
+    unknowns.  Returns (n_facts,) and (n_facts, P).
+    """
+    misfits, slopes = np.zeros(len(facts)), np.zeros((len(facts), len(full) - 1))
+    for i, fact in enumerate(facts):
+        value = predicted(fact, full, cross_kg)
+        misfits[i] = (fact.value - value[0].real) / fact.sigma
+        slopes[i] = value[1:].imag / COMPLEX_STEP / fact.sigma
+    return misfits, slopes
 
 
 def corner_load(

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from daq.vehicle import Corner, MassState
 
 from ..elements.damper import secant_share
-from ..fit.grey_box import COMPLEX_STEP, GreyBox, stepped
-from ..model.facts import corner_load
+from ..fit.grey_box import GreyBox
+from ..model.complex_step import COMPLEX_STEP, stepped
+from ..model.facts import corner_load, misfits_of
 from ..model.matrices import delta_mass
 from .unknowns import Element, elements
 
@@ -73,6 +74,26 @@ class Model:
             result[e.name] = np.exp(x) if e.logarithmic else e.scale * x
         return result
 
+    def full(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the full parameters, (..., 28), with what each corner differs by."""
+        value = self.element_values(eta)
+        full = self.box.full(eta).copy()
+        for place in Corner:
+            axle = "f" if place.front else "r"
+            for first, kind in ((3, "dm_u"), (7, "dk_s"), (11, "dk_t")):
+                full[..., first + place.position] *= 1.0 + place.side * value[f"{kind}{axle}"]
+        return full
+
+    def fact_misfits(
+        self, eta: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return measured less predicted value of each fact in sigmas, and the latter's slopes.
+
+        A wheel that is heavier than the other weighs on the scales: what corners differ by counts.
+        """
+        points = stepped(eta)
+        return misfits_of(self.box.facts, self.full(points), self.box.cross_kg(points))
+
 
 @dataclass(frozen=True, slots=True)
 class Car:
@@ -119,7 +140,7 @@ def _coefficients(
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
     """Return corners, (n, 4, columns), body mass, (n, 3, 3), and gravity, (n, 3)."""
     box = model.box
-    full = box.full(eta)
+    full = model.full(eta)
     value = model.element_values(eta)
     added = delta_mass(state.added, full[:, 19], full[:, 27], box.off_weights(eta, state))
     pull = -GRAVITY_M_S2 * (added[:, :, 0] + added[:, :, 3:].sum(axis=-1))
@@ -130,7 +151,7 @@ def _coefficients(
         one = corner[:, i]
         one[:, X] = full[:, 19] if place.front else -full[:, 20]
         one[:, Y] = place.side * full[:, 21 if place.front else 22] - full[:, 27]
-        one[:, K_S] = full[:, 7 + i] * (1.0 + place.side * value[f"dk_s{axle}"])
+        one[:, K_S] = full[:, 7 + i]
         one[:, K_2] = value[f"k_2{axle}"]
         one[:, K_3] = value[f"k_3{axle}"]
         one[:, K_B] = value[f"k_b{axle}"]
@@ -141,12 +162,11 @@ def _coefficients(
         one[:, RATIO] = 1.0 + place.side * value[f"s_c{axle}"]
         one[:, C] = full[:, 15 + i]
         one[:, MOUNT] = value[f"s_m{axle}"]
-        one[:, K_T] = full[:, 11 + i] * (1.0 + place.side * value[f"dk_t{axle}"])
+        one[:, K_T] = full[:, 11 + i]
         one[:, BETA] = value[f"b_t{axle}"]
         one[:, C_T] = full[:, 25 if place.front else 26]
         one[:, STATIC] = GRAVITY_M_S2 * corner_load(place, full, cross)
-        wheel = full[:, 3 + i] * (1.0 + place.side * value[f"dm_u{axle}"])
-        one[:, MASS] = wheel + added[:, 3 + i, 3 + i]
+        one[:, MASS] = full[:, 3 + i] + added[:, 3 + i, 3 + i]
         one[:, PULL] = pull[:, 3 + i]
         for j, knot in enumerate(model.knots):
             h = value[f"h_{axle}{j + 1}"]

@@ -53,6 +53,18 @@ class NonlinearEngine:
         at, equations = self._at(decays, sigma, eta)
         return residuals_of(at, equations)
 
+    def fact_misfits(
+        self, eta: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return measured less predicted value of each fact in sigmas, and the latter's slopes."""
+        misfits, slopes = self.problem.model.fact_misfits(self._every(eta))
+        return misfits, slopes[:, self.shown]
+
+    def _every(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
+        every = self.eta.copy()
+        every[self.shown] = eta
+        return every
+
     def parts(self, at: Point, equations: Normal) -> dict[str, NormalBlock]:
         """Return the shares at a point whose normal equations are known."""
         problem = at.problem
@@ -78,8 +90,7 @@ class NonlinearEngine:
     def _at(
         self, decays: tuple[FreeDecay, ...], sigma: Mapping[str, float], eta: NDArray[np.float64]
     ) -> tuple[Point, Normal]:
-        every = self.eta.copy()
-        every[self.shown] = eta
+        every = self._every(eta)
         problem = Problem(
             self.problem.model,
             tuple(run_of(self.problem.model, decay, sigma) for decay in decays),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..elements.damper import secant_share
-from ..fit.grey_box import COMPLEX_STEP, stepped
+from ..model.complex_step import COMPLEX_STEP, stepped
 from .car import KNEE_M_S, Model
 
 _FLOOR, _FLOOR_SD = 0.02, 0.01

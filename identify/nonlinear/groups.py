@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,11 +21,15 @@ class Group:
     """Unknowns, without the axle at their end."""
     middle: bool | None = None
     """Of the damper's knees: the one at rest, or the others."""
+    positive: bool = False
+    """True if a size below zero is no such element."""
 
     def members(self, model: Model) -> tuple[str, ...]:
         """Return the names of its unknowns."""
+        if self.name == "cg_offset":
+            return self.kinds
         if self.middle is None:
-            return tuple(f"{k}{axle}" if k != "y_s" else k for k in self.kinds for axle in "fr")
+            return tuple(f"{k}{axle}" for k in self.kinds for axle in "fr")
         return tuple(
             f"h_{axle}{j + 1}"
             for axle in "fr"
@@ -32,21 +37,32 @@ class Group:
             if (knot == 0.0) is self.middle
         )
 
+    def parts(self, sized: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+        """Return the sets of unknowns of which any may show that the element is there.
+
+        `sized`: its unknowns that are zero where it is absent.  A car may have it on one axle only:
+        all of them, those of the front and those of the rear.  The knees of both axles are one.
+        """
+        if self.middle is not None or self.name == "cg_offset":
+            return (tuple(sized),)
+        axles = (tuple(name for name in sized if name.endswith(axle)) for axle in "fr")
+        return (tuple(sized), *(part for part in axles if part))
+
 
 GROUPS = (
     Group("anti_roll_bars", ("k_a",)),
     Group("cg_offset", ("y_s",)),
     Group("progressive_springs", ("k_2", "k_3")),
-    Group("friction", ("F_c", "d_c")),
+    Group("friction", ("F_c", "d_c"), positive=True),
     Group("one_sided_dampers", (), True),
     Group("damper_knees", (), False),
-    Group("damper_mounts", ("s_m",)),
-    Group("tyre_damping", ("c_t",)),
-    Group("progressive_tyres", ("b_t",)),
+    Group("damper_mounts", ("s_m",), positive=True),
+    Group("tyre_damping", ("c_t",), positive=True),
+    Group("progressive_tyres", ("b_t",), positive=True),
     Group("friction_left_right", ("dF_c",)),
     Group("dampers_left_right", ("s_c",)),
     Group("corners_left_right", ("dk_s", "dk_t", "dm_u")),
-    Group("bump_stops", ("k_b", "g_b")),
+    Group("bump_stops", ("k_b", "g_b"), positive=True),
 )
 BY_NAME = {group.name: group for group in GROUPS}
 

@@ -43,7 +43,7 @@ class Problem:
 
     def fact_terms(self, eta: NDArray[np.float64]) -> Terms:
         """Return misfits, (n,), of what was measured beside the runs, and slopes, (n, F)."""
-        misfits, slopes = self.model.box.fact_misfits(eta)
+        misfits, slopes = self.model.fact_misfits(eta)
         return misfits, slopes[:, self.free]
 
     def prior_terms(self, eta: NDArray[np.float64]) -> Terms:

@@ -195,7 +195,10 @@ def _choices(
     freedom: float,
     decided: Mapping[str, bool],
 ) -> tuple[ElementChoice, ...]:
-    """Return what each group explains: the rise of the cost without it, by its covariance."""
+    """Return what each group explains: the rise of the cost without it, by its covariance.
+
+    Of its parts (both axles, the front, the rear) the one that shows it best is reported.
+    """
     problem = best.point.problem
     model = problem.model
     values = element_estimates(best, covariance)
@@ -207,10 +210,16 @@ def _choices(
             continue
         # A length or a gap has no value at which its element is absent.
         sized = [n for n in members if not n.startswith(("d_c", "g_b"))]
-        at = [int(np.flatnonzero(problem.free == model.names.index(n))[0]) for n in sized]
-        x = best.eta[problem.free[at]]
-        gain = float(x @ inverse(plain[np.ix_(at, at)]) @ x) / max(1.0, chi2)
-        threshold = len(members) * float(np.log(freedom))
+        place = {n: int(np.flatnonzero(problem.free == model.names.index(n))[0]) for n in sized}
+        shown = []
+        for part in group.parts(sized):
+            at = [place[n] for n in part]
+            x = best.eta[problem.free[at]]
+            real = bool((x > 0.0).all()) or not group.positive
+            gain = float(x @ inverse(plain[np.ix_(at, at)]) @ x) / max(1.0, chi2) if real else 0.0
+            size = sum(n[-1] in {m[-1] for m in part} for n in members)
+            shown.append((gain, size * float(np.log(freedom))))
+        gain, threshold = max(shown, key=lambda one: one[0] - one[1])
         result.append(
             ElementChoice(
                 group.name,

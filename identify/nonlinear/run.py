@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.channels import TIME_DERIVATIVE
 
 from ..decays.decay import FreeDecay, Recording
-from ..fit.grey_box import COMPLEX_STEP, stepped
+from ..model.complex_step import COMPLEX_STEP, stepped
 from ..model.low_pass import low_pass_of
 from . import integrator
 from .car import Car, Model

@@ -93,7 +93,7 @@ class RealCar:
     def shared(self) -> NDArray[np.float64]:
         """Return the information of facts, stated uncertainties and weak priors, (F, F)."""
         _, prior = weak_priors(self.model, self.every)
-        slopes = self.model.box.fact_misfits(self.every)[1][:, self.free]
+        slopes = self.model.fact_misfits(self.every)[1][:, self.free]
         return np.asarray(slopes.T @ slopes + np.diag(prior[self.free] ** -2))
 
     def information(

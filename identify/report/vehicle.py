@@ -49,7 +49,7 @@ def _beyond(structure: Structure) -> str:
 
 
 def _facts(estimation: Estimation) -> Table:
-    misfits, _ = estimation.box.fact_misfits(estimation.fit.eta)
+    misfits, _ = estimation.engine.fact_misfits(estimation.fit.eta)
     rows = [
         (
             Cell(plain(fact.quantity)),

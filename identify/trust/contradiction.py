@@ -96,7 +96,7 @@ def _redundancy(estimation: Estimation, rows: NDArray[np.float64]) -> NDArray[np
 def _stated(estimation: Estimation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return slopes, (n_stated, P), and misfits of facts and stated values, in their sigmas."""
     box, eta = estimation.box, estimation.fit.eta
-    misfits, slopes = box.fact_misfits(eta)
+    misfits, slopes = estimation.engine.fact_misfits(eta)
     n, pulls = len(box.parameters), box.pulls(eta)
     stated = np.zeros((len(pulls), len(eta)))  # elements may follow the unknowns of the grey box
     stated[np.arange(len(pulls)), n + np.arange(len(pulls))] = (

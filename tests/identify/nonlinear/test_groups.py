@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from daq.bench.bench_tables import StructureTable
-from daq.vehicle import ELEMENTS
-from identify.nonlinear.car import K_S, K_T, MASS, car
-from identify.nonlinear.groups import GROUPS, STAGES
+from daq.vehicle import ELEMENTS, Fact
+from identify.fit.grey_box import GreyBox
+from identify.nonlinear.car import K_S, K_T, MASS, Model, car
+from identify.nonlinear.groups import BY_NAME, GROUPS, STAGES
+from identify.nonlinear.unknowns import KNOTS
 
-from .cars import bent, model_of
+from .cars import RICH, bent, model_of
 from .truth import BASELINE
 
 
@@ -36,3 +38,24 @@ def test_unequal_corners_differ_by_their_share_left_and_right() -> None:
     assert one.corner[:, K_T] == pytest.approx([192e3, 192e3, 0.99 * 192e3, 1.01 * 192e3])
     assert one.corner[:, MASS] == pytest.approx([1.03 * 40.5, 0.97 * 40.5, 45.4, 45.4])
     assert one.d_corner[:, K_S, 0] == pytest.approx([1.7e3, -1.7e3, 0.0, 0.0])
+
+
+def test_a_heavier_wheel_weighs_on_the_scales() -> None:
+    names = ("corner_fl_kg", "corner_fr_kg", "corner_rl_kg", "corner_rr_kg")
+    facts = tuple(Fact(name, 0.0, 1.0) for name in names)
+    model = Model(GreyBox((), (BASELINE,), None, RICH, facts), KNOTS["K3"])
+    even, _ = model.fact_misfits(bent(model))
+    uneven, slopes = model.fact_misfits(bent(model, dm_uf=0.3, dm_ur=-0.5))
+    # Units of 0.1: 3 % of 40.5 kg more on the front left, 5 % of 45.4 kg less on the rear left.
+    np.testing.assert_allclose(even - uneven, [1.215, -1.215, -2.27, 2.27], rtol=1e-9)
+    np.testing.assert_allclose(
+        slopes[:, model.names.index("dm_uf")], [4.05, -4.05, 0.0, 0.0], rtol=1e-9
+    )
+
+
+def test_an_element_may_show_on_one_axle_alone() -> None:
+    parts = BY_NAME["tyre_damping"].parts(("c_tf", "c_tr"))
+    assert parts == (("c_tf", "c_tr"), ("c_tf",), ("c_tr",))
+    knees = BY_NAME["damper_knees"].parts(("h_f1", "h_f3", "h_r1"))
+    assert knees == (("h_f1", "h_f3", "h_r1"),)
+    assert BY_NAME["cg_offset"].members(model_of()) == ("y_s",)
