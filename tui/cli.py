@@ -17,6 +17,7 @@ from .commands.check import check
 from .commands.compare import compare
 from .commands.decode import decode
 from .commands.demo import demo
+from .commands.display import display
 from .commands.export import export
 from .commands.identify import identify
 from .commands.import_ import import_
@@ -37,7 +38,7 @@ from .invocation import invoke
 
 GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
     "To begin with": (demo, simulate, notebook),
-    "At the bench": (plan, check, tui, record, status, recover),
+    "At the bench": (plan, check, tui, record, display, status, recover),
     "At the desk": (identify, write_report, compare, batch),
     "Files": (inspect, validate, import_, export, redecode, decode, replay),
 }

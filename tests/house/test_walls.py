@@ -27,7 +27,8 @@ RESERVED = {
         for room in ("app", "background", "keyboard", "palette", "themes", "screens/", "widgets/")
     ),
     "textual_serve": ("tui/browser/",),
-    "aiohttp": ("tui/browser/",),
+    "aiohttp": ("tui/browser/", "tui/display/"),
+    "segno": ("tui/display/link.py",),
     "asammdf": ("daq/formats/",),
     "pandas": ("daq/formats/", "daq/session_tables.py", "daq/sessions.py", "tui/commands/batch/"),
     "matplotlib": ("identify/report/", "identify/study/figures/", "identify/plots.py"),

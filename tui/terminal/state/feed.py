@@ -94,11 +94,17 @@ class RecorderFeed:
     """The recorder of a folder, over `daq.control.client`; it may go and come back.
 
     `name`: the person.  `start_recorder`: starts a recorder in the folder; called when the operator
-    asks for it.
+    asks for it.  `control`: False to look on until a `Hello` asks for control.
     """
 
-    def __init__(self, folder: Path, name: str, start_recorder: Callable[[], object]) -> None:
-        self._folder, self._name = folder, name
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        start_recorder: Callable[[], object],
+        control: bool = True,
+    ) -> None:
+        self._folder, self._name, self._control = folder, name, control
         self._start_recorder = start_recorder
         self._stop, self._reconnect = threading.Event(), threading.Event()
         self._take_over = False
@@ -185,12 +191,12 @@ class RecorderFeed:
         take_over, self._take_over = self._take_over, False
         self._reconnect.clear()
         try:
-            client = Client(address, self._name, control=True, take_over=take_over)
+            client = Client(address, self._name, self._control, take_over)
         except OrderRefused as error:
             client = Client(address, self._name, control=False)
             post(Role(False, str(error)))
         else:
-            post(Role(True))
+            post(Role(self._control))
         # One of an earlier version does not know the question.
         with suppress(OrderRefused, RecorderGone):
             if (setup := client.ask(AskSetup()).setup) is not None:
@@ -200,7 +206,7 @@ class RecorderFeed:
     def _post_news(self, client: Client, post: Callable[[News], None]) -> str:
         """Post news until the recorder is silent; return what happened, '' if stopped."""
         silent_s, in_control = 0.0, client.in_control
-        begun_s, was_refused = time.monotonic(), not in_control
+        begun_s, was_refused = time.monotonic(), self._control and not in_control
         while not self._stop.is_set() and not self._reconnect.is_set():
             news = client.news(SLICE_S)
             silent_s = silent_s + SLICE_S if news is None else 0.0

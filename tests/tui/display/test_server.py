@@ -1,0 +1,244 @@
+"""The page over a real socket: its state, its orders, and who is refused."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+
+from daq.control.messages import Phase
+from daq.control.orders import Arm, Hello, Order, Reject
+from tui.browser.guard import Guard
+from tui.display.control import Control
+from tui.display.hub import Hub
+from tui.display.link import free_port
+from tui.display.server import DisplayServer
+
+from ..terminal.fake_recorder import FakeRecorder
+
+HOST = "127.0.0.1"
+PATIENCE_S = 30.0
+
+
+@dataclass
+class Page:
+    """A browser's page on a display."""
+
+    http: aiohttp.ClientSession
+    guard: Guard
+    recorder: FakeRecorder
+    control: Control | None
+
+    async def post(self, place: str, **body: object) -> tuple[int, str]:
+        own = {"Origin": self.guard.origin}
+        async with self.http.post(self.guard.link + place, json=body, headers=own) as answer:
+            return answer.status, (await answer.json()).get("error", "")
+
+
+@asynccontextmanager
+async def display(folder: Path, control: Control | None = None) -> AsyncIterator[Page]:
+    recorder = FakeRecorder(in_control=False)
+    recorder.mark("vehicle", "check")
+    port = free_port(HOST)
+    guard, ended = Guard(HOST, port), asyncio.Event()
+    server = DisplayServer(guard, recorder, folder, "MK", control)
+    serving = asyncio.create_task(server.serve(HOST, port, ended))
+    jar = aiohttp.CookieJar(unsafe=True)  # addresses have cookies in a browser
+    async with aiohttp.ClientSession(cookie_jar=jar) as http:
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                while True:
+                    try:
+                        async with http.get(guard.link):
+                            break
+                    except aiohttp.ClientConnectionError:
+                        await asyncio.sleep(0.01)
+                yield Page(http, guard, recorder, control)
+        finally:
+            ended.set()
+            await serving
+
+
+async def events(page: Page) -> AsyncIterator[tuple[str, Any]]:
+    async with page.http.get(f"{page.guard.link}events") as stream:
+        assert stream.status == 200
+        topic = ""
+        async for line in stream.content:
+            name, _, value = line.decode().rstrip("\n").partition(": ")
+            if name == "event":
+                topic = value
+            elif name == "data":
+                yield topic, json.loads(value) if value else None
+
+
+async def until(page: Page, topic: str, found: Callable[[Any], bool]) -> Any:
+    async for name, data in events(page):
+        if name == topic and found(data):
+            return data
+    raise AssertionError(topic)
+
+
+def test_a_page_is_sent_what_is_and_what_changes(tmp_path: Path) -> None:
+    async def act() -> None:
+        async with display(tmp_path) as page:
+            first: dict[str, Any] = {}
+            async for topic, data in events(page):
+                first[topic] = data
+                if topic == "view" and data["headline"]["kind"] == "ready":
+                    break
+            assert first["role"] == {"control": False, "granted": False}
+            assert first["view"]["vehicle"] == "Ford Granada"
+            assert first["curves"]["curves"] == []
+            page.recorder.turn(Phase.ARMED)
+            await until(page, "view", lambda view: view["headline"]["word"] == ["BUMP", "NOW"])
+            page.recorder.bump()
+            page.recorder.judge()
+            for _ in range(3):  # a picture is drawn with every third message
+                page.recorder.post(page.recorder.live())
+            curves = await until(page, "curves", lambda curves: bool(curves["curves"]))
+            assert curves["run"] == "baseline_bounce_1"
+            assert await page.post("order", button="next") == (
+                403,
+                "enter the number that is shown at the terminal",
+            )
+            assert (await page.post("control", number="1"))[1] == "this display only looks on"
+            assert not [order for order in page.recorder.orders if isinstance(order, Hello)]
+
+    asyncio.run(act())
+
+
+def test_what_is_served_asks_for_nothing_from_elsewhere(tmp_path: Path) -> None:
+    async def act() -> None:
+        async with display(tmp_path) as page:
+            async with page.http.get(page.guard.link) as answer:
+                text = await answer.text()
+                policy = answer.headers["Content-Security-Policy"]
+                assert answer.headers["X-Frame-Options"] == "DENY"
+            assert "default-src 'none'" in policy
+            assert "unsafe" not in policy
+            assert not re.search(r"\sstyle=|\son\w+=|<style", text), "refused by the policy"
+            places = re.findall(r'(?:src|href)="([^"]+)"', text)
+            assert {"app.js", "display.css"} <= set(places)
+            for place in places:
+                assert re.fullmatch(r"[\w.]+", place)
+                async with page.http.get(page.guard.link + place) as answer:
+                    assert answer.status == 200
+                    code = await answer.text()
+                    assert not re.search(r"https?://(?!www\.w3\.org/)", code), place
+                    assert "innerHTML" not in code
+
+    asyncio.run(act())
+
+
+@pytest.mark.parametrize("place", ["", "events", "app.js"])
+def test_strangers_are_refused(tmp_path: Path, place: str) -> None:
+    async def act() -> None:
+        async with display(tmp_path) as page:
+            link = page.guard.link
+            for other, headers in (
+                (f"{page.guard.origin}/{'A' * 43}/", {}),
+                (link, {"Host": "evil.example"}),
+                (link, {"Origin": "http://evil.example"}),
+            ):
+                async with page.http.get(other + place, headers=headers) as answer:
+                    assert answer.status == 403
+
+    asyncio.run(act())
+
+
+def _with_control(tmp_path: Path, act: Callable[[Page], Awaitable[None]]) -> list[Order]:
+    async def run() -> list[Order]:
+        async with display(tmp_path, Control()) as page:
+            await until(page, "view", lambda view: view["headline"]["kind"] == "ready")
+            await act(page)
+            return page.recorder.orders
+
+    return asyncio.run(run())
+
+
+def test_orders_need_the_number(tmp_path: Path) -> None:
+    async def act(page: Page) -> None:
+        assert page.control is not None
+        assert (await page.post("order", button="next"))[0] == 403
+        assert (await page.post("control", number="12"))[0] == 403
+        assert await page.post("control", number=page.control.secret) == (200, "")
+        assert (await until(page, "role", lambda _: True)) == {"control": True, "granted": True}
+        assert await page.post("order", button="next") == (200, "")
+        page.recorder.tell()
+        await until(page, "view", lambda view: view["buttons"]["pause"] == "Pause")
+        assert (await page.post("order", button="next"))[0] == 409, "it is armed"
+        label = page.recorder.bump()
+        page.recorder.judge()
+        await until(page, "view", lambda view: view["buttons"]["reject_label"] == label)
+        assert (await page.post("order", button="reject", label="baseline_bounce_9"))[0] == 409
+        assert (await page.post("order", button="reject", label=label))[0] == 200
+
+    orders = _with_control(tmp_path, act)
+    assert [order for order in orders if isinstance(order, Arm | Reject)] == [
+        Arm(),
+        Reject("baseline_bounce_1"),
+    ]
+    assert Hello("MK", control=True) in orders
+
+
+def test_a_terminal_in_control_is_named_and_can_be_followed(tmp_path: Path) -> None:
+    async def act(page: Page) -> None:
+        assert page.control is not None
+        await page.post("control", number=page.control.secret)
+        page.recorder.refuse = "JL is in control (take over, or look on)"
+        code, error = await page.post("order", button="next")
+        assert (code, error.partition(" (")[0]) == (423, "JL is in control")
+        page.recorder.refuse = ""
+        assert (await page.post("order", button="next", take_over=True))[0] == 200
+
+    assert Hello("MK", control=True, take_over=True) in _with_control(tmp_path, act)
+
+
+def test_orders_of_no_page_of_ours_are_refused(tmp_path: Path) -> None:
+    async def act(page: Page) -> None:
+        assert page.control is not None
+        await page.post("control", number=page.control.secret)
+        place, own = f"{page.guard.link}order", {"Origin": page.guard.origin}
+        body = b'{"button": "next"}'
+        for headers, data in (
+            ({"Content-Type": "application/json"}, body),
+            ({**own, "Content-Type": "text/plain"}, body),
+            ({**own, "Content-Type": "application/json"}, b"[]"),
+            ({**own, "Content-Type": "application/json"}, b"{"),
+            ({**own, "Content-Type": "application/json"}, b'"%s"' % (b"x" * 2000)),
+        ):
+            async with page.http.post(place, data=data, headers=headers) as answer:
+                assert answer.status in (403, 413), data
+
+    assert not [order for order in _with_control(tmp_path, act) if isinstance(order, Arm)]
+
+
+def test_a_page_that_does_not_read_misses_states_and_delays_no_other() -> None:
+    async def act() -> None:
+        hub = Hub()
+        hub.post("view", b"0")
+        slow, quick = hub.messages(), hub.messages()
+        for reader in (slow, quick):
+            assert await anext(reader) == b"event: view\ndata: 0\n\n"
+        assert hub.pages == 2
+        for number in range(1, 1000):
+            hub.post("view", b"%d" % number)
+            assert await anext(quick) == b"event: view\ndata: %d\n\n" % number
+        assert await anext(slow) == b"event: view\ndata: 999\n\n", "the newest alone"
+        hub.post("view", b"999")
+        assert await anext(quick) == b"event: beat\ndata: \n\n", "nothing new within a second"
+        hub.close()
+        for reader in (slow, quick):
+            with pytest.raises(StopAsyncIteration):
+                await anext(reader)
+        assert hub.pages == 0
+
+    asyncio.run(act())

@@ -1,0 +1,219 @@
+"""The state of the page as a function of the status, without a browser."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import pytest
+
+from daq.bench.origin import Origin
+from daq.control.messages import Alarm, Phase
+from daq.control.orders import Arm, Pause, Reject
+from tui.display.buttons import order_of
+from tui.display.view import Kind, View, view
+from tui.terminal.state.feed import Lost
+
+from ..terminal.fake_recorder import DOUBLE_BUMP, FakeRecorder
+
+
+@pytest.fixture
+def recorder() -> FakeRecorder:
+    made = FakeRecorder()
+    made.mark("vehicle", "check")
+    return made
+
+
+def shown(recorder: FakeRecorder) -> View:
+    return view(recorder.status, None, recorder.bench)
+
+
+def test_before_the_first_status_the_page_waits() -> None:
+    page = view(None, None, None)
+    assert page.headline.word == ("WAIT",)
+    assert page.headline.why == "waiting for the recorder"
+    assert page.buttons.next == ""
+
+
+def test_each_phase_has_its_word(recorder: FakeRecorder) -> None:
+    assert shown(recorder).headline.word == ("READY",)
+    recorder.phase = Phase.WAITING
+    recorder.tell(not_at_rest=("body_acc_z",))
+    head = shown(recorder).headline
+    assert (head.kind, head.word) == (Kind.WAIT, ("WAIT",))
+    assert head.why == "Hands off: not at rest: body_acc_z"
+    recorder.turn(Phase.ARMED)
+    head = shown(recorder).headline
+    assert (head.kind, head.word) == (Kind.BUMP, ("BUMP", "NOW"))
+    assert head.why == "Roll all four wheels over the boards."
+    assert head.speech == "Bump now. Bounce 1 of 2."
+    recorder.turn(Phase.PAUSED)
+    assert shown(recorder).headline.word == ("PAUSED",)
+    recorder.finish("baseline")
+    assert shown(recorder).headline.word == ("STEP", "4")
+    assert shown(recorder).headline.why == "Go to the terminal: step 4 Masses"
+    recorder.finish("added")
+    assert shown(recorder).headline.word == ("DONE",)
+
+
+def test_a_decay_counts_its_seconds_and_fills_its_bar(recorder: FakeRecorder) -> None:
+    recorder.bump()
+    head = shown(recorder).headline
+    assert (head.word, head.digits, head.share) == (("HANDS", "OFF"), "0.0", None)
+    assert head.why == "Hands off. Recording the bump."
+    recorder.t_ns += 1_440_000_000
+    recorder.phase = Phase.DECAY
+    recorder.tell(peak_left=0.31)
+    later = shown(recorder).headline
+    assert (later.digits, later.share) == ("1.4", 0.69)
+    assert later.why == "Hands off. 31% of the peak left."
+    assert later.cue == head.cue, "it is spoken once"
+    recorder.tell(peak_left=1.7)  # a second bump: more is left than there was
+    assert shown(recorder).headline.share == 0.0
+
+
+def test_an_accepted_run_counts_down(recorder: FakeRecorder) -> None:
+    recorder.bump()
+    recorder.judge()
+    page = shown(recorder)
+    head = page.headline
+    assert (head.kind, head.word, head.digits) == (Kind.ACCEPTED, ("ACCEPTED",), "3")
+    assert head.speech == "Accepted. Bounce 1, 1 of 2 accepted."
+    assert page.title == "baseline: bounce 1, 1 of 2 accepted"
+    assert (page.done, page.planned) == (1, 12)
+    recorder.tell(countdown_s=2.0)
+    assert shown(recorder).headline.digits == "2"
+    recorder.tell(countdown_s=None)
+    assert shown(recorder).headline.digits == ""
+    assert shown(recorder).headline.advice == "The last of its kind."
+
+
+def test_a_rejected_run_says_why_and_what_to_do(recorder: FakeRecorder) -> None:
+    recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    head = shown(recorder).headline
+    assert (head.kind, head.word) == (Kind.AGAIN, ("AGAIN",))
+    assert head.why == "DOUBLE BUMP: second bump at +0.84 s"
+    assert head.advice == "Bump once, keep hands off."
+    assert head.speech == "Again. Double bump. Bump once, keep hands off.", "no figures by ear"
+    assert shown(recorder).rows[0].rejected == 1
+
+
+def test_a_second_run_of_a_kind_is_another_cue(recorder: FakeRecorder) -> None:
+    cues = set()
+    for _ in range(2):
+        recorder.bump()
+        recorder.judge()
+        cues.add(shown(recorder).headline.cue)
+    assert len(cues) == 2
+
+
+def test_a_lost_recorder_hides_what_was(recorder: FakeRecorder) -> None:
+    recorder.turn(Phase.ARMED)
+    page = view(recorder.status, Lost("the recorder has ended", "see its log"), recorder.bench)
+    assert page.headline.word == ("RECORDER", "LOST")
+    assert (page.headline.why, page.headline.advice) == ("the recorder has ended", "see its log")
+    assert page.buttons.pause == ""
+    assert page.rows, "the progress of the campaign is still true"
+
+
+def test_three_rejects_stop_the_loop(recorder: FakeRecorder) -> None:
+    recorder.tell(halted="double_bump")
+    head = shown(recorder).headline
+    assert head.word == ("STOPPED",)
+    assert head.why == "three rejects for one reason: double bump"
+
+
+def test_the_gravest_alarm_is_shown_and_the_others_are_counted(recorder: FakeRecorder) -> None:
+    assert shown(recorder).alarm is None
+    first = Alarm("bus_silent", "can0", "no frame\x1b[31m for 2 s", "Check cable", 7)
+    recorder.tell(alarms=(first, replace(first, code="stale")))
+    alarm = shown(recorder).alarm
+    assert alarm is not None
+    assert alarm.text.startswith("BUS SILENT can0: no frame")
+    assert "\x1b" not in alarm.text
+    assert (alarm.advice, alarm.more) == ("Check cable", 1)
+    assert alarm.speech == "Alarm: bus silent can0."
+
+
+def test_a_simulated_recording_is_marked(recorder: FakeRecorder) -> None:
+    assert shown(recorder).mark == ""
+    recorder.tell(origin=Origin.SIMULATED)
+    assert shown(recorder).mark == "SIMULATED"
+
+
+def test_rows_and_sketch_follow_what_is_due(recorder: FakeRecorder) -> None:
+    page = shown(recorder)
+    assert [row.kind for row in page.rows] == ["bounce", "pitch", "roll"] * 2
+    assert [row.due for row in page.rows] == [True, False, False, False, False, False]
+    assert page.sketch is not None
+    assert page.sketch.wheels == (True, True, True, True)
+    assert page.sketch.legend == "board, 40 mm"
+    for _ in range(2):
+        recorder.bump()
+        recorder.judge()
+    page = shown(recorder)
+    assert page.sketch is not None
+    assert page.sketch.wheels == (True, True, False, False)
+    assert view(recorder.status, None, None).sketch is None
+
+
+@pytest.mark.parametrize(
+    ("method", "wheels", "hand", "legend"),
+    [
+        ("drop", (True, True, False, False), None, "wheel on a block, 40 mm"),
+        ("push", (False, False, False, False), (1, 0), "push 40 mm down here"),
+    ],
+)
+def test_the_sketch_shows_the_way_of_bumping(
+    method: str, wheels: tuple[bool, ...], hand: tuple[int, int] | None, legend: str
+) -> None:
+    text = FakeRecorder().bench_text.replace('"roll_over"', f'"{method}"', 1)
+    recorder = FakeRecorder(text.replace('["bounce", "pitch", "roll"]', '["pitch"]'))
+    sketch = shown(recorder).sketch
+    assert sketch is not None
+    assert (sketch.wheels, sketch.hand, sketch.legend) == (wheels, hand, legend)
+
+
+def test_the_view_is_plain_json(recorder: FakeRecorder) -> None:
+    recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    page = json.loads(json.dumps(asdict(shown(recorder)), allow_nan=False))
+    assert page["headline"]["kind"] == "again"
+    assert page["sketch"]["method"] == "roll_over"
+
+
+def test_what_the_buttons_do(recorder: FakeRecorder) -> None:
+    buttons = shown(recorder).buttons
+    assert (buttons.next, buttons.pause, buttons.reject) == ("Start", "", "")
+    assert isinstance(order_of("next", "", recorder.status), Arm)
+    assert order_of("pause", "", recorder.status) is None
+    recorder.turn(Phase.ARMED)
+    assert shown(recorder).buttons.next == ""
+    assert order_of("next", "", recorder.status) is None
+    assert isinstance(order_of("pause", "", recorder.status), Pause)
+    label = recorder.bump()
+    recorder.judge()
+    buttons = shown(recorder).buttons
+    assert (buttons.next, buttons.reject, buttons.reject_label) == (
+        "Next now",
+        "Reject bounce 1",
+        "baseline_bounce_1",
+    )
+    assert order_of("reject", label, recorder.status) == Reject(label)
+    assert order_of("shutdown", label, recorder.status) is None
+
+
+def test_a_late_touch_rejects_no_other_run(recorder: FakeRecorder) -> None:
+    first = recorder.bump()
+    recorder.judge()
+    recorder.bump()
+    assert order_of("reject", first, recorder.status) is None
+    assert order_of("reject", "", recorder.status) is None
+
+
+def test_a_rejected_run_is_not_rejected_again(recorder: FakeRecorder) -> None:
+    label = recorder.bump()
+    recorder.judge(DOUBLE_BUMP)
+    assert shown(recorder).buttons.reject == ""
+    assert order_of("reject", label, recorder.status) is None

@@ -1,0 +1,55 @@
+"""`bumpbench display`: a page for phone, tablet or TV at the bench."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..diagnostics import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..display.run import Served
+
+
+def display(
+    folder: Annotated[Path, typer.Argument(help="The recorder's folder.")] = Path(),
+    host: Annotated[
+        str,
+        typer.Option(help="Address to listen on; lan: that of this machine in its network."),
+    ] = "127.0.0.1",
+    control: Annotated[
+        bool,
+        typer.Option("--control", help="Let the page start, reject and pause, for a number."),
+    ] = False,
+    operator: Annotated[
+        str, typer.Option(help="Your name or initials, stored with every verdict.")
+    ] = "",
+) -> int:
+    """Show the state of a folder's recorder in one word that fills a screen.
+
+    The page looks on unless --control is given, and is for this machine unless --host is.
+    """
+    import getpass
+    import sys
+
+    from daq import InputError
+
+    from ..diagnostics import say
+
+    try:
+        from ..display.link import link_lines
+        from ..display.run import run_display
+    except ImportError as error:
+        raise InputError("display", "aiohttp is not there", "install bumpbench[web]") from error
+
+    def announce(served: Served, _: Callable[[], object]) -> None:
+        for line in link_lines(served.link, served.host, served.secret, sys.stderr.isatty()):
+            sys.stderr.write(f"{line}\n")
+
+    run_display(folder, host, operator or getpass.getuser(), control, announce)
+    say("the display has ended; the recorder goes on")
+    return ExitCode.OK

@@ -1,0 +1,1 @@
+"""A page for phone, tablet or TV at the bench."""

@@ -1,0 +1,69 @@
+"""The three buttons of a display with control: what each does now, and the order it gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from daq import Status
+from daq.control import Arm, Order, Pause, Phase, Reject
+from daq.runlog import LoggedStatus
+
+from ..terminal.state.next_action import BUSY, next_action
+from ..terminal.state.run_words import run_words
+
+NEXT, REJECT, PAUSE = "next", "reject", "pause"
+_RUNNING = (*BUSY, Phase.ACCEPTED, Phase.REJECTED)
+_NEXT_WORDS = {
+    Phase.PAUSED: "Go on",
+    Phase.REJECTED: "Again now",
+    Phase.ACCEPTED: "Next now",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Buttons:
+    """Labels; an empty one is a button that does nothing now."""
+
+    next: str = ""
+    """What the first button does."""
+    reject: str = ""
+    """What the second button does."""
+    reject_label: str = ""
+    """Label of the run that the second button rejects: the page sends it back, so that a late
+    touch rejects no other."""
+    pause: str = ""
+    """What the third button does."""
+
+
+NO_BUTTONS = Buttons()
+"""No button does anything: there is no status."""
+
+
+def buttons_of(status: Status) -> Buttons:
+    """Return what the buttons do in a status."""
+    last = status.runs[-1] if status.runs else None
+    rejects = last is not None and last.status is not LoggedStatus.REJECTED
+    return Buttons(
+        _NEXT_WORDS.get(status.phase, "Start") if _arms(status) else "",
+        f"Reject {run_words(last)}" if last and rejects else "",
+        last.label if last and rejects else "",
+        "Pause" if status.phase in _RUNNING else "",
+    )
+
+
+def order_of(button: str, label: str, status: Status) -> Order | None:
+    """Return the order of a button; None if it does nothing now.
+
+    `label`: for the second button, that of the run which the page named.
+    """
+    if button == NEXT and _arms(status):
+        return next_action(status).order
+    if button == REJECT and label and label == buttons_of(status).reject_label:
+        return Reject(label)
+    if button == PAUSE and status.phase in _RUNNING:
+        return Pause()
+    return None
+
+
+def _arms(status: Status) -> bool:
+    return isinstance(next_action(status).order, Arm)

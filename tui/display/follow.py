@@ -1,0 +1,132 @@
+"""Follows a recorder, and posts what the page shows whenever it changes."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Coroutine
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from daq import InputError, Status
+from daq.control import AskBench, AskHistory, Live
+
+from ..terminal.state.feed import Feed, Lost, News, Refused
+from ..terminal.state.lanes import Lanes
+from .curves import AFTER_S, NO_CURVES, Curves, curves_of
+from .hub import Hub
+from .view import view
+
+if TYPE_CHECKING:
+    from daq import Bench
+
+HISTORY_S = 60.0
+"""Seconds of samples that are asked for at the beginning: the last run is mostly among them."""
+CURVES_EVERY = 3
+"""Live messages from one drawing of the run in progress to the next: three times a second."""
+
+
+class Follower:
+    """Turns the news of a feed into messages for the pages; all in the hub's event loop.
+
+    `folder`: of the recorder; bench.toml is read as lying there.
+    """
+
+    def __init__(self, feed: Feed, folder: Path, hub: Hub) -> None:
+        self._feed, self._folder, self._hub = feed, folder, hub
+        self._last: Status | None = None
+        self._lost: Lost | None = None
+        self._bench: Bench | None = None
+        self._bench_crc32: int | None = None
+        self._lanes = Lanes()
+        self._lives = 0
+        self._drawn: tuple[int, bool] = (0, True)
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    @property
+    def status(self) -> Status | None:
+        """The last status; None before the first, and while the recorder is lost."""
+        return None if self._lost is not None else self._last
+
+    def start(self) -> None:
+        """Begin to follow."""
+        loop = asyncio.get_running_loop()
+
+        def post(news: News) -> None:
+            with suppress(RuntimeError):  # the loop has ended before the feed's thread
+                loop.call_soon_threadsafe(self.take, news)
+
+        self._post_view()
+        self._post_curves(NO_CURVES)
+        self._feed.start(post)
+
+    def take(self, news: News) -> None:
+        """Take in news of the recorder, and post what they change."""
+        match news:
+            case Status():
+                self._take_status(news)
+            case Live():
+                self._lanes.add(news)
+                self._lives += 1
+                if self._lives % CURVES_EVERY == 0:
+                    self._draw()
+                return
+            case Lost():
+                self._lost, self._bench_crc32 = news, None
+            case _:
+                return
+        self._post_view()
+
+    def _take_status(self, status: Status) -> None:
+        self._last, self._lost = status, None
+        if status.bench_crc32 != self._bench_crc32:
+            begins = self._bench_crc32 is None
+            self._bench_crc32 = status.bench_crc32
+            self._run(self._ask_bench(begins))
+
+    def _draw(self) -> None:
+        """Post the curves of the last bump, until its last sample has come."""
+        status = self.status
+        if status is None or not status.bump_ns or not status.runs:
+            return
+        if (status.bump_ns, True) == self._drawn:
+            return
+        complete = self._lanes.end_ns >= status.bump_ns + round(AFTER_S * 1e9)
+        self._drawn = status.bump_ns, complete
+        run = status.runs[-1].label
+        self._post_curves(curves_of(run, status.bump_ns, self._lanes, self._bench))
+
+    async def _ask_bench(self, begins: bool) -> None:
+        """Ask for bench.toml, and at the beginning for the last minute of samples."""
+        from daq.bench import parse_bench
+
+        try:
+            text = (await self._feed.ask(AskBench())).bench_text
+            self._bench = parse_bench(text, "bench.toml", self._folder, dbc_text="")
+            if begins and (live := (await self._feed.ask(AskHistory(HISTORY_S))).live):
+                self._lanes.clear()
+                self._lanes.add(live)
+        except (Refused, InputError):
+            self._bench_crc32 = None  # the next status asks again
+            return
+        self._drawn = (0, True)
+        self._draw()
+        self._post_view()
+
+    def _run(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)  # the loop itself keeps no hold of it
+        task.add_done_callback(self._tasks.discard)
+
+    def _post_view(self) -> None:
+        shown = view(self._last, self._lost, self._bench)
+        self._hub.post("view", _json(asdict(shown)))
+
+    def _post_curves(self, curves: Curves) -> None:
+        self._hub.post("curves", _json(asdict(curves)))
+
+
+def _json(document: dict[str, Any]) -> bytes:
+    return json.dumps(document, separators=(",", ":"), allow_nan=False).encode()

@@ -1,0 +1,113 @@
+"""Where a display listens, and how its link is shown in a terminal."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from collections.abc import Iterator
+
+import segno
+
+from daq import InputError
+
+LOOPBACK = "127.0.0.1"
+LAN = "lan"
+"""Word for this machine's address in its network."""
+_PORT = 8010
+_SOMEWHERE = ("192.0.2.1", 9)
+"""An address that belongs to no machine (RFC 5737): nothing is sent, only the way there is asked
+for."""
+
+
+def address_of(host: str) -> str:
+    """Return the address to listen on.
+
+    `host`: an address or a name of this machine, or `LAN`.  Raises InputError if there is none.
+    """
+    if host == LAN:
+        return _address_in_network()
+    if (address := _parsed(host)) is not None and address.is_unspecified:
+        advice = "name one address of this machine, or lan"
+        raise InputError("--host", f"{host} is every address", advice)
+    return host
+
+
+def is_loopback(host: str) -> bool:
+    """Return True for an address that no other machine can reach."""
+    address = _parsed(host)
+    return host == "localhost" if address is None else address.is_loopback
+
+
+def free_port(host: str) -> int:
+    """Return a port that nothing listens on, the usual one if possible.
+
+    Raises InputError if the address is none of this machine's.
+    """
+    for port in (_PORT, 0):
+        try:
+            family, kind, _, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            with socket.socket(family, kind) as taken:
+                taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                taken.bind(place)
+                return int(taken.getsockname()[1])
+        except OSError as error:
+            last = error
+    what = f"cannot listen on {host}: {last.strerror or last}"
+    raise InputError("--host", what, "name an address of this machine, or lan")
+
+
+def host_in_link(host: str) -> str:
+    """Return an address as it stands in a link: that of IPv6 in brackets."""
+    return f"[{host}]" if ":" in host else host
+
+
+def link_lines(link: str, host: str, secret: str, colours: bool) -> Iterator[str]:
+    """Yield what a terminal shows: link, warning, number, and a code for a phone's camera.
+
+    `secret`: number that gives control; empty without.  `colours`: False where escape sequences
+    would be shown as such; then there is no code.
+    """
+    yield f"display: open {link}"
+    if not is_loopback(host):
+        yield (
+            "warning: who has this link sees the bench, and what is sent is not encrypted: use a "
+            "network that you trust"
+        )
+    if secret:
+        yield (
+            f"control: type {secret[:3]} {secret[3:]} on the page; who knows the number can start, "
+            "reject and pause runs"
+        )
+    if colours and not is_loopback(host):
+        for line in qr_lines(link):
+            # Black on white whatever the terminal's colours are: cameras want dark on light.
+            yield f"\x1b[38;5;16;48;5;231m{line}\x1b[0m"
+
+
+def qr_lines(link: str) -> Iterator[str]:
+    """Yield a link as a QR code, two rows of it in a line, dark where a character is drawn."""
+    rows = [tuple(row) for row in segno.make_qr(link, error="l").matrix_iter(border=2)]
+    if len(rows) % 2:
+        rows.append((0,) * len(rows[0]))
+    for upper, lower in zip(rows[::2], rows[1::2], strict=True):
+        halves = zip(upper, lower, strict=True)
+        yield "".join(" ▀▄█"[(up & 1) + 2 * (low & 1)] for up, low in halves)
+
+
+def _parsed(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """Return an address; None for a name."""
+    try:
+        return ipaddress.ip_address(host)
+    except ValueError:
+        return None
+
+
+def _address_in_network() -> str:
+    """Return the address by which this machine reaches others."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(_SOMEWHERE)
+        except OSError as error:
+            what = "no network is connected"
+            raise InputError("--host", what, "name the address of this machine") from error
+        return str(probe.getsockname()[0])

@@ -1,0 +1,67 @@
+"""Runs a display until it is ended: recorder, guard, server."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..browser.guard import Guard
+from ..terminal.state.feed import RecorderFeed
+from .control import Control
+from .link import address_of, free_port, host_in_link
+from .server import DisplayServer
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """What a person needs to open a display."""
+
+    link: str
+    """Address of the page, with its token."""
+    host: str
+    """Address that is listened on."""
+    secret: str
+    """Number that gives control; empty for a display that looks on."""
+
+
+def run_display(
+    folder: Path,
+    host: str,
+    name: str,
+    control: bool,
+    announce: Callable[[Served, Callable[[], object]], None],
+) -> None:
+    """Serve the display of a folder's recorder until Ctrl-C or SIGTERM.
+
+    `host`: as of `address_of`.  `announce`: called once with the link, and with what ends the
+    display, from any thread.  Raises InputError if it cannot listen there.
+    """
+    address = address_of(host)
+    port = free_port(address)
+    guard = Guard(host_in_link(address), port)
+    granted = Control() if control else None
+    feed = RecorderFeed(folder, name, lambda: None, control=False)
+
+    async def serve() -> None:
+        loop, ended = asyncio.get_running_loop(), asyncio.Event()
+        failures: list[BaseException] = []
+
+        def fail(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+            # A page that goes on without its recorder would show what was, as if it were so.
+            failures.append(context.get("exception") or RuntimeError(context["message"]))
+            ended.set()
+
+        loop.set_exception_handler(fail)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
+        secret = granted.secret if granted else ""
+        announce(Served(guard.link, address, secret), lambda: loop.call_soon_threadsafe(ended.set))
+        await DisplayServer(guard, feed, folder, name, granted).serve(address, port, ended)
+        if failures:
+            raise failures[0]
+
+    asyncio.run(serve())
