@@ -26,6 +26,24 @@ _SHARE = 0.01
 """Share of the time at either end that a curve leaves out: there it rests on few samples."""
 _SHOWN_SIGMAS = 2.0
 """Standard deviations below which a mount counts as rigid."""
+MOUNT_LABEL = "mount"
+"""What is reported of a mount: its stiffness; the unknown is its compliance."""
+KINDS = {
+    "friction": "F_c",
+    "pre_sliding_length": "d_c",
+    "bump_stop": "k_b",
+    "bump_stop_gap": "g_b",
+    "progressive": "k_2",
+    "cubic": "k_3",
+    "tyre_progressive": "b_t",
+    "friction_left_right": "dF_c",
+    "dampers_left_right": "s_c",
+    "springs_left_right": "dk_s",
+    "tyres_left_right": "dk_t",
+    "wheels_left_right": "dm_u",
+    MOUNT_LABEL: "s_m",
+}
+"""Unknown, without its axle, by the name under which it is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,31 +174,17 @@ def _axle(
     grid = np.union1d(np.linspace(min(low, 0.0), max(high, 0.0), _POINTS), [0.0])
     curve = _curve(one, corners[0], grid, covariance)
     letter = "fr"[axle]
-    names = {
-        "friction": "F_c",
-        "pre_sliding_length": "d_c",
-        "bump_stop": "k_b",
-        "bump_stop_gap": "g_b",
-        "progressive": "k_2",
-        "cubic": "k_3",
-        "tyre_progressive": "b_t",
-        "friction_left_right": "dF_c",
-        "dampers_left_right": "s_c",
-        "springs_left_right": "dk_s",
-        "tyres_left_right": "dk_t",
-        "wheels_left_right": "dm_u",
-    }
     shown = {
         label: values[f"{kind}{letter}"]
-        for label, kind in names.items()
-        if f"{kind}{letter}" in values
+        for label, kind in KINDS.items()
+        if f"{kind}{letter}" in values and label != MOUNT_LABEL
     }
     notes = []
     if "bump_stop" in shown and max(travels) < one.corner[corners[0], GAP]:
         gap = 1e3 * max(travels)
         notes.append(f"bump stop not reached: the travel went to {gap:.0f} mm in compression")
         shown.pop("bump_stop"), shown.pop("bump_stop_gap", None)
-    mount = values.get(f"s_m{letter}")
+    mount = values.get(f"{KINDS[MOUNT_LABEL]}{letter}")
     if mount is not None:
         if mount.value < _SHOWN_SIGMAS * mount.std:
             least = 1.0 / max(mount.high, 1e-12)
@@ -189,7 +193,7 @@ def _axle(
             k = 1.0 / mount.value
             # The interval is that of the compliance, turned over: it is not symmetric.
             low, high = 1.0 / mount.high, 1.0 / mount.low if mount.low > 0.0 else inf
-            shown["mount"] = stiffness = Estimate(k, mount.std * k**2, low, high, "N/m")
+            shown[MOUNT_LABEL] = stiffness = Estimate(k, mount.std * k**2, low, high, "N/m")
             if not stiffness.determined:
                 notes.append(f"damper mount: at least {low:.1e} N/m")
     return AxleForces(_AXLES[axle], curve, shown, tuple(notes))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..elements.damper import knee, secant_share
 from ..model.matrices import FULL_NAMES
 from ..nonlinear.car import KNEE_M_S, Model
-from ..nonlinear.forces import Forces
+from ..nonlinear.forces import KINDS, MOUNT_LABEL, Forces
 from ..nonlinear.groups import BY_NAME
 
 USUAL_ELEMENTS = ("anti_roll_bars", "friction", "one_sided_dampers", "damper_knees")
@@ -30,19 +30,6 @@ _TYPICAL = {
     "progressive_tyres": {"b_t": 2.0},
 }
 _C_S = slice(FULL_NAMES.index("c_sfl"), FULL_NAMES.index("c_srr") + 1)
-_BY_LABEL = {
-    "friction": "F_c",
-    "pre_sliding_length": "d_c",
-    "bump_stop": "k_b",
-    "bump_stop_gap": "g_b",
-    "progressive": "k_2",
-    "cubic": "k_3",
-    "tyre_progressive": "b_t",
-    "friction_left_right": "dF_c",
-    "dampers_left_right": "s_c",
-    "mount": "s_m",
-}
-"""Unknowns by their names in the result of an identification."""
 Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Speeds, m/s, compression positive, and forces of a damper, N, (n,) each."""
 
@@ -63,8 +50,8 @@ class ExpectedElements:
 
 def element_label(name: str) -> str:
     """Return the unknown of an axle in words: `friction front` of `F_cf`."""
-    label = next(label for label, kind in _BY_LABEL.items() if kind == name[:-1])
-    words = "compliance of the mount" if label == "mount" else label.replace("_", " ")
+    label = next(label for label, kind in KINDS.items() if kind == name[:-1])
+    words = "compliance of the mount" if label == MOUNT_LABEL else label.replace("_", " ")
     return f"{words} {'front' if name[-1] == 'f' else 'rear'}"
 
 
@@ -144,9 +131,9 @@ def identified_elements(forces: Forces) -> ExpectedElements:
     values: dict[str, float] = {}
     for axle, found in zip("fr", forces.axles, strict=True):
         for label, estimate in found.values.items():
-            kind = _BY_LABEL[label]
+            kind = KINDS[label]
             if kind in there:
-                value = 1.0 / estimate.value if kind == "s_m" else estimate.value
+                value = 1.0 / estimate.value if label == MOUNT_LABEL else estimate.value
                 values[f"{kind}{axle}"] = value
     front, rear = ((f.damper.speed_m_s, f.damper.force_n) for f in forces.axles)
     return ExpectedElements(kept, values, (front, rear), "K3")

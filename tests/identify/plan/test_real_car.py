@@ -15,7 +15,7 @@ from daq.runs import BASELINE, Excitation
 from dbc.errors import InputError
 from identify import Estimate
 from identify.nonlinear.car import PULL, car
-from identify.nonlinear.forces import AxleForces, DamperCurve, ElementChoice, Forces
+from identify.nonlinear.forces import KINDS, AxleForces, DamperCurve, ElementChoice, Forces
 from identify.plan import (
     USUAL_ELEMENTS,
     KnownRuns,
@@ -141,14 +141,17 @@ def test_an_identification_lends_what_it_kept() -> None:
     def number(value: float) -> Estimate:
         return Estimate(value, 1.0, value - 2.0, value + 2.0, "")
 
-    values = {"friction": number(40.0), "mount": number(2e6), "bump_stop": number(1e5)}
+    values = {"friction": number(40.0), "mount": number(2e6), "bump_stop": number(1e5),
+              "springs_left_right": number(0.03)}  # fmt: skip
     axles = (AxleForces("front", curve, values, ()), AxleForces("rear", curve, {}, ()))
     names = {"friction": True, "one_sided_dampers": True, "damper_mounts": True,
-             "bump_stops": False}  # fmt: skip
+             "corners_left_right": True, "bump_stops": False}  # fmt: skip
     choices = tuple(ElementChoice(n, 9.0, 1.0, kept, False, {}) for n, kept in names.items())
     lent = identified_elements(Forces(axles, choices))
-    assert lent.unknown == ("friction", "one_sided_dampers", "damper_mounts")
-    assert lent.values == {"F_cf": 40.0, "s_mf": 5e-7}
+    assert lent.unknown == (
+        "friction", "one_sided_dampers", "damper_mounts", "corners_left_right"
+    )  # fmt: skip
+    assert lent.values == {"F_cf": 40.0, "s_mf": 5e-7, "dk_sf": 0.03}
     model = model_of()
     vehicle = granada()
     vehicle[15:19] = 1700.0
@@ -157,6 +160,8 @@ def test_an_identification_lends_what_it_kept() -> None:
     assert middle == pytest.approx(-400.0, abs=25.0)  # 1900 in rebound, 1500 in compression
     assert element_label("s_mf") == "compliance of the mount front"
     assert element_label("F_cr") == "friction rear"
+    # Whatever an identification reports has an unknown, and a name in words.
+    assert [element_label(f"{kind}f") for kind in KINDS.values()][9] == "springs left right front"
 
 
 def test_a_curve_that_ends_early_goes_on_straight() -> None:
