@@ -13,7 +13,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from .assemble import good_frames
 from .text import (
@@ -115,14 +115,16 @@ def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _
     dlc, has_dlc = integers(lines.text, *_token_or_none(lines, rows, 5), base, longest=2)
     good &= remote | has_dlc  # before version 8.5 a remote frame had no DLC
     dlc = np.where(has_dlc, dlc, 0)
-    good &= dlc < 16  # a DLC of 9 to 15 means 8 bytes
-    length = np.minimum(dlc, 8)
+    # A DLC of 9 to 15 means 8 bytes; some loggers give frames of FD in this form, by length.
+    fd = ~remote & np.isin(dlc, FD_LENGTHS[10:])
+    good &= (dlc < 16) | fd
+    length = np.where(fd, dlc, np.minimum(dlc, 8))
     size = np.where(remote, 0, length)
     good &= lines.count[rows] >= 6 * ~remote + size
     size = np.where(good, size, 0)
     data, whole = spaced_bytes(lines, lines.first[rows] + 6, size, base)
     flags = extended * np.uint16(FrameFlag.EXTENDED) | remote * np.uint16(FrameFlag.REMOTE)
-    flags |= sent * np.uint16(FrameFlag.TRANSMITTED)
+    flags |= sent * np.uint16(FrameFlag.TRANSMITTED) | fd * np.uint16(FrameFlag.FD)
     good &= whole
     frames = good_frames(good, t_ns[rows], can_id, flags, _bus(bus), length, data)
     return rows[good], frames, rows[~good]
@@ -152,9 +154,10 @@ def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found
     size = np.where(good, size, 0)
     data, whole = spaced_bytes(lines, lines.first[rows] + at + 4, size, base)
     # Behind the payload: duration, bits on the wire, flags.  Bit 12 is FDF: without it, the frame
-    # is a classic one in the long form, and bit 4 makes it a remote one.
+    # is a classic one in the long form, and bit 4 makes it a remote one.  Some loggers never set
+    # it; what only FD has shows it then.
     bits, has_bits = integers(lines.text, *_token_or_none(lines, rows, at + 6 + size), 16)
-    fd = ~error & (~has_bits | (bits & 0x1000 != 0))
+    fd = ~error & (~has_bits | (bits & 0x1000 != 0) | (length > 8) | (brs == 1) | (esi == 1))
     remote = ~error & ~fd & (bits & 0x10 != 0)
     asked = np.minimum(dlc, 8)
     good &= error | fd | (length <= 8)

@@ -6,13 +6,13 @@ import struct
 import zlib
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from typing import BinaryIO
 
 from dbc.errors import InputError
 from dbc.frames import FrameBatch
 
 from .blf_objects import MAX_OBJECT_BYTES, find_objects, frames_of
 from .losses import Ledger
+from .unpacked import Readable
 
 LACKS = "the direction of error frames"
 BLOCK_BYTES = 1 << 19
@@ -24,11 +24,11 @@ _PLAIN, _ZLIB = 0, 2
 _ADVICE = "check what it is; its suffix may be wrong"
 
 
-def read_blf(file: BinaryIO, where: str, size: int, ledger: Ledger) -> Iterator[FrameBatch]:
+def read_blf(file: Readable, where: str, size: int | None, ledger: Ledger) -> Iterator[FrameBatch]:
     """Read a BLF block by block.
 
-    `file`: at its beginning.  `where`: its name, for messages.  `size`: its length in bytes.
-    Raises InputError if it is no BLF.
+    `file`: at its beginning.  `where`: its name, for messages.  `size`: its length in bytes, None
+    if it is not known.  Raises InputError if it is no BLF.
     """
     start = file.read(_FILE.size)
     if start[:4] != b"LOGG":
@@ -41,7 +41,7 @@ def read_blf(file: BinaryIO, where: str, size: int, ledger: Ledger) -> Iterator[
         raise InputError(where, f"is no BLF: its header has {header_bytes} bytes", _ADVICE)
     file.read(header_bytes - _FILE.size)
     start_ns = _systemtime_ns(fields[14:22])
-    if size < claimed:
+    if size is not None and size < claimed:
         ledger.cut(claimed - size, f"has {size} of the {claimed} bytes that its header states")
     data, found, unpacked = b"", False, 0
     for piece, whole in _pieces(file, size, ledger):
@@ -67,7 +67,7 @@ def read_blf(file: BinaryIO, where: str, size: int, ledger: Ledger) -> Iterator[
         ledger.cut(len(data) - used, "its last object is not whole")
 
 
-def _pieces(file: BinaryIO, file_bytes: int, ledger: Ledger) -> Iterator[tuple[bytes, bool]]:
+def _pieces(file: Readable, file_bytes: int | None, ledger: Ledger) -> Iterator[tuple[bytes, bool]]:
     """Yield the contents of the containers, and objects in none; and whether all of it is there."""
     while head := file.read(_OBJECT.size):
         if len(head) < _OBJECT.size:
@@ -76,7 +76,8 @@ def _pieces(file: BinaryIO, file_bytes: int, ledger: Ledger) -> Iterator[tuple[b
         mark, _, _, size, kind = _OBJECT.unpack(head)
         if mark != b"LOBJ" or not _OBJECT.size < size <= MAX_OBJECT_BYTES:
             place = file.tell() - len(head)
-            ledger.cut(file_bytes - place, f"what follows byte {place} is no container")
+            rest = len(head) if file_bytes is None else file_bytes - place
+            ledger.cut(rest, f"what follows byte {place} is no container")
             return
         body = file.read(size - _OBJECT.size)
         padding = file.read(size % 4)

@@ -3,41 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 from dbc.frames import FrameBatch
 
 from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.reader import JournalReader
-from . import asc, blf, can_csv, candump, mf4_log, trc
+from . import blf, capture, mf4_log, ros2_mcap
+from .detect import BLF, JOURNAL, MF4, PCAP, ROS2, LogFormat, detect
 from .losses import Ledger, LogLoss
-from .text import Parsed, read_lines
-
-JOURNAL_SUFFIX = ".mcap"
-
-
-@dataclass(frozen=True, slots=True)
-class LogFormat:
-    """A format of logs."""
-
-    name: str
-    """As people call it."""
-    lacks: str
-    """Parts of a frame that it cannot hold; empty if it holds everything."""
-
-
-FORMATS = {
-    ".blf": LogFormat("BLF", blf.LACKS),
-    ".asc": LogFormat("ASC", asc.LACKS),
-    ".trc": LogFormat("TRC", trc.LACKS),
-    ".log": LogFormat("candump", candump.LACKS),
-    ".csv": LogFormat("CSV of python-can", can_csv.LACKS),
-    ".mf4": LogFormat("MF4", mf4_log.LACKS),
-    JOURNAL_SUFFIX: LogFormat("MCAP journal", ""),
-}
+from .text import LastLine, read_lines
+from .unpacked import Unpacked, on_disk
 
 
 class Log:
@@ -46,24 +23,20 @@ class Log:
     Iterating raises InputError where the file turns out to be no log of its format; what is
     damaged or cut off within one is passed over and counted.
 
-    `paths`: one file; of a journal, all its segments.  Raises InputError if a file is missing or
-    empty, or its suffix is that of no format.
+    `paths`: one file; of a journal, all its segments.  `form`: the format, from `detect`; it is
+    looked for without it.  Raises InputError if a file is missing, empty or of no format.
     """
 
-    def __init__(self, paths: Sequence[Path]) -> None:
-        for path in paths:
-            _check(path)
+    def __init__(self, paths: Sequence[Path], form: LogFormat | None = None) -> None:
         self.paths = tuple(paths)
-        self.format = FORMATS[paths[0].suffix.lower()]
+        self.format = form or detect(paths[0])
         self.frames = 0
         """Frames handed out so far."""
         self._bytes = sum(path.stat().st_size for path in paths)
         self._position: Callable[[], int] = int
         self._ledger = Ledger()
         self._hops = HopLosses()
-        self._journal = (
-            JournalReader(self.paths) if self.format is FORMATS[JOURNAL_SUFFIX] else None
-        )
+        self._journal = JournalReader(self.paths) if self.format is JOURNAL else None
 
     @property
     def name(self) -> str:
@@ -104,33 +77,37 @@ class Log:
             raise InputError(self.name, what, "check that it is the log you mean")
 
     def _batches(self) -> Iterator[FrameBatch]:
-        path, suffix = self.paths[0], self.paths[0].suffix.lower()
         if self._journal is not None:
             for block in self._journal:
                 self._hops = block.losses
                 yield block.frames
-        elif suffix == ".mf4":
-            yield from mf4_log.read_mf4(path, self._ledger)
-        else:
-            with path.open("rb") as file:
+        elif self.format is MF4:
+            with on_disk(self.paths[0], self._ledger) as path, path.open("rb") as file:
                 self._position = file.tell
-                yield from self._parsed(file, suffix)
+                yield from mf4_log.read_mf4(file, self.name, self._ledger)
+                self._position = lambda: self._bytes
+        else:
+            with self.paths[0].open("rb") as file:
+                self._position = file.tell
+                yield from self._forwards(Unpacked(file, self._ledger))
                 self._position = lambda: self._bytes
 
-    def _parsed(self, file: BinaryIO, suffix: str) -> Iterator[FrameBatch]:
-        if suffix == ".blf":
-            return blf.read_blf(file, self.name, self._bytes, self._ledger)
-        parsers: dict[str, Callable[[bytes], Parsed]] = {
-            ".asc": asc.AscParser(),
-            ".trc": trc.TrcParser(),
-            ".log": candump.parse_candump,
-            ".csv": can_csv.parse_csv,
-        }
-        return read_lines(file, self.name, parsers[suffix], self._ledger)
+    def _forwards(self, file: Unpacked) -> Iterator[FrameBatch]:
+        """Read a format that needs no look back."""
+        if self.format is BLF:
+            size = None if file.packed else self._bytes
+            return blf.read_blf(file, self.name, size, self._ledger)
+        if self.format is PCAP:
+            return capture.read_capture(file, self.name, self._ledger)
+        if self.format is ROS2:
+            return ros2_mcap.read_ros2(file, self.name, self._ledger)
+        assert self.format.parser is not None
+        last = LastLine(self.format.states_length, self.format.spaced)
+        return read_lines(file, self.name, self.format.parser(), self._ledger, last)
 
 
 def read_log(path: Path) -> Log:
-    """Return the log in a file; its suffix decides the format.
+    """Return the log in a file; what stands in it decides the format.
 
     Raises
     ------
@@ -145,23 +122,11 @@ def read_logs(paths: Sequence[Path]) -> list[Log]:
 
     Raises InputError as `Log`.
     """
-    rows: list[list[Path]] = []
+    rows: list[tuple[LogFormat, list[Path]]] = []
     for path in paths:
-        segment = path.suffix.lower() == JOURNAL_SUFFIX
-        if segment and rows and rows[-1][0].suffix.lower() == JOURNAL_SUFFIX:
-            rows[-1].append(path)
+        form = detect(path)
+        if form is JOURNAL and rows and rows[-1][0] is JOURNAL:
+            rows[-1][1].append(path)
         else:
-            rows.append([path])
-    return [Log(row) for row in rows]
-
-
-def _check(path: Path) -> None:
-    where, known = str(path), ", ".join(FORMATS)
-    if not path.is_file():
-        other = "is a directory" if path.is_dir() else "is no regular file"
-        what = other if path.exists() else "no such file"
-        raise InputError(where, what, f"name a log: {known}")
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(where, f"{path.suffix or 'no suffix'} is no log format", f"use {known}")
-    if not path.stat().st_size:
-        raise InputError(where, "is empty", "check that it is the log you mean")
+            rows.append((form, [path]))
+    return [Log(row, form) for form, row in rows]

@@ -1,28 +1,25 @@
-"""Bus logging in MF4 (ASAM MDF 4), read in bulk by asammdf and put in order of time."""
+"""Bus logging in MF4 (ASAM MDF 4), as a logger leaves it or finished, in order of time."""
 
 from __future__ import annotations
 
-import gc
-import logging
-import sys
 from collections.abc import Iterator
 from heapq import heapify, heappop, heappush
 from itertools import count
-from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import InputError
-from dbc.frames import FrameBatch, FrameFlag
+from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from .assemble import good_frames
 from .losses import Ledger
+from .mdf4_blocks import BlockFile
+from .mdf4_layout import DataGroup, data_groups, start_ns
+from .mdf4_records import RecordBlock, mixed_records, sorted_records
 
 LACKS = ""
-_HEADER_AT = 64
-_MAGIC = (b"MDF     ", b"UnFinMF ")
 _KINDS = {
     "CAN_DataFrame": np.uint16(0),
     "CAN_RemoteFrame": np.uint16(FrameFlag.REMOTE),
@@ -35,101 +32,116 @@ _BITS = {
     "ESI": FrameFlag.ERROR_STATE,
     "Dir": FrameFlag.TRANSMITTED,
 }
-BLOCK_FRAMES = 65_536
+_LATEST_S = 4e9
+"""Longest time since the start of a file, s: more than a century does not fit the stamps."""
 
 
-def read_mf4(path: Path, ledger: Ledger) -> Iterator[FrameBatch]:
+def read_mf4(file: BinaryIO, where: str, ledger: Ledger) -> Iterator[FrameBatch]:
     """Read the CAN frames of an MF4 file block by block.
 
-    `ledger` takes the losses.  Raises InputError if it is no MF4, cannot be read, or holds no CAN
-    bus logging; or asammdf is missing.
+    Records are taken in whatever order the logger wrote them, counts and lengths that it never
+    wrote from the file itself.  Buses count from 1 in MF4, and from 0 in `FrameBatch`; a file whose
+    first block has a bus 0 counts from 0.
+
+    `file`: an open file.  `where`: its name, for messages.  `ledger` takes the losses.  Raises
+    InputError if it is no MF4, cannot be read, or holds no CAN bus logging.
     """
-    where = str(path)
-    with path.open("rb") as file:
-        begin = file.read(_HEADER_AT + 4)
-    if begin[:8] not in _MAGIC:
-        advice = "check what it is; its suffix may be wrong"
-        raise InputError(where, "is no MF4: it does not begin with MDF", advice)
-    if begin[_HEADER_AT:] != b"##HD":
-        raise InputError(where, "is no MF4: it has no header block", "get the whole file")
-    try:
-        from asammdf import MDF
-    except ImportError as error:
-        advice = "install it: pip install 'bumpbench[mf4]'"
-        raise InputError(where, "MF4 needs asammdf, which is not installed", advice) from error
-    logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)  # it logs what it also raises
-    hook, failure = sys.unraisablehook, ""
-    try:
-        with path.open("rb") as stream, MDF(stream) as mdf:
-            groups: list[Any] = list(mdf.groups)
-            streams = [
-                _blocks(mdf, number, name, ledger)
-                for number, group in enumerate(groups)
-                for name in _KINDS
-                if group.channel_group.cycles_nr and any(c.name == name for c in group.channels)
-            ]
-            if not streams:
-                advice = "channels that were decoded already cannot be imported as frames"
-                raise InputError(where, "holds no CAN bus logging", advice)
-            yield from merged(streams)
-    except InputError:
-        raise
-    except Exception as error:  # asammdf raises what it stumbles over
-        failure = str(error) or type(error).__name__
-        # Its half-made object fails once more when it is let go, with a traceback on stderr.
-        sys.unraisablehook = lambda _: None
-    if failure:
-        gc.collect()
-        sys.unraisablehook = hook
-        what = f"cannot be read: {failure}"
-        raise InputError(where, what, "the file is damaged or cut off")
+    blocks = BlockFile(file, where, ledger)
+    first_ns = start_ns(blocks)
+    streams = [_frames_of(blocks, group, first_ns, ledger) for group in data_groups(blocks)]
+    if not streams:
+        advice = "import decoded channels with --channels"
+        raise InputError(where, "holds no CAN bus logging", advice)
+    lowest: int | None = None
+    for batch in streams[0] if len(streams) == 1 else merged(streams):
+        if lowest is None and len(batch):
+            lowest = min(int(batch.bus.min()), 1)
+        yield _counted_from(batch, lowest or 0)
 
 
-def _blocks(mdf: Any, group: int, name: str, ledger: Ledger) -> Iterator[FrameBatch]:
-    start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
-    for signal in mdf.iter_get(name, group):
-        for first in range(0, len(signal.timestamps), BLOCK_FRAMES):
-            rows = slice(first, first + BLOCK_FRAMES)
-            yield _frames(signal.samples[rows], signal.timestamps[rows], name, start_ns, ledger)
+def _counted_from(batch: FrameBatch, lowest: int) -> FrameBatch:
+    if not lowest:
+        return batch
+    bus = np.maximum(batch.bus, 1) - 1
+    return FrameBatch(batch.t_ns, batch.can_id, batch.flags, bus, batch.length, batch.data)
+
+
+def _frames_of(
+    file: BlockFile, data: DataGroup, start_ns: int, ledger: Ledger
+) -> Iterator[FrameBatch]:
+    """Yield the frames of a data group; those of several kinds in the order of their records."""
+    if not data.id_bytes:
+        for block in sorted_records(file, data, ledger):
+            yield _frames(block, start_ns, ledger)[0]
+        return
+    for mixed in mixed_records(file, data, ledger):
+        batches, orders = [], []
+        for block in mixed:
+            frames, good = _frames(block, start_ns, ledger)
+            batches.append(frames)
+            orders.append(block.order[good])
+        frames = FrameBatch.concatenate(batches)
+        if len(mixed) > 1:
+            frames = frames.select(np.argsort(np.concatenate(orders), kind="stable"))
+        yield frames
 
 
 def _frames(
-    samples: NDArray[Any], time_s: NDArray[np.float64], name: str, start_ns: int, ledger: Ledger
-) -> FrameBatch:
-    n = len(time_s)
-    fields = {field.removeprefix(f"{name}."): samples[field] for field in samples.dtype.names or ()}
-    raw_id = fields["ID"].astype(np.int64) if "ID" in fields else np.zeros(n, np.int64)
-    flags = np.full(n, _KINDS[name], np.uint16)
+    block: RecordBlock, start_ns: int, ledger: Ledger
+) -> tuple[FrameBatch, NDArray[np.bool_]]:
+    """Return the frames in records, and which of the records are frames."""
+    records, group = block.records, block.group
+    n = len(records)
+    fields = {name: field.whole(records) for name, field in group.fields.items()}
+    nothing = np.zeros(n, np.int64)
+    raw_id = fields.get("ID", nothing)
+    flags = np.full(n, _KINDS[group.kind], np.uint16)
     for field, bit in _BITS.items():
         if field in fields:
-            flags |= _mark(fields[field]) * np.uint16(bit)
+            flags |= (fields[field] != 0) * np.uint16(bit)
     if "IDE" not in fields:
         flags |= (raw_id >> 31 & 1).astype(np.uint16) * np.uint16(FrameFlag.EXTENDED)
     can_id = raw_id & 0x1FFF_FFFF
     fd = flags & FrameFlag.FD != 0
     remote = flags & FrameFlag.REMOTE != 0
-    size = fields.get("DataLength", np.zeros(n, np.uint8)).astype(np.int64)
-    asked = np.minimum(fields.get("DLC", size).astype(np.int64), 8)
-    length = np.where(remote, asked, size)
-    good = (length <= np.where(fd, 64, 8)) & (
-        can_id < np.where(flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0, 1 << 29, 1 << 11)
-    )
-    width = 8 if length.max(initial=0) <= 8 else 64
-    data = np.zeros((n, width), np.uint8)
-    if "DataBytes" in fields:
-        given = fields["DataBytes"].reshape(n, -1)[:, :width]
-        data[:, : given.shape[1]] = given
-    data[np.arange(width) >= np.where(remote, 0, length)[:, None]] = 0
-    bus = fields.get("BusChannel", np.zeros(n, np.uint8))
-    t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
+    code = fields.get("DLC", nothing).clip(0, 15)
+    size = fields.get("DataLength", np.where(fd, FD_LENGTHS[code], np.minimum(code, 8)))
+    length = np.where(remote, np.minimum(fields.get("DLC", size), 8), size)
+    good = block.found & (length >= 0) & (length <= np.where(fd, 64, 8))
+    long = flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
+    good &= can_id < np.where(long, 1 << 29, 1 << 11)
+    t_ns, timed = _stamps(block, start_ns)
+    good &= timed
     if bad := n - int(good.sum()):
-        ledger.garbled(bad, f"{bad} records of {name} are no frames")
-    return good_frames(good, t_ns, can_id, flags, bus, length, data)
+        ledger.garbled(bad, f"{bad} records of {group.kind} are no frames")
+    shown = np.where(remote, 0, length)
+    bus = fields.get("BusChannel", nothing).clip(0, 255)
+    data = _payload(block, shown)
+    return good_frames(good, t_ns, can_id, flags, bus, length, data), good
 
 
-def _mark(values: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return a bit that may be written as a number or as a word (Rx, Tx)."""
-    return np.asarray(np.char.lower(values) == b"tx" if values.dtype.kind == "S" else values != 0)
+def _stamps(block: RecordBlock, start_ns: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return time stamps in ns since 1970 UTC, and which can be such."""
+    time = block.group.time
+    raw = time.raw(block.records)
+    with np.errstate(invalid="ignore", over="ignore"):
+        since_ns = raw * (time.factor * 1e9) + time.offset * 1e9
+    good = np.isfinite(since_ns) & (np.abs(since_ns) < _LATEST_S * 1e9)
+    return start_ns + np.rint(np.where(good, since_ns, 0.0)).astype(np.int64), good
+
+
+def _payload(block: RecordBlock, length: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Return the bytes of the frames, padded with zeros, (n, 8) or (n, 64)."""
+    width = 8 if length.max(initial=0) <= 8 else 64
+    data = np.zeros((len(length), width), np.uint8)
+    place = block.group.payload
+    if block.payload is not None:
+        data[:] = block.payload[:, :width]
+    elif place is not None:
+        given = block.records[:, place.byte : place.byte + min(place.width, width)]
+        data[:, : given.shape[1]] = given
+    data[np.arange(width) >= length[:, None]] = 0
+    return data
 
 
 def merged(streams: list[Iterator[FrameBatch]]) -> Iterator[FrameBatch]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dbc.errors import InputError, printable
-from dbc.frames import FrameBatch
+from dbc.frames import FrameBatch, FrameFlag
 
 from .losses import Ledger
+from .unpacked import Readable
 
 BLOCK_BYTES = 1 << 18
 """Read at a time: some 5,000 frames, parsed in a few milliseconds."""
@@ -69,6 +69,9 @@ class Parsed:
     """Numbers of the lines in the block that should be frames and cannot be read."""
     header: bool = False
     """True if the block has lines, other than frames, that only this format has."""
+
+
+Parse = Callable[[bytes], Parsed]
 
 
 def cut_lines(block: bytes, separators: bytes = b" \t") -> Lines:
@@ -169,21 +172,49 @@ def is_word(lines: Lines, start: Index, end: Index, word: bytes) -> Mask:
     return same
 
 
+@dataclass(frozen=True, slots=True)
+class LastLine:
+    """How to see that a last line without an end was cut off."""
+
+    states_length: bool
+    """True if a line says how many bytes follow; else one as long as another frame is whole."""
+    spaced: bool
+    """True if a byte may lose its last digit unnoticed."""
+
+    def whole(self, text: bytes, frames: FrameBatch, before: FrameBatch, parse: Parse) -> bool:
+        """Return whether the frame of a last line is whole.
+
+        `frames`: of that line.  `before`: of the lines before it.
+        """
+        if len(frames) != 1:
+            return False
+        if frames.flags[0] & FrameFlag.REMOTE:
+            return True
+        if self.spaced:
+            shorter = parse(text.rstrip()[:-1]).frames
+            if len(shorter) != 1 or shorter.length[0] != frames.length[0]:
+                return False
+        same = (before.can_id == frames.can_id[0]) & (before.flags == frames.flags[0])
+        return self.states_length or bool((same & (before.length == frames.length[0])).any())
+
+
 def read_lines(
-    file: BinaryIO, where: str, parse: Callable[[bytes], Parsed], ledger: Ledger
+    file: Readable, where: str, parse: Parse, ledger: Ledger, last: LastLine
 ) -> Iterator[FrameBatch]:
     """Read a text log block by block.
 
     `file`: at its beginning.  `where`: its name, for messages.  `parse`: takes whole lines, block
-    by block.  Raises InputError if it is no text, or nothing in its first block is of that format.
+    by block.  `last`: judges a last line without an end.  Raises InputError if it is no text, or
+    nothing in its first block is of that format.
     """
     tail, before, known, more = b"", 0, False, True
+    recent = FrameBatch.empty()
     while more:
         piece = file.read(BLOCK_BYTES)
         more = bool(piece)
         whole, newline, tail = (tail + piece).rpartition(b"\n")
         if len(tail) > MAX_LINE_BYTES or (not known and b"\0" in piece):
-            raise InputError(where, "is no text log", "check what it is; its suffix may be wrong")
+            raise InputError(where, "is no text log", "check what it is")
         lines = [(whole + newline, True)] if newline else []
         if tail.strip() and not more:
             lines.append((tail, False))
@@ -191,13 +222,12 @@ def read_lines(
             parsed = parse(block)
             known |= parsed.header or len(parsed.frames) > 0
             if not known:
-                advice = "check what it is; its suffix may be wrong"
-                raise InputError(where, "begins with no line of its format", advice)
-            if ended:
+                raise InputError(where, "begins with no line of a known log", "check what it is")
+            if ended or last.whole(block, parsed.frames, recent, parse):
                 _count_bad_lines(parsed, block, before, ledger)
+                recent = parsed.frames
                 yield parsed.frames
             elif tail.lstrip()[:1] in b"(0123456789":
-                # A whole last line looks the same as one cut in a number or in its payload.
                 ledger.cut(len(tail), f"line {before + 1} has no end")
             before += block.count(b"\n")
 

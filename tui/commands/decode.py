@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 def decode(
-    log: Annotated[Path, typer.Argument(help="BLF, ASC, TRC, candump log, CSV, MF4, MCAP.")],
+    log: Annotated[
+        Path, typer.Argument(help="BLF, ASC, MF4, candump, pcap and others (docs/formats.md).")
+    ],
     dbc: Annotated[
         list[Path] | None, typer.Option(help="DBC file; repeatable; default: the shipped one.")
     ] = None,

@@ -27,7 +27,9 @@ RELATIVE_BEFORE_NS = 631_152_000_000_000_000
 def import_(
     logs: Annotated[
         list[Path] | None,
-        typer.Argument(help="Logs in order: BLF, ASC, TRC, candump log, CSV, MF4, MCAP."),
+        typer.Argument(
+            help="Logs in order: BLF, ASC, MF4, candump, pcap and others (docs/formats.md)."
+        ),
     ] = None,
     run: Annotated[
         list[str] | None,

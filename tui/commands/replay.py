@@ -12,7 +12,10 @@ from ..diagnostics import ExitCode
 
 def replay(
     source: Annotated[
-        Path, typer.Argument(help="BLF, ASC, TRC, candump log, CSV, MF4, MCAP; or a session.")
+        Path,
+        typer.Argument(
+            help="BLF, ASC, MF4, candump, pcap and others (docs/formats.md); or a session."
+        ),
     ],
     config: Annotated[
         Path | None, typer.Option(help="bench.toml that names the bus; default: the shipped one.")

@@ -119,14 +119,16 @@ def test_a_cut_journal_gives_its_whole_blocks(tmp_path: Path) -> None:
 
 HOSTILE = {
     "empty": (".blf", b"", "is empty"),
-    "text as BLF": (".blf", b"hello\n" * 100, "is no BLF"),
+    "text as BLF": (".blf", b"hello\n" * 100, "no line of a known log"),
     "half a header": (".blf", b"LOGG" + bytes(20), "cut off within its header"),
-    "text as MF4": (".mf4", b"hello\n" * 100, "is no MF4"),
+    "text as MF4": (".mf4", b"hello\n" * 100, "no line of a known log"),
     "MF4 of nothing": (".mf4", b"MDF     4.10    " + bytes(100), "no header block"),
-    "text as journal": (".mcap", b"hello\n" * 100, "is not a journal"),
-    "no log": (".xyz", b"hello", "is no log format"),
+    "text as journal": (".mcap", b"hello\n" * 100, "no line of a known log"),
+    "no log": (".xyz", b"hello", "no line of a known log"),
     **{f"noise {s}": (s, bytes(range(256)) * 4000, "is no text log") for s in TEXTS},
-    **{f"prose {s}": (s, b"It was a dark night.\n" * 9000, "no line of its form") for s in TEXTS},
+    **{
+        f"prose {s}": (s, b"It was a dark night.\n" * 9000, "no line of a known log") for s in TEXTS
+    },
     **{f"one line {s}": (s, b"a" * 1_000_000, "is no text log") for s in TEXTS},
 }
 

@@ -1,0 +1,156 @@
+"""Cuts CAN frames out of captured packets: SocketCAN's own, and Linux cooked ones around them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import FrameBatch, FrameFlag
+
+from .assemble import good_frames
+from .losses import Ledger
+
+SOCKET_CAN, COOKED, COOKED_2 = 227, 113, 276
+"""Link types."""
+_HEAD_BYTES = {SOCKET_CAN: 0, COOKED: 16, COOKED_2: 20}
+_CAN, _CAN_FD = 0x000C, 0x000D
+_OUTGOING = 4
+_BRS, _ESI, _FDF = 1, 2, 4
+_EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
+_FD_PACKET_BYTES = 72
+
+
+@dataclass(slots=True)
+class Packets:
+    """Packets of a block of bytes."""
+
+    t_ns: list[int] = field(default_factory=list)
+    """Times, ns since 1970 UTC."""
+    bus: list[int] = field(default_factory=list)
+    """Numbers of the buses."""
+    sent: list[bool] = field(default_factory=list)
+    """True where this host sent it."""
+    link: list[int] = field(default_factory=list)
+    """Link types."""
+    start: list[int] = field(default_factory=list)
+    """Where each starts in the block."""
+    size: list[int] = field(default_factory=list)
+    """Bytes of each."""
+
+    def add(self, t_ns: int, bus: int, sent: bool, link: int, start: int, size: int) -> None:
+        """Take in a packet."""
+        self.t_ns.append(t_ns)
+        self.bus.append(bus)
+        self.sent.append(sent)
+        self.link.append(link)
+        self.start.append(start)
+        self.size.append(size)
+
+
+class FrameCutter:
+    """Turns packets to frames; remembers what the first ones have shown of their byte order."""
+
+    def __init__(self, ledger: Ledger) -> None:
+        self._ledger = ledger
+        self._cooked_is_big: bool | None = None
+        self._buses: dict[int, int] = {}
+
+    def frames(self, held: bytes, packets: Packets) -> FrameBatch:
+        """Return the CAN frames among packets of a block of bytes."""
+        text = np.frombuffer(held + bytes(128), np.uint8)
+        start = np.array(packets.start, np.int64)
+        size = np.array(packets.size, np.int64)
+        link = np.array(packets.link, np.int64)
+        bus = np.array(packets.bus, np.int64)
+        sent = np.array(packets.sent, bool)
+        can, fd_packet = np.ones(len(start), bool), np.zeros(len(start), bool)
+        for kind in (COOKED, COOKED_2):
+            rows = np.flatnonzero(link == kind)
+            if not len(rows):
+                continue
+            at = start[rows]
+            protocol = _word(text, at + (14 if kind == COOKED else 0), 2)
+            outgoing = _word(text, at, 2) if kind == COOKED else text[at + 10].astype(np.int64)
+            can[rows] = (protocol == _CAN) | (protocol == _CAN_FD)
+            can[rows] &= size[rows] > _HEAD_BYTES[kind]
+            fd_packet[rows] = protocol == _CAN_FD
+            sent[rows] |= outgoing == _OUTGOING
+            if kind == COOKED_2:
+                bus[rows] = [self._bus(index) for index in _word(text, at + 4, 4).tolist()]
+            start[rows] += _HEAD_BYTES[kind]
+            size[rows] -= _HEAD_BYTES[kind]
+        rows = np.flatnonzero(can)
+        t_ns = np.array(packets.t_ns, np.int64)
+        return self._cut(
+            text, t_ns[rows], start[rows], size[rows], link[rows], bus[rows], sent[rows],
+            fd_packet[rows],
+        )  # fmt: skip
+
+    def _cut(
+        self,
+        text: NDArray[np.uint8],
+        t_ns: NDArray[np.int64],
+        start: NDArray[np.int64],
+        size: NDArray[np.int64],
+        link: NDArray[np.int64],
+        bus: NDArray[np.int64],
+        sent: NDArray[np.bool_],
+        fd_packet: NDArray[np.bool_],
+    ) -> FrameBatch:
+        word, turned = _word(text, start, 4), _word(text, start, 4, turned=True)
+        cooked = link != SOCKET_CAN
+        if self._cooked_is_big is None and cooked.any():
+            # libpcap wrote them in the order of the host first, and in that of the network later.
+            big, little = _plausible(word[cooked]).sum(), _plausible(turned[cooked]).sum()
+            self._cooked_is_big = bool(big > little)
+        if not self._cooked_is_big:
+            word = np.where(cooked, turned, word)
+        length = text[start + 4].astype(np.int64)
+        bits = text[start + 5]
+        error, remote = word & _ERROR != 0, word & _REMOTE != 0
+        extended = (word & _EXTENDED != 0) & ~error
+        fd = (bits & _FDF != 0) | fd_packet | (size == _FD_PACKET_BYTES) | (length > 8)
+        fd &= ~remote & ~error
+        can_id = word & 0x1FFF_FFFF
+        good = (size >= 8 + np.where(remote, 0, length)) & (length <= np.where(fd, 64, 8))
+        good &= error | (can_id < np.where(extended, 1 << 29, 1 << 11))
+        if bad := len(good) - int(good.sum()):
+            self._ledger.garbled(bad, f"{bad} packets are no CAN frames")
+        shown = np.where(good & ~remote, length, 0)
+        width = 8 if shown.max(initial=0) <= 8 else 64
+        index = (start[:, None] + 8 + np.arange(width)).clip(max=len(text) - 1)
+        data = np.where(np.arange(width) < shown[:, None], text[index], 0).astype(np.uint8)
+        flags = np.zeros(len(start), np.uint16)
+        for bit, mark in (
+            (FrameFlag.EXTENDED, extended),
+            (FrameFlag.REMOTE, remote),
+            (FrameFlag.ERROR, error),
+            (FrameFlag.FD, fd),
+            (FrameFlag.BITRATE_SWITCH, fd & (bits & _BRS != 0)),
+            (FrameFlag.ERROR_STATE, fd & (bits & _ESI != 0)),
+            (FrameFlag.TRANSMITTED, sent),
+        ):
+            flags |= mark * np.uint16(bit)
+        return good_frames(good, t_ns, can_id, flags, bus, length, data)
+
+    def _bus(self, index: int) -> int:
+        """Return the number of an interface in the order of their first frames."""
+        return self._buses.setdefault(index, min(len(self._buses), 255))
+
+
+def _word(
+    text: NDArray[np.uint8], at: NDArray[np.int64], size: int, turned: bool = False
+) -> NDArray[np.int64]:
+    """Return numbers that stand in the order of the network, or turned, least byte first."""
+    value = np.zeros(len(at), np.int64)
+    for place in range(size):
+        shift = 8 * (place if turned else size - 1 - place)
+        value |= text[at + place].astype(np.int64) << shift
+    return value
+
+
+def _plausible(word: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which numbers can be an identifier with its flags."""
+    return np.asarray((word & (_EXTENDED | _ERROR) != 0) | (word & 0x1FFF_FFFF < 1 << 11), np.bool_)

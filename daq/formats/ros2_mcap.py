@@ -1,0 +1,239 @@
+"""MCAP of ROS 2 with `can_msgs/msg/Frame` and `ros2_socketcan_msgs/msg/FdFrame` in CDR.
+
+Topics with frames are buses in the order in which the file names them.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import InputError
+from dbc.frames import FrameBatch, FrameFlag
+
+from .assemble import good_frames
+from .losses import Ledger
+from .unpacked import Readable
+
+LACKS = "the bits BRS and ESI of CAN FD"
+MAGIC = b"\x89MCAP0\r\n"
+CLASSIC, FLEXIBLE = "can_msgs/msg/Frame", "ros2_socketcan_msgs/msg/FdFrame"
+MAX_RECORD_BYTES = 64 << 20
+"""Longest record, packed or unpacked, bytes: those that ROS 2 writes have some MB."""
+_RECORD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HLQQ")
+_SCHEMA, _CHANNEL, _MESSAGES, _CHUNK, _DATA_END = 3, 4, 5, 6, 15
+_SPAN = struct.Struct("<QQQL")
+_STAMP_BYTES = 16
+"""Bytes before the name of the frame of reference: encapsulation, time, length of the name."""
+_TAIL_BYTES = {CLASSIC: 16, FLEXIBLE: 12}
+"""Bytes from the identifier on, without what a frame of FD carries."""
+
+
+def profile_of(head: bytes) -> str:
+    """Return the profile in the header of an MCAP file, "" if it cannot be read."""
+    try:
+        return _text(head, len(MAGIC) + _RECORD.size)[0]
+    except (struct.error, UnicodeDecodeError):
+        return ""
+
+
+def read_ros2(file: Readable, where: str, ledger: Ledger) -> Iterator[FrameBatch]:
+    """Read the CAN frames of an MCAP file block by block.
+
+    `file`: at its beginning.  `where`: its name, for messages.  `ledger` takes the losses.  Raises
+    InputError if it has no topic of CAN frames.
+    """
+    file.read(len(MAGIC))
+    topics = _Topics()
+    for content in _blocks(file, topics, ledger):
+        yield topics.frames(content, ledger)
+    if not topics.buses:
+        named = ", ".join(sorted(set(topics.schemas.values()))[:5]) or "none"
+        what = f"has no topic of {CLASSIC}; its messages: {named}"
+        raise InputError(where, what, "record the topic of CAN frames")
+
+
+def _blocks(file: Readable, topics: _Topics, ledger: Ledger) -> Iterator[bytes]:
+    """Yield messages record after record, some of them at a time."""
+    loose: list[bytes] = []
+    size = 0
+    while head := file.read(_RECORD.size):
+        kind, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, 0)
+        if not kind or length > MAX_RECORD_BYTES:
+            ledger.cut(len(head), f"what follows byte {file.tell() - len(head)} is no record")
+            break
+        content = file.read(length)
+        if len(content) < length:
+            ledger.cut(len(content), "its last record is not whole")
+            break
+        if kind == _CHUNK:
+            yield _unpacked(content, ledger)
+        elif kind in (_SCHEMA, _CHANNEL, _MESSAGES):
+            loose += [head, content]
+            size += length
+        elif kind == _DATA_END:
+            break
+        if size > 1 << 20:
+            yield b"".join(loose)
+            loose, size = [], 0
+    if loose:
+        yield b"".join(loose)
+
+
+def _unpacked(content: bytes, ledger: Ledger) -> bytes:
+    """Return the records of a chunk; nothing, and the loss counted, if it is damaged."""
+    try:
+        _, _, size, _ = _SPAN.unpack_from(content)
+        packing, at = _text(content, _SPAN.size)
+        packed = content[at + 8 :]
+        if size > MAX_RECORD_BYTES:
+            raise ValueError("too large")
+        if packing == "zstd":
+            import zstandard
+
+            with zstandard.ZstdDecompressor().stream_reader(packed) as stream:
+                data = bytes(stream.read(size))
+        elif packing == "lz4":
+            import lz4.frame
+
+            data = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
+        else:
+            data = packed if not packing else b""
+    except Exception as error:  # each packing raises its own
+        ledger.cut(len(content), f"a chunk cannot be unpacked: {str(error) or 'damaged'}")
+        return b""
+    if len(data) < size:
+        ledger.cut(size - len(data), "a chunk is not whole")
+    return data
+
+
+@dataclass(slots=True)
+class _Topics:
+    """What the records before have said of channels and their messages."""
+
+    schemas: dict[int, str] = field(default_factory=dict)
+    buses: dict[int, tuple[str, int]] = field(default_factory=dict)
+    names: dict[str, int] = field(default_factory=dict)
+
+    def frames(self, content: bytes, ledger: Ledger) -> FrameBatch:
+        """Return the frames in records, in the order of these."""
+        found: dict[tuple[int, int, int], list[tuple[int, int]]] = defaultdict(list)
+        at = order = 0
+        logged: dict[int, int] = {}
+        while at + _RECORD.size <= len(content):
+            kind, length = _RECORD.unpack_from(content, at)
+            start, at = at + _RECORD.size, at + _RECORD.size + length
+            if at > len(content):
+                ledger.garbled(1, "a record reaches beyond its chunk")
+                break
+            if kind == _MESSAGES and length >= _MESSAGE.size + _STAMP_BYTES:
+                channel, _, logged_ns, _ = _MESSAGE.unpack_from(content, start)
+                if channel in self.buses:
+                    first = start + _MESSAGE.size
+                    name_bytes = int.from_bytes(content[first + 12 : first + 16], "little")
+                    found[channel, at - first, name_bytes].append((first, order))
+                    logged[order] = logged_ns
+                    order += 1
+            elif kind in (_SCHEMA, _CHANNEL):
+                self._learn(kind, content[start:at])
+        text = np.frombuffer(content + bytes(128), np.uint8)
+        batches, places = [], []
+        for (channel, size, name_bytes), rows in found.items():
+            table = np.array(rows, np.int64)
+            logged_ns = np.array([logged[number] for number in table[:, 1].tolist()], np.uint64)
+            kind_name, bus = self.buses[channel]
+            frames, good = _frames(
+                text, table[:, 0], size, name_bytes, kind_name, bus, logged_ns.astype(np.int64)
+            )
+            if bad := len(good) - int(good.sum()):
+                ledger.garbled(bad, f"{bad} messages are no CAN frames")
+            batches.append(frames)
+            places.append(table[good, 1])
+        joined = FrameBatch.concatenate(batches)
+        if len(batches) > 1:
+            joined = joined.select(np.argsort(np.concatenate(places), kind="stable"))
+        return joined
+
+    def _learn(self, kind: int, record: bytes) -> None:
+        try:
+            if kind == _SCHEMA:
+                self.schemas[struct.unpack_from("<H", record)[0]] = _text(record, 2)[0]
+                return
+            channel, schema = struct.unpack_from("<HH", record)
+            topic, at = _text(record, 4)
+            encoding, _ = _text(record, at)
+        except (struct.error, UnicodeDecodeError):
+            return
+        name = self.schemas.get(schema, "")
+        if name in _TAIL_BYTES and encoding == "cdr":
+            number = self.names.setdefault(topic, min(len(self.names), 255))
+            self.buses[channel] = (name, number)
+
+
+def _frames(
+    text: NDArray[np.uint8],
+    start: NDArray[np.int64],
+    size: int,
+    name_bytes: int,
+    kind: str,
+    bus: int,
+    logged_ns: NDArray[np.int64],
+) -> tuple[FrameBatch, NDArray[np.bool_]]:
+    """Return the frames in messages of one size, and which messages are frames."""
+    n = len(start)
+    # CDR aligns a number to its size, counted from behind the encapsulation of four bytes.
+    at = _STAMP_BYTES + name_bytes + -name_bytes % 4
+    if at + _TAIL_BYTES[kind] > size:
+        return FrameBatch.empty(), np.zeros(n, bool)
+    rows = text[start[:, None] + np.arange(at + _TAIL_BYTES[kind])]
+    good = rows[:, 1] & 1 == 1  # little-endian
+    second, nanosecond = _number(rows, 4, 4), _number(rows, 8, 4)
+    t_ns = second.astype(np.int32) * np.int64(1_000_000_000) + nanosecond
+    t_ns = np.where(t_ns > 0, t_ns, logged_ns)
+    can_id = _number(rows, at, 4)
+    if kind == CLASSIC:
+        remote, extended, error = (rows[:, at + n] != 0 for n in (4, 5, 6))
+        length = rows[:, at + 7].astype(np.int64)
+        good &= length <= 8
+        data = rows[:, at + 8 : at + 16].copy()
+        fd = np.zeros(n, bool)
+    else:
+        extended, error = rows[:, at + 4] != 0, rows[:, at + 5] != 0
+        length, remote = rows[:, at + 6].astype(np.int64), np.zeros(n, bool)
+        held = _number(rows, at + 8, 4)
+        good &= (length <= 64) & (held >= length) & (held <= size - at - 12)
+        data = text[(start[:, None] + at + 12 + np.arange(64)).clip(max=len(text) - 1)].copy()
+        fd = np.ones(n, bool)
+    shown = np.where(remote, 0, length)
+    data[np.arange(data.shape[1]) >= shown[:, None]] = 0
+    good &= can_id < np.where(extended | error, 1 << 29, 1 << 11)
+    flags = np.zeros(n, np.uint16)
+    for bit, mark in (
+        (FrameFlag.EXTENDED, extended),
+        (FrameFlag.REMOTE, remote),
+        (FrameFlag.ERROR, error),
+        (FrameFlag.FD, fd),
+    ):
+        flags |= mark * np.uint16(bit)
+    return good_frames(good, t_ns, can_id, flags, np.full(n, bus), length, data), good
+
+
+def _number(rows: NDArray[np.uint8], at: int, size: int) -> NDArray[np.int64]:
+    value = np.zeros(len(rows), np.int64)
+    for place in range(size):
+        value |= rows[:, at + place].astype(np.int64) << 8 * place
+    return value
+
+
+def _text(content: bytes, at: int) -> tuple[str, Any]:
+    """Return a text with its length before it, and the offset behind it."""
+    (length,) = struct.unpack_from("<L", content, at)
+    if at + 4 + length > len(content):
+        raise struct.error("a text is cut off")
+    return content[at + 4 : at + 4 + length].decode(), at + 4 + length
