@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -46,6 +46,23 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     parts = [path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}") for path in targets]
     with _moved(parts, targets):
         yield parts
+
+
+def sync_data(fd: int) -> None:
+    """Return when what was written to an open file is on the disk; its times may follow later.
+
+    macOS has no fdatasync, and its fsync leaves the data in the drive's own memory: F_FULLFSYNC
+    (fcntl(2) of macOS) does not.  A drive that does not know it is synced as elsewhere.
+    """
+    with suppress(ModuleNotFoundError):  # Windows has no fcntl
+        import fcntl
+
+        whole: int | None = getattr(fcntl, "F_FULLFSYNC", None)
+        if whole is not None:
+            with suppress(OSError):
+                fcntl.fcntl(fd, whole)
+                return
+    getattr(os, "fdatasync", os.fsync)(fd)
 
 
 def sync_file(path: Path) -> None:

@@ -18,7 +18,7 @@ from typing import IO, Protocol, cast
 
 from mcap.writer import IndexType, Writer
 
-from ..files import sync_folder
+from ..files import sync_data, sync_folder
 from .format import (
     BENCH_NAME,
     DBC_NAME,
@@ -57,7 +57,7 @@ class SyncedFile(FileIO):
 
     def sync(self) -> None:
         """Return when all data written are on the disk."""
-        os.fdatasync(self.fileno())
+        sync_data(self.fileno())
 
     def stat(self) -> os.stat_result:
         """Return the state of the open file."""

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+import fcntl
 import os
 from pathlib import Path
 
 import pytest
 
-from daq.files import replaced, sync_folder, write_bytes, write_text
+from daq.files import replaced, sync_data, sync_folder, write_bytes, write_text
 
 
 def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path: Path) -> None:
@@ -99,3 +100,38 @@ def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
         sync_folder(tmp_path / "gone")
     with pytest.raises(FileNotFoundError):
         write_bytes(tmp_path / "gone" / "a", b"")
+
+
+def _synced_by(monkeypatch: pytest.MonkeyPatch, refused: bool = False) -> list[str]:
+    """Sync a descriptor on a system like macOS; return the calls that it made."""
+    calls: list[str] = []
+
+    def whole(fd: int, command: int) -> int:
+        calls.append(f"fcntl {command}")
+        if refused:
+            raise OSError(45, "Operation not supported")
+        return 0
+
+    monkeypatch.delattr(os, "fdatasync")
+    monkeypatch.setattr(os, "fsync", lambda fd: calls.append("fsync"))
+    monkeypatch.setattr(fcntl, "F_FULLFSYNC", 51, raising=False)
+    monkeypatch.setattr(fcntl, "fcntl", whole)
+    sync_data(0)
+    return calls
+
+
+def test_on_macos_the_drive_itself_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _synced_by(monkeypatch) == ["fcntl 51"]
+
+
+def test_a_drive_that_cannot_be_asked_is_synced_as_elsewhere(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert _synced_by(monkeypatch, refused=True) == ["fcntl 51", "fsync"]
+
+
+def test_linux_syncs_the_data_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+    monkeypatch.setattr(os, "fdatasync", calls.append)
+    sync_data(7)
+    assert calls == [7]
