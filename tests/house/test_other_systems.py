@@ -37,9 +37,8 @@ def test_a_session_is_read_identified_and_exported(tmp_path: Path) -> None:
     found = _bumpbench(tmp_path, "identify", "car.h5", "--json")
     assert found.returncode == 1, found.stderr  # two short runs: refused, here as elsewhere
     assert json.loads(found.stdout)["verdict"] == "refused"
-    for arguments in (("validate", "car.h5"), ("export", "car.h5", "--format", "mat")):
-        done = _bumpbench(tmp_path, *arguments)
-        assert done.returncode == 0, done.stderr
+    done = _bumpbench(tmp_path, "export", "car.h5", "--format", "mat")
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(

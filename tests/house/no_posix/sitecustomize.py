@@ -7,7 +7,6 @@ theirs is what such a system has in their place.
 from __future__ import annotations
 
 import builtins
-from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -44,20 +43,16 @@ class _Lacking(ModuleType):
         return getattr(self.whole, name)
 
 
-def _import(
-    name: str,
-    globals: Mapping[str, object] | None = None,
-    locals: Mapping[str, object] | None = None,
-    fromlist: Sequence[str] | None = (),
-    level: int = 0,
-) -> ModuleType:
-    spec: Any = (globals or {}).get("__spec__")
+def _import(name: str, *given: Any, **named: Any) -> ModuleType:
+    """Import a module; `given`: globals, locals, names and level of the statement."""
+    spec = (given[0] or {}).get("__spec__") if given else None
+    level = given[3] if len(given) > 3 else named.get("level", 0)
     if level == 0 and spec is not None and spec.name.split(".")[0] in OURS:
         if name in MODULES:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
         if name in NAMES:
             return _Lacking(_whole_import(name))
-    return _whole_import(name, globals, locals, fromlist, level)
+    return _whole_import(name, *given, **named)
 
 
 builtins.__import__ = _import
