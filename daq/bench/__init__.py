@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .config import on_bus as on_bus
     from .config import parse_bench as parse_bench
     from .databases import Database as Database
+    from .databases import stored_text as stored_text
     from .edit import with_campaign as with_campaign
     from .edit import with_channel as with_channel
     from .edit import with_facts as with_facts

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from .check import part_of as part_of
     from .dbc_readers import bench_witness as bench_witness
     from .dbc_readers import reader_lines as reader_lines
-    from .propose import propose_bench as propose_bench
+    from .propose import Proposal as Proposal
+    from .propose import propose_sensors as propose_sensors
     from .push_test import ORDER as ORDER
     from .push_test import Wiggle as Wiggle
     from .push_test import judge_wiggle as judge_wiggle

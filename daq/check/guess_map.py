@@ -25,6 +25,25 @@ _BODY = {"body", "chassis", "sprung", "imu", "cg", "aufbau"}
 _X = {"x", "ax", "accx", "long", "longitudinal", "forward", "roll", "wx", "gyrx"}
 _Y = {"y", "ay", "accy", "lat", "lateral", "pitch", "nick", "wy", "gyry"}
 _Z = {"z", "az", "accz", "vert", "vertical", "up", "down", "upwards", "heave", "yaw", "wz", "gyrz"}
+_NAMES = {
+    "travel": """
+        travel stroke susp suspension damper shock pot potentiometer string lvdt federweg weg hub
+        pos position height ride level deflection compression displacement laser""",
+    "no travel": """
+        radar lidar distance dist range object obj target lead gap obstacle parking park ultrasonic
+        uss trip odometer altitude gps gnss lane road curve curvature wheelbase track tracker""",
+    "no value": "valid validity accuracy status sta state flag error quality alive temp",
+}
+_TRAVEL = frozenset(_NAMES["travel"].split())
+_NO_TRAVEL = frozenset(_NAMES["no travel"].split())
+_NO_VALUE = frozenset(_NAMES["no value"].split())
+_ACCELERATION = {"acc", "accel", "acceleration", "beschleunigung"}
+_RATE = {"gyro", "gyr", "rate", "omega", "angular", "drehrate"}
+_UNIT_1_G = {"g": 1.0, "m/s2": G_M_S2, "mg": 1000.0, "mm/s2": 1000.0 * G_M_S2}
+NO_UNIT = ("", "-", "none", "None", "n/a", "Unit_None")
+"""What databases write where there is no unit."""
+FARTHEST_M = 1.0
+"""No suspension travel reads more than this at rest."""
 _PITCH, _ROLL, _YAW = {"pitch", "nick"}, {"roll", "wank"}, {"yaw", "gier"}
 
 
@@ -40,6 +59,14 @@ class Guess:
     """-1 if gravity shows that it is upside down."""
     why: str
     """The grounds of the guess."""
+    ask: str = ""
+    """What the user should be asked, because it is not sure; empty if it is."""
+    unit: str = ""
+    """Unit of the signal where the database states none."""
+    is_proven: bool = False
+    """True if pushes on the corners have shown corner and sign."""
+    tare: float | None = None
+    """Travel at rest, SI, with the sign; None where it was not seen."""
 
 
 def words(text: str) -> set[str]:
@@ -78,14 +105,60 @@ def guess_quantity(
         return None
     corner = guess_corner(signal.name, message, comment)
     unit = f"unit {signal.unit}"
+    if is_no_value(signal.name):
+        return None
     if si.unit == "m/s2":
         share = None if level is None else level * si.factor / G_M_S2
         return _acceleration(message, signal.name, comment, corner, share, unit)
     if si.unit in ("rad/s", "rad/s2"):
         return _turn(message, signal.name, comment, si.unit == "rad/s", unit)
-    if si.unit == "m" and corner is not None:
+    if si.unit != "m" or not is_travel(message, signal, comment, level):
+        return None
+    if corner is not None:
         return Guess(Quantity.SUSPENSION_TRAVEL, corner[0], 1, f"{unit}, corner by its {corner[1]}")
+    if words(signal.name) & _TRAVEL:
+        return Guess(Quantity.UNUSED, None, 1, f"{unit}, a travel by its name", "at which corner?")
     return None
+
+
+def is_travel(message: str, signal: SignalLayout, comment: str, level: float | None) -> bool:
+    """Return whether a length may be that of a suspension: no radar, no road, not metres away.
+
+    Arguments as in `guess_quantity`.
+    """
+    said = words(signal.name) | words(message) | words(comment)
+    if said & _NO_TRAVEL:
+        return False
+    factor = to_si(signal.unit).factor
+    if level is not None:
+        return abs(level * factor) <= FARTHEST_M
+    low, high = signal.minimum, signal.maximum
+    return low is None or high is None or (high - low) * factor <= 2.0 * FARTHEST_M
+
+
+def unit_by_gravity(size: float) -> str | None:
+    """Return the unit in which an accelerometer reads this magnitude at rest; None if none."""
+    return next((u for u, one in _UNIT_1_G.items() if abs(size / one - 1) <= 0.1), None)
+
+
+def kind_by_name(signal: SignalLayout) -> str | None:
+    """Return m/s2 or rad/s for a signal without a unit that is named like one; None for others."""
+    said = words(signal.name)
+    if signal.unit not in NO_UNIT or signal.length < 8 or said & _NO_VALUE:
+        return None
+    if said & _RATE:
+        return "rad/s"
+    return "m/s2" if said & _ACCELERATION else None
+
+
+def is_no_value(name: str) -> bool:
+    """Return whether a name says that a signal is about a measurement, and none itself."""
+    return bool(words(name) & _NO_VALUE)
+
+
+def is_body(text: str) -> bool:
+    """Return whether a name says that a sensor is on the body."""
+    return bool(words(text) & _BODY)
 
 
 def _acceleration(
@@ -96,7 +169,7 @@ def _acceleration(
     share: float | None,
     unit: str,
 ) -> Guess:
-    axis = _axis(name, comment)
+    axis = axis_by_name(name, comment)
     if share is not None:
         if abs(abs(share) - 1) > 0.1:
             if axis == "z" or (axis is None and corner is not None):
@@ -110,7 +183,7 @@ def _acceleration(
     if not vertical:
         return Guess(Quantity.UNUSED, None, 1, f"{unit}, not vertical by its name")
     sign = -1 if share is not None and share < 0 else 1
-    if corner is not None and not (words(name) | words(message)) & _BODY:
+    if corner is not None and not is_body(f"{name} {message}"):
         why = f"{unit}, {proof}, corner by its {corner[1]}"
         return Guess(Quantity.HUB_ACCELERATION, corner[0], sign, why)
     return Guess(Quantity.BODY_ACCELERATION, None, sign, f"{unit}, {proof}")
@@ -129,7 +202,7 @@ def _turn(message: str, name: str, comment: str, is_rate: bool, unit: str) -> Gu
             return Guess(
                 kind, None, 1, f"{unit}, roll by its {place}; positive lifts the left side"
             )
-    axis = _axis(name, "")
+    axis = axis_by_name(name, "")
     if axis == "y":
         kind = Quantity.PITCH_RATE if is_rate else Quantity.PITCH_ACCELERATION
         return Guess(kind, None, 1, f"{unit}, about y by its name; positive is nose down")
@@ -139,7 +212,7 @@ def _turn(message: str, name: str, comment: str, is_rate: bool, unit: str) -> Gu
     return Guess(Quantity.UNUSED, None, 1, f"{unit}, neither pitch nor roll by its name")
 
 
-def _axis(name: str, comment: str) -> str | None:
+def axis_by_name(name: str, comment: str) -> str | None:
     """Return x, y or z where the name, or else the comment, says one of them only."""
     for said in (words(name), words(comment)):
         found = [axis for axis, known in (("x", _X), ("y", _Y), ("z", _Z)) if said & known]

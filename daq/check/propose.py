@@ -1,32 +1,34 @@
-"""A bench.toml proposed from a DBC, better with some seconds of traffic at rest.
+"""A bench.toml proposed from databases, better with some seconds of traffic at rest.
 
-Every guess states its grounds; values that cannot be guessed (positions) are marked for the reader.
+Every guess states its grounds; what cannot be guessed (positions) is marked FILL IN, what is not
+sure is marked ASK, and both are returned as questions.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from dbc import Codec
 from dbc.errors import printable
 from dbc.frames import FrameBatch
-from dbc.layout import MessageLayout, SignalLayout
-from dbc.samples import UNUSABLE, Decoded
+from dbc.layout import MessageLayout
 
+from ..bench.config import BusConfig
+from ..bench.databases import Database
+from ..bench.ready_maps import PREFIX
+from ..bench.sensor_maps import sensor_map
+from ..bench.sensors import Sensor, sensors_codec
 from ..channels import AT_CORNER, ON_BODY, Quantity
-from .frame_checks import Arrivals, fitting_rules, frame_table
-from .guess_map import Guess, guess_quantity, signal_comments, words
+from ..signal_names import sensor_of, signal_of
+from .find_sensors import FoundSensor, find_sensors, traffic_of
+from .frame_checks import frame_table
+from .guess_map import Guess, signal_comments
+from .guess_sensor import Push, Traces, guess_bench, shows_push_by_unit
+from .propose_message import Seen, message_rule
+from .pushes import find_pushes
 
-_COUNTER = {"counter", "cnt", "count", "alive", "rolling", "msgcnt", "seq", "sequence", "mc", "rc"}
-_CHECKSUM = {"crc", "crc8", "checksum", "chk", "chksum", "cs"}
-_TIME = {"time", "timestamp", "stamp", "millitime", "sampletime", "tow"}
-_STEADY = 0.9
-_FEWEST = 20
 _REST = """
 [vehicle]
 name = "vehicle"  # FILL IN
@@ -60,168 +62,198 @@ post_s = 2.5  # until the motion has decayed
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
-    """Traffic as far as there is any."""
+class Proposal:
+    """A bench.toml, and what its user should be asked."""
 
-    known: Mapping[str, Arrivals]
-    decoded: Decoded
-
-    def good(self, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return times and values of the usable samples of ``Message.signal``."""
-        samples = self.decoded.samples.get(name)
-        if samples is None:
-            return np.zeros(0, np.int64), np.zeros(0)
-        usable = ((samples.quality & UNUSABLE) == 0) & np.isfinite(samples.value)
-        return samples.t_ns[usable], samples.value[usable]
+    text: str
+    """TOML with comments."""
+    questions: tuple[str, ...]
+    """What is not sure, one line each."""
 
 
 def propose_bench(dbc: str, dbc_text: str, codec: Codec, frames: FrameBatch | None) -> str:
-    """Return the text of a bench.toml that fits a DBC.
+    """Return the text of a bench.toml that fits one DBC: see `propose_sensors`.
 
-    `dbc`: what to write as the DBC's place.  `dbc_text`: its text, for the comments.  `codec`: the
-    same, compiled.  `frames`: traffic of the car at rest, in order of arrival; None or empty: the
-    names alone must do.  Returns TOML with comments.
+    `dbc`: what to write as the DBC's place.  `dbc_text`: its text.  `codec`: the same, compiled.
+    `frames`: traffic of the car at rest, in order of arrival; None or empty: the names must do.
     """
-    seen = None
-    if frames is not None and len(frames):
-        seen = _Seen(frame_table(codec.messages, frames).known, codec.decode(frames))
-    comments = signal_comments(dbc_text)
-    lines = [
-        "# Proposed by bumpbench check.  Read it, and prove it: bumpbench check FILE.",
-        "# Fill in what is marked FILL IN; it cannot be guessed.",
-        f"dbc = {json.dumps(dbc)}",
-        "",
-        "[bus]",
-        'interface = "socketcan"  # FILL IN',
-        'channel = "can0"  # FILL IN',
-        "bitrate = 500000  # FILL IN",
-        *_REST,
-    ]
-    absent, used = [], set[str]()
+    del codec  # compiled again, once, under the name that is written
+    return propose_sensors([Database(dbc, dbc_text)], (), frames, None).text
+
+
+def propose_sensors(
+    databases: Sequence[Database],
+    buses: Sequence[BusConfig],
+    frames: FrameBatch | None,
+    pushes: FrameBatch | None,
+) -> Proposal:
+    """Return a bench.toml for the sensors that databases describe and traffic shows.
+
+    Parameters
+    ----------
+    databases : sequence of Database
+        At least one, named as bench.toml is to name them.
+    buses : sequence of BusConfig
+        The buses, in the order of their numbers in the frames; empty: to be filled in.
+    frames : FrameBatch or None
+        Some seconds of the car at rest, in order of arrival; without any, names must do.
+    pushes : FrameBatch or None
+        A push on each corner, with rest before each, in the order of `push_test.ORDER`.
+
+    Raises
+    ------
+    InputError
+        If a database cannot be used, or two sensors would have one identifier on one bus.
+    """
+    present = frames is not None and len(frames)
+    traffic = traffic_of(frames) if frames is not None and present else None
+    found, absent = find_sensors(databases, traffic)
+    numbers = [f.sensor.bus for f in found]
+    n_buses = max([len(buses), *(number + 1 for number in numbers)])
+    is_list = len(databases) > 1 or len(found) != 1 or found[0].sensor.id_offset != 0 or n_buses > 1
+    codec = sensors_codec([f.sensor for f in found], databases, n_buses)
+    if not is_list:
+        codec = replace(codec, messages=tuple(map(_without_sensor, codec.messages)))
+    seen = push = None
+    if frames is not None and present:
+        seen = Seen(frame_table(codec.messages, frames).known, codec.decode(frames))
+    questions: list[str] = []
+    if pushes is not None and len(pushes):
+        decoded = codec.decode(pushes)
+        traces = {name: (s.t_ns, s.value) for name, s in decoded.samples.items()}
+        push, questions = _pushed(codec.messages, traces)
+    guesses = guess_bench(codec.messages, _comments(found, databases, is_list), seen, push)
+    lines = _head(databases, found, buses, n_buses, is_list)
+    missing = [*absent]
+    used = set[str]()
     for message in codec.messages:
         if seen is not None and message.name not in seen.known:
-            absent.append(message.name)
+            missing.append(message.name)
             continue
-        channels = [
-            line
-            for signal in message.signals
-            for line in _channel(message, signal, comments, seen, used)
-        ]
-        rule = _rule(message, seen)
-        if channels or rule:
-            lines += ["", f"# {printable(message.name)}", *rule, *channels]
-    if absent:
-        lines += ["", f"# Not on the bus: {printable(', '.join(absent), 400)}"]
-    return "\n".join(lines) + "\n"
+        lines += _message(message, found, seen, guesses, used, is_list, questions)
+    if missing:
+        lines += ["", f"# Not on the bus: {printable(', '.join(missing), 400)}"]
+    questions += [
+        f"sensor {f.sensor.name}: {f.why}: is it one of yours?" for f in found if not f.surely
+    ]
+    return Proposal("\n".join(lines) + "\n", tuple(questions))
 
 
-def _rule(message: MessageLayout, seen: _Seen | None) -> list[str]:
-    """Return a `[[message]]` table, if the DBC leaves something unsaid."""
-    lines = []
-    if message.cycle_s is None and seen is None:
-        lines.append("# cycle_ms = 10  # FILL IN: the DBC does not say, nor was there traffic")
-    elif message.cycle_s is None and seen is not None:
-        rate = seen.known[message.name].rate_hz
-        if rate > 0 and len(seen.known[message.name].t_ns) >= _FEWEST:
-            lines.append(f"cycle_ms = {1e3 / rate:.4g}  # measured {rate:.1f} Hz")
-    if message.counter is None:
-        lines += _first(_counter(message, signal, seen) for signal in message.signals)
-    if message.crc is None:
-        lines += _first(_checksum(message, signal, seen) for signal in message.signals)
-    lines += _first(_time(message, signal, seen) for signal in message.signals)
-    head = ["[[message]]", f"name = {json.dumps(message.name)}"]
-    if all(line.startswith("#") for line in lines):
-        # A line that is uncommented needs the table it stands in.
-        return [f"# {line}" for line in head] + lines if lines else []
-    return [*head, *lines]
+def _without_sensor(message: MessageLayout) -> MessageLayout:
+    return replace(message, name=signal_of(message.name))
 
 
-def _first(found: Iterable[list[str]]) -> list[str]:
-    return next((lines for lines in found if lines), [])
+def _comments(
+    found: Sequence[FoundSensor], databases: Sequence[Database], is_list: bool
+) -> dict[tuple[str, int, str], str]:
+    """Return the comments on signals by sensor, identifier and name."""
+    texts = {each.name: signal_comments(each.text) for each in databases}
+    return {
+        (f.sensor.name if is_list else "", can_id + f.sensor.id_offset, name): text
+        for f in found
+        for (can_id, name), text in texts[f.sensor.database].items()
+    }
 
 
-def _is_plain(signal: SignalLayout) -> bool:
-    whole = (signal.factor, signal.offset) == (1, 0) and not signal.is_float
-    return whole and not signal.is_signed and not signal.is_multiplexed
+def _pushed(messages: Sequence[MessageLayout], traces: Traces) -> tuple[Push | None, list[str]]:
+    moved = {
+        f"{message.name}.{signal.name}"
+        for message in messages
+        for signal in message.signals
+        if shows_push_by_unit(message.name, signal)
+    }
+    pushes, number = find_pushes({n: trace for n, trace in traces.items() if n in moved})
+    if pushes is None:
+        return None, [f"{number} pushes were found, not one on each of four corners: repeat them"]
+    return Push(pushes, traces), []
 
 
-def _counter(message: MessageLayout, signal: SignalLayout, seen: _Seen | None) -> list[str]:
-    if not (_is_plain(signal) and 2 <= signal.length <= 32 and words(signal.name) & _COUNTER):
-        return []
-    name = json.dumps(signal.name)
-    if seen is None:
-        return [f"# counter = {name}  # by its name; true?"]
-    _, value = seen.good(f"{message.name}.{signal.name}")
-    if len(value) < _FEWEST:
-        return []
-    wrapped = bool(np.any(np.diff(value) < 0))
-    modulus = int(value.max()) + 1 if wrapped else 1 << signal.length
-    if np.mean(np.diff(value) % modulus == 1) < _STEADY:
-        return []
-    lines = [f"counter = {name}  # counts by one"]
-    if modulus != 1 << signal.length:
-        lines.append(f"counter_modulus = {modulus}  # starts again after {modulus - 1}")
-    return lines
-
-
-def _checksum(message: MessageLayout, signal: SignalLayout, seen: _Seen | None) -> list[str]:
-    byte = signal.length == 8 and signal.low_bit == 0 and _is_plain(signal)
-    if not (byte and words(signal.name) & _CHECKSUM):
-        return []
-    rules = (
-        fitting_rules(seen.known[message.name], signal.first_byte, message.length) if seen else []
-    )
-    name = json.dumps(signal.name)
-    if not rules:
-        return [f"# crc = {name}  # which rule? give crc_rule"]
-    return [f"crc = {name}", f'crc_rule = "{rules[0]}"  # fits all frames']
-
-
-def _time(message: MessageLayout, signal: SignalLayout, seen: _Seen | None) -> list[str]:
-    factor = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "\u00b5s": 1e-6}.get(signal.unit)
-    if factor is None or signal.is_multiplexed or not words(signal.name) & _TIME:
-        return []
-    name = json.dumps(signal.name)
-    if seen is None or signal.is_float:
-        return [f"# time_signal = {name}  # by its name and unit; true?"]
-    t_ns, value = seen.good(f"{message.name}.{signal.name}")
-    if len(value) < _FEWEST or t_ns[-1] <= t_ns[0]:
-        return []
-    wrap = abs(signal.factor) * float(1 << signal.length)
-    rate = float(np.sum(np.diff(value) % wrap)) * factor / (float(t_ns[-1] - t_ns[0]) * 1e-9)
-    if abs(rate - 1) > 0.05:
-        return [
-            f"# {name} runs {rate:.3g} times as fast as the bus's clock: no time_signal as it is"
-        ]
-    return [f"time_signal = {name}  # runs with the bus's clock"]
-
-
-def _channel(
-    message: MessageLayout,
-    signal: SignalLayout,
-    comments: Mapping[tuple[int, str], str],
-    seen: _Seen | None,
-    used: set[str],
+def _head(
+    databases: Sequence[Database],
+    found: Sequence[FoundSensor],
+    buses: Sequence[BusConfig],
+    n_buses: int,
+    is_list: bool,
 ) -> list[str]:
-    comment = comments.get((message.can_id | message.is_extended << 31, signal.name), "")
-    level = None
-    if seen is not None:
-        _, value = seen.good(f"{message.name}.{signal.name}")
-        level = float(np.median(value)) if len(value) >= _FEWEST else None
-    guess = guess_quantity(message.name, signal, comment, level)
-    if guess is None:
-        return []
-    name = _unique(signal.name, message.name, used)
-    return _table(name, f"{message.name}.{signal.name}", guess)
+    lines = [
+        "# Proposed by bumpbench check.  Read it, and prove it: bumpbench check FILE.",
+        "# Fill in what is marked FILL IN; it cannot be guessed.  ASK marks what is not sure.",
+    ]
+    if not is_list:
+        lines.append(f"dbc = {json.dumps(databases[0].name)}")
+    for number in range(n_buses):
+        lines += ["", "[bus]" if n_buses == 1 else "[[bus]]"]
+        if number < len(buses):
+            bus = buses[number]
+            lines += [
+                f"interface = {json.dumps(bus.interface)}",
+                f"channel = {json.dumps(bus.channel)}",
+                f"bitrate = {bus.bitrate}",
+            ]
+        else:
+            lines += [
+                'interface = "socketcan"  # FILL IN',
+                f'channel = "can{number}"  # FILL IN',
+                "bitrate = 500000  # FILL IN",
+            ]
+    for f in found if is_list else ():
+        lines += ["", "[[sensor]]", *_sensor(f.sensor, n_buses)]
+        lines[-1] += f"  # {'' if f.surely else 'ASK: '}{printable(f.why, 200)}"
+    return [*lines, *_REST]
 
 
-def _unique(signal: str, message: str, used: set[str]) -> str:
+def _sensor(sensor: Sensor, n_buses: int) -> list[str]:
+    lines = [f"name = {json.dumps(sensor.name)}"]
+    if sensor.database.startswith(PREFIX):
+        lines.append(f"layout = {json.dumps(sensor.database.removeprefix(PREFIX))}")
+    else:
+        lines.append(f"dbc = {json.dumps(sensor.database)}")
+    if sensor.id_offset:
+        lines.append(f"id_offset = {sensor.id_offset}")
+    return [*lines, f"bus = {sensor.bus}"]
+
+
+def _message(
+    message: MessageLayout,
+    found: Sequence[FoundSensor],
+    seen: Seen | None,
+    guesses: Mapping[str, Guess],
+    used: set[str],
+    is_list: bool,
+    questions: list[str],
+) -> list[str]:
+    """Return the tables of one message, and add what is to be asked."""
+    channels: list[str] = []
+    for signal in message.signals:
+        full = f"{message.name}.{signal.name}"
+        guess = guesses.get(full)
+        if guess is None:
+            continue
+        sensor = sensor_of(message.name) if is_list else ""
+        name = _unique(signal.name, message.name, sensor, used)
+        channels += _table(name, full, guess)
+        question = f"{f'sensor {sensor}' if sensor else f'channel {name}'}: {guess.ask}"
+        if guess.ask and question not in questions:
+            questions.append(question)
+    ready = {
+        table["name"]
+        for f in found
+        if is_list
+        for table in sensor_map(f.sensor.name, f.sensor.database).get("message", [])
+    }
+    rule = [] if message.name in ready else message_rule(message, seen)
+    return ["", f"# {printable(message.name)}", *rule, *channels] if channels or rule else []
+
+
+def _unique(signal: str, message: str, sensor: str, used: set[str]) -> str:
     """Return a channel name: letters, digits and underscores, not used before."""
     plain = (
         "".join(c if c.isascii() and c.isalnum() else "_" for c in signal).strip("_") or "signal"
     )
     name = plain if plain[0].isalpha() else f"s_{plain}"
-    tried = [name[:60], f"{message}_{name}"[:60], *(f"{name[:55]}_{i}" for i in range(2, 1000))]
+    long = message.replace(".", "_")
+    first = f"{sensor}_{name}" if sensor else name
+    tried = [first[:60], f"{long}_{name}"[:60], *(f"{name[:55]}_{i}" for i in range(2, 1000))]
     chosen = next(t for t in tried if t not in used and t[0].isalpha())
     used.add(chosen)
     return chosen
@@ -233,18 +265,28 @@ def _table(name: str, signal: str, guess: Guess) -> list[str]:
         "[[channel]]",
         f'name = "{name}"',
         f"signal = {json.dumps(signal)}",
-        f'quantity = "{guess.quantity}"  # {printable(guess.why)}',
+        f'quantity = "{guess.quantity}"  # {printable(guess.why, 200)}',
     ]
+    if guess.ask:
+        lines.append(f"# ASK: {printable(guess.ask, 200)}")
+    if guess.unit:
+        lines.append(f'signal_unit = "{guess.unit}"  # the database states none')
     if guess.quantity in AT_CORNER:
         lines.append(f'corner = "{guess.corner}"')
     if guess.sign < 0:
-        lines.append("sign = -1  # reads -1 g at rest")
+        reason = "  # reads -1 g at rest" if guess.quantity in _BY_GRAVITY else ""
+        lines.append(f"sign = -1{reason}")
     if guess.quantity in ON_BODY:
         lines += [
             "x_m = -1.2  # FILL IN: from the middle of the front axle, forward positive",
             "y_m = 0.0  # FILL IN: left positive",
             "position_sigma_m = 0.5  # FILL IN: how well you measured it",
         ]
-    if guess.quantity is Quantity.SUSPENSION_TRAVEL:
+    if guess.tare is not None:
+        lines.append(f"tare = {guess.tare:.5g}  # at rest, as the car stood")
+    if guess.quantity is Quantity.SUSPENSION_TRAVEL and not guess.is_proven:
         lines.append("# sign = -1  # FILL IN if it reads less in compression")
     return lines
+
+
+_BY_GRAVITY = frozenset({Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION})

@@ -31,6 +31,19 @@ SPELLINGS = {
     "km/h": (1000 / 3600, "m/s"),
     "": (1.0, "1"),
     "-": (1.0, "1"),
+    # As public databases write them.
+    "m.s-2": (1.0, "m/s2"),
+    "m·s⁻²": (1.0, "m/s2"),
+    "Unit_MeterPerSeconSquar": (1.0, "m/s2"),
+    "Unit_ForceOfGravi": (9.80665, "m/s2"),
+    "rad.s-1": (1.0, "rad/s"),
+    "degrees/sec": (math.pi / 180, "rad/s"),
+    "Deg/s": (math.pi / 180, "rad/s"),
+    "Unit_DegreOfArcPerSecon": (math.pi / 180, "rad/s"),
+    "Deg": (math.pi / 180, "rad"),
+    "Unit_MilliMeter": (0.001, "m"),
+    "Unit_None": (1.0, "1"),
+    "none": (1.0, "1"),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,10 @@ from ..diagnostics import ExitCode, say, say_left_out
 from ..options import BenchFile, Buses, Sensors
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from daq import Bench
+    from daq.bench import BusConfig, Database
     from daq.check import CheckReport
     from dbc import FrameBatch
 
@@ -27,10 +31,22 @@ def check(
     propose: Annotated[
         Path | None, typer.Option(help="Write a bench.toml guessed from the DBC and the traffic.")
     ] = None,
-    dbc: Annotated[Path | None, typer.Option(help="DBC for --propose.")] = None,
+    dbc: Annotated[list[Path] | None, typer.Option(help="DBC for --propose; repeatable.")] = None,
     layout: Annotated[
-        str | None, typer.Option(help="Ready-made channel map to check instead of a bench.toml.")
+        list[str] | None,
+        typer.Option(
+            help="Ready-made channel map in place of a bench.toml; repeatable with --propose."
+        ),
     ] = None,
+    push: Annotated[
+        float,
+        typer.Option(
+            help="Seconds of --propose after the rest, in which each corner is pushed once:"
+            " front left, front right, rear left, rear right.",
+            min=0,
+            max=600,
+        ),
+    ] = 0.0,
     layouts: Annotated[
         bool, typer.Option("--layouts", help="List the ready-made channel maps.")
     ] = False,
@@ -53,17 +69,22 @@ def check(
 
     from ..bench import bus_numbers, with_sensors
 
-    if layout is not None and bench is not None:
+    if layout and propose is None and len(layout) > 1:
+        raise InputError("--layout", "is named twice", "name one, or propose with --propose")
+    if push and propose is None:
+        raise InputError("--push", "is for --propose", "leave it out")
+    if layout and bench is not None:
         raise InputError("--layout", "and a bench.toml exclude each other", "name one of them")
-    if dbc is not None and propose is None:
+    if dbc and propose is None:
         raise InputError("--dbc", "is for --propose", "name the DBC in bench.toml as dbc")
     if propose is not None:
-        proposed = _proposed(propose, bench, layout, dbc, log, seconds, interface, channel)
+        source = _Source(log, seconds, push, interface, channel)
+        proposed = _proposed(propose, bench, layout or [], dbc or [], source)
         if proposed is None:
             return ExitCode.OK
         described, frames = proposed
     else:
-        described = _bench(bench, layout, log, interface, channel)
+        described = _bench(bench, layout[0] if layout else None, log, interface, channel)
         frames = None
     numbers = bus_numbers(described, bus or [])
     with_sensors(described, sensor or [], numbers)  # refuses names that are not there
@@ -71,7 +92,7 @@ def check(
     say_left_out(codec)
     with bench_witness(described, codec) as witness:  # at work while the bus is listened to
         if frames is None:
-            frames = _frames(described, log, seconds)
+            frames = _frames(described, log, 0.0, seconds)
         report = check_bench(described, codec, frames, date.today())
         report = replace(report, lines=(*report.lines, *reader_lines(witness.report())))
         report = part_of(report, described, sensor or [], numbers)
@@ -100,59 +121,110 @@ def _bench(
     return load_bench(config) if log else shared_bench(config, interface, channel)
 
 
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """Where the traffic of a proposal comes from."""
+
+    log: Path | None
+    """A log; None: the bus."""
+    seconds: float
+    """Rest at its beginning."""
+    push_s: float
+    """Time after the rest in which the corners are pushed; 0: they are not."""
+    interface: str | None
+    """python-can's interface."""
+    channel: str | None
+    """Its channels, with commas between them."""
+
+    def buses(self, known: Bench) -> tuple[BusConfig, ...]:
+        """Return the buses that are named, else those of a bench."""
+        from dataclasses import replace
+
+        if self.interface is None and self.channel is None:
+            return ()
+        first = known.bus
+        return tuple(
+            replace(first, interface=self.interface or first.interface, channel=channel, name="")
+            for channel in (self.channel or first.channel).split(",")
+        )
+
+
 def _proposed(
     target: Path,
     config: Path | None,
-    layout: str | None,
-    dbc: Path | None,
-    log: Path | None,
-    seconds: float,
-    interface: str | None,
-    channel: str | None,
+    layouts: Sequence[str],
+    dbcs: Sequence[Path],
+    source: _Source,
 ) -> tuple[Bench, FrameBatch] | None:
     """Write the proposal; return it as a bench with the traffic, if there was any."""
-    import os
+    from dataclasses import replace
 
     from daq import InputError, load_bench
-    from daq.bench import on_bus, parse_bench
-    from daq.check import propose_bench
-    from dbc import parse_codec, read_dbc
+    from daq.bench import parse_bench, stored_text
+    from daq.check import ORDER, propose_sensors, spoken
 
     from ..bench import reachable
 
     if target.exists():
         raise InputError(str(target), "exists already", "name a new file for the proposal")
-    if dbc is not None:
-        text, name = read_dbc(dbc), os.path.relpath(dbc, target.parent)
-        where = str(dbc)
-    else:
-        bench = (
-            parse_bench(f'dbc = "layout:{layout}"\n', "", Path()) if layout else load_bench(config)
-        )
-        text, where = bench.dbc_text, bench.dbc_name
-        shipped = where.endswith("(shipped)")
-        name = "" if shipped else where
-        if config is not None and name and not name.startswith("layout:"):
-            name = os.path.relpath(config.parent / name, target.parent)
-    codec = parse_codec(text, where)
-    frames = None
-    if log is not None or interface is not None:
-        bus = on_bus(load_bench(config), interface, channel)
-        frames = _frames(bus if log else reachable(bus, "--interface"), log, seconds)
-    proposal = propose_bench(name, text, codec, frames)
+    known = load_bench(config)
+    databases = _databases(target, config, known, layouts, dbcs)
+    buses = source.buses(known)
+    listened = replace(known, buses=buses or known.buses)
+    frames = pushes = None
+    if source.log is not None or source.interface is not None:
+        if source.log is None:
+            reachable(listened, "--interface")
+        frames = _frames(listened, source.log, 0.0, source.seconds)
+        if source.push_s:
+            order = ", ".join(map(spoken, ORDER))
+            if source.log is None:
+                say(f"push DOWN at each corner and let go: {order}; {source.push_s:.0f} s")
+            pushes = _frames(listened, source.log, source.seconds, source.push_s)
+    proposal = propose_sensors(databases, buses, frames, pushes)
     try:
         with target.open("x", encoding="utf-8") as file:
-            file.write(proposal)
+            file.write(proposal.text)
     except OSError as error:
         raise InputError(str(target), error.strerror or str(error), "name another file") from error
     say(f"wrote {target}: read it, and fill in what is marked")
-    if frames is None or "[[channel]]" not in proposal:
+    for question in proposal.questions:
+        say(f"? {question}")
+    if frames is None or "[[channel]]" not in proposal.text:
         return None
-    return parse_bench(proposal, str(target), target.parent, text), frames
+    stored = stored_text(databases)
+    return parse_bench(proposal.text, str(target), target.parent, stored), frames
 
 
-def _frames(bench: Bench, log: Path | None, seconds: float) -> FrameBatch:
-    """Return the first `seconds` of a log, or the next ones of the bus."""
+def _databases(
+    target: Path,
+    config: Path | None,
+    known: Bench,
+    layouts: Sequence[str],
+    dbcs: Sequence[Path],
+) -> list[Database]:
+    """Return the databases that are named, else that of a bench, called as seen from `target`."""
+    import os
+
+    from daq import InputError
+    from daq.bench import Database, ready_map
+    from dbc import read_dbc
+
+    named = [Database(os.path.relpath(dbc, target.parent), read_dbc(dbc)) for dbc in dbcs]
+    named += [Database(f"layout:{name}", ready_map(name).dbc_text) for name in layouts]
+    if named:
+        return list(dict.fromkeys(named))
+    if known.sensors:
+        what = "the bench.toml has [[sensor]] already"
+        raise InputError(str(config), what, "name the databases with --dbc and --layout")
+    name = "" if known.dbc_name.endswith("(shipped)") else known.dbc_name
+    if config is not None and name and not name.startswith("layout:"):
+        name = os.path.relpath(config.parent / name, target.parent)
+    return [Database(name, known.dbc_text)]
+
+
+def _frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> FrameBatch:
+    """Return some seconds of a log, from `skip_s` after its beginning, or the next of the bus."""
     import time
 
     from dbc import FrameBatch
@@ -165,11 +237,12 @@ def _frames(bench: Bench, log: Path | None, seconds: float) -> FrameBatch:
 
         for batch in read_log(log):
             batches.append(batch)
-            if int(batch.t_ns[-1]) - int(batches[0].t_ns[0]) > seconds * 1e9:
+            if int(batch.t_ns[-1]) - int(batches[0].t_ns[0]) > (skip_s + seconds) * 1e9:
                 break
         frames = FrameBatch.concatenate(batches)
-        end_ns = int(frames.t_ns[0]) + round(seconds * 1e9) if len(frames) else 0
-        return frames.select(frames.t_ns <= end_ns)
+        first_ns = int(frames.t_ns[0]) + round(skip_s * 1e9) if len(frames) else 0
+        end_ns = first_ns + round(seconds * 1e9)
+        return frames.select((frames.t_ns >= first_ns) & (frames.t_ns <= end_ns))
     import numpy as np
 
     from daq import open_source

@@ -1,0 +1,144 @@
+"""Finds which sensors are on which bus, by databases and traffic: one proposal for each device.
+
+A database whose identifiers come on two buses describes two sensors.  Identifiers that no database
+knows, and that lie beside those of a database with their length and rate, are further devices of
+its kind: nodes of CANopen, or a maker's offset.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePath
+
+from dbc.frames import FrameBatch
+from dbc.layout import MessageLayout
+
+from ..bench.databases import Database, database_codec
+from ..bench.sensors import Sensor
+from .frame_checks import Arrivals, frame_table
+
+_NEAREST = 0x7F
+"""Largest distance of the identifiers of two like devices: the number of nodes of CANopen."""
+_RATE_SHARE = 0.1
+_FEWEST = 10
+_NAME_LENGTH = 24
+
+
+@dataclass(frozen=True, slots=True)
+class FoundSensor:
+    """A device that a database describes."""
+
+    sensor: Sensor
+    """Its name, database, bus and identifiers."""
+    why: str
+    """The grounds."""
+    surely: bool
+    """False if the user should be asked."""
+
+
+Traffic = Mapping[tuple[int, int, bool], Arrivals]
+"""Frames by bus, identifier and width."""
+
+
+def traffic_of(frames: FrameBatch) -> Traffic:
+    """Return the data frames of a recording, which must not be empty, by bus and identifier."""
+    strangers = frame_table((), frames).unknown
+    return {(a.buses[0], a.can_id, a.is_extended): a for a in strangers}
+
+
+def find_sensors(
+    databases: Sequence[Database], traffic: Traffic | None
+) -> tuple[tuple[FoundSensor, ...], tuple[str, ...]]:
+    """Return the sensors, and the names of the databases of which nothing came.
+
+    `traffic`: None if there was none: each database is then one sensor, on the first bus.  Raises
+    InputError if a database cannot be used.
+    """
+    codecs = {each.name: database_codec(each.text, each.name) for each in databases}
+    if not traffic:
+        found = [(name, 0, 0, "no traffic: on the first bus", True) for name in codecs]
+        return _named(found), ()
+    present: list[tuple[str, int, int, str, bool]] = []
+    claimed: set[tuple[int, int, bool]] = set()
+    for name, codec in codecs.items():
+        for bus in sorted({key[0] for key in traffic}):
+            own = [m for m in codec.messages if (bus, m.can_id, m.is_extended) in traffic]
+            claimed |= {(bus, m.can_id, m.is_extended) for m in own}
+            if own:
+                present.append((name, bus, 0, f"{len(own)} of its messages come there", True))
+    for name, codec in codecs.items():
+        for bus, offset in _offsets(codec.messages, traffic, claimed):
+            moved = {
+                (bus, m.can_id + offset, m.is_extended)
+                for m in codec.messages
+                if (bus, m.can_id + offset, m.is_extended) in traffic
+            }
+            if moved and not moved & claimed:
+                claimed |= moved
+                ids = ", ".join(f"{key[1]:#x}" for key in sorted(moved))
+                why = f"{ids} come with the length and rate of its messages"
+                present.append((name, bus, offset, why, False))
+    absent = tuple(name for name in codecs if name not in {each[0] for each in present})
+    return _named(present), absent
+
+
+def _offsets(
+    messages: Sequence[MessageLayout], traffic: Traffic, claimed: set[tuple[int, int, bool]]
+) -> list[tuple[int, int]]:
+    """Return bus and offset of further devices, those with the most messages first."""
+    seen = [(m, _rate_hz(m, traffic)) for m in messages]
+    votes: Counter[tuple[int, int]] = Counter()
+    for (bus, can_id, is_extended), arrivals in traffic.items():
+        if (bus, can_id, is_extended) in claimed or len(arrivals.t_ns) < _FEWEST:
+            continue
+        for message, rate_hz in seen:
+            offset = can_id - message.can_id
+            alike = (is_extended, arrivals.usual_length) == (message.is_extended, message.length)
+            if alike and 0 < abs(offset) <= _NEAREST and _same_rate(arrivals, rate_hz, message):
+                votes[bus, offset] += 1
+    return sorted(votes, key=lambda key: (-votes[key], abs(key[1]), key))
+
+
+def _rate_hz(message: MessageLayout, traffic: Traffic) -> float | None:
+    """Return the rate of a message where it comes, or as the database has it."""
+    for (_, can_id, is_extended), arrivals in traffic.items():
+        if (can_id, is_extended) == (message.can_id, message.is_extended):
+            return arrivals.rate_hz
+    return 1 / message.cycle_s if message.cycle_s else None
+
+
+def _same_rate(arrivals: Arrivals, rate_hz: float | None, message: MessageLayout) -> bool:
+    if rate_hz is None:  # a node of CANopen keeps the function code
+        return not message.is_extended and arrivals.can_id >> 7 == message.can_id >> 7
+    return abs(arrivals.rate_hz - rate_hz) <= _RATE_SHARE * rate_hz
+
+
+def _named(present: Sequence[tuple[str, int, int, str, bool]]) -> tuple[FoundSensor, ...]:
+    """Give each device a name: that of its database, with its bus or a number where need be."""
+    by_stem: dict[str, list[tuple[str, int, int, str, bool]]] = defaultdict(list)
+    for each in sorted(present, key=lambda p: (p[0], p[1], p[2])):
+        by_stem[_stem(each[0])].append(each)
+    found = []
+    for stem, devices in by_stem.items():
+        for number, (database, bus, offset, why, surely) in enumerate(devices, start=1):
+            name = stem if len(devices) == 1 else f"{stem}_{number}"
+            found.append(FoundSensor(Sensor(name, database, bus, offset), why, surely))
+    order = {name: i for i, name in enumerate(dict.fromkeys(p[0] for p in present))}
+    return tuple(sorted(found, key=lambda f: order[f.sensor.database]))
+
+
+def _stem(database: str) -> str:
+    stem = PurePath(database.removeprefix("layout:")).stem
+    plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in stem).strip("_").lower()
+    plain = plain or "sensor"
+    return (plain if plain[0].isalpha() else f"s_{plain}")[:_NAME_LENGTH]
+
+
+def renamed(found: Sequence[FoundSensor], names: Mapping[str, str]) -> tuple[FoundSensor, ...]:
+    """Return sensors under other names, as far as `names` has them."""
+    return tuple(
+        replace(f, sensor=replace(f.sensor, name=names.get(f.sensor.name, f.sensor.name)))
+        for f in found
+    )
