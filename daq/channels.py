@@ -62,7 +62,7 @@ AT_CORNER = frozenset(
 class Channel:
     """One measured quantity.
 
-    The stored value is ``sign * gain * SI(signal) - tare``.
+    The stored value is ``sign * gain * SI(signal) / motion_ratio - tare``.
     """
 
     name: str
@@ -89,6 +89,10 @@ class Channel:
     """Scale correction."""
     tare: float = 0.0
     """Zero."""
+    motion_ratio: float = 1.0
+    """Travel of the sensor over that of the wheel, for a suspension travel."""
+    motion_ratio_sigma: float = 0.0
+    """Standard uncertainty of the motion ratio; 0 means exact."""
     delay_s: float = 0.0
     """Known lateness of the sensor (data sheet)."""
     delay_sigma_s: float = 0.0
@@ -108,6 +112,11 @@ class Channel:
         if (self.quantity in AT_CORNER) != (self.corner is not None):
             need = "needs" if self.quantity in AT_CORNER else "has no"
             raise ValueError(f"channel {self.name}: {self.quantity} {need} a corner")
+
+    @property
+    def scale(self) -> float:
+        """Factor from the SI value of the signal to that of the channel, polarity apart."""
+        return self.gain / self.motion_ratio
 
 
 def paper_channels() -> tuple[Channel, ...]:

@@ -118,7 +118,7 @@ def advance_signals(
             value = samples.value
             at_end = np.count_nonzero(((value <= limit.low) | (value >= limit.high)) & (value != 0))
             counts["saturated", name] = Count(int(at_end), limit.range_text)
-        motion[name] = (high - low) * abs(m.factor * m.channel.gain)
+        motion[name] = (high - low) * abs(m.factor * m.channel.scale)
         ends[name] = (samples, low, high)
     for m in used:
         name = m.channel.name

@@ -212,6 +212,8 @@ class ChannelTable(Table):
     sign: Literal[1, -1] = 1
     gain: _Positive = 1.0
     tare: float = 0.0
+    motion_ratio: Annotated[float, Field(gt=0, le=10)] = 1.0
+    motion_ratio_sigma: _NotNegative = 0.0
     delay_s: float = 0.0
     delay_sigma_s: _NotNegative = 0.0
     low_pass_hz: _NotNegative = 0.0
@@ -223,6 +225,15 @@ class ChannelTable(Table):
     def _corner_where_needed(self) -> ChannelTable:
         if (self.quantity in AT_CORNER) != (self.corner is not None):
             raise ValueError(f"{self.quantity} and corner do not go together")
+        return self
+
+    @model_validator(mode="after")
+    def _ratio_of_a_travel(self) -> ChannelTable:
+        stated = self.motion_ratio != 1.0 or self.motion_ratio_sigma > 0.0
+        if stated and self.quantity is not Quantity.SUSPENSION_TRAVEL:
+            raise ValueError(f"motion_ratio is for suspension_travel, not for {self.quantity}")
+        if self.motion_ratio_sigma > self.motion_ratio / 3.0:
+            raise ValueError("motion_ratio_sigma is more than a third of motion_ratio")
         return self
 
 

@@ -282,6 +282,11 @@ def _table(name: str, signal: str, guess: Guess) -> list[str]:
             "y_m = 0.0  # FILL IN: left positive",
             "position_sigma_m = 0.5  # FILL IN: how well you measured it",
         ]
+    if guess.quantity is not Quantity.UNUSED:
+        lines += [
+            "delay_s = 0.0005  # of a frame on the bus; add what the data sheet states",
+            "delay_sigma_s = 0.0003",
+        ]
     if guess.tare is not None:
         lines.append(f"tare = {guess.tare:.5g}  # at rest, as the car stood")
     if guess.quantity is Quantity.SUSPENSION_TRAVEL and not guess.is_proven:

@@ -27,7 +27,7 @@ class MappedChannel:
     """The message that carries it."""
     factor: float
     offset: float
-    """SI value = factor * signal + offset, before sign, gain and tare."""
+    """SI value = factor * signal + offset, before sign, scale and tare."""
 
     @property
     def signal(self) -> SignalLayout:
@@ -43,13 +43,13 @@ class MappedChannel:
     def step(self) -> float:
         """Step of the converter in the channel's unit; 0 for a signal of floating point."""
         factor = 0.0 if self.signal.is_float else self.signal.factor
-        return abs(self.factor * self.channel.gain * factor)
+        return abs(self.factor * self.channel.scale * factor)
 
     def values(self, samples: Samples) -> NDArray[np.float64]:
-        """Return ``sign * gain * SI(signal) - tare``, (n,); NaN where a sample is unusable."""
+        """Return the channel's values (`daq.channels.Channel`), (n,); NaN where unusable."""
         value = self.factor * samples.value
         value += self.offset
-        value *= self.channel.sign * self.channel.gain
+        value *= self.channel.sign * self.channel.scale
         value -= self.channel.tare
         if samples.quality.any():
             value[(samples.quality & UNUSABLE) != 0] = np.nan

@@ -43,6 +43,8 @@ CHANNEL_COLUMNS = {
     "sign": "f8",
     "gain": "f8",
     "tare": "f8",
+    "motion_ratio": "f8",
+    "motion_ratio_sigma": "f8",
     "delay_s": "f8",
     "delay_sigma_s": "f8",
     "low_pass_hz": "f8",

@@ -180,11 +180,19 @@ def draw(
             bias=bias,
             low_pass_hz=channel.low_pass_hz,
             low_pass_order=channel.low_pass_order,
+            gain=_true_gain(channel, rng),
         )
         fault = faults.get(channel.name)
         sensors[channel.name] = sensor if fault is None else spoilt(sensor, fault)
     loads = {state.name: _as_loaded(state.added, rng) for state in mass_states}
     return Truth(car.parameters, loads, sensors, clocks)
+
+
+def _true_gain(channel: Channel, rng: np.random.Generator) -> float:
+    """Return how far a motion ratio is from what is stated, as a factor."""
+    if not channel.motion_ratio_sigma:
+        return 1.0
+    return 1.0 + channel.motion_ratio_sigma / channel.motion_ratio * float(rng.standard_normal())
 
 
 def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
@@ -196,7 +204,7 @@ def spoilt(sensor: SensorTruth, fault: SensorFault) -> SensorTruth:
         bias=sensor.bias + fault.offset,
         low_pass_hz=fault.low_pass_hz if filtered else sensor.low_pass_hz,
         low_pass_order=fault.low_pass_order if filtered else sensor.low_pass_order,
-        gain=fault.gain,
+        gain=sensor.gain * fault.gain,
         limit=fault.limit,
     )
 

@@ -163,7 +163,7 @@ def signal_values(
 ) -> Array:
     """Turn true readings into what the sensor puts into its frames.
 
-    `channel`: sign, gain and tare: the recorder computes ``sign * gain * SI(signal) - tare``.
+    `channel`: sign, scale and tare: the recorder computes ``sign * scale * SI(signal) - tare``.
     `signal`: unit and range of the signal.  `sensor`: its bias and whatever else is wrong with it.
     `noise`: standard deviation of the white noise.  `reading`, (n,) float64: from `true_reading` or
     `low_passed`.  Returns (n,) float64: in the DBC's unit, limited to what the signal's bits can
@@ -171,7 +171,7 @@ def signal_values(
     channel's quantity.
     """
     value = measured(channel, sensor, noise, reading, rng) + channel.tare
-    value = value / (channel.sign * channel.gain)
+    value = value / (channel.sign * channel.scale)
     if channel.quantity is not Quantity.UNUSED or channel.signal in _SPARE:
         si = to_si(signal.unit)
         if channel.unit not in ("", si.unit):

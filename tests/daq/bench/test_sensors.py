@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from daq.bench.config import bench_codec, load_bench, on_bus, parse_bench
@@ -13,7 +14,7 @@ from daq.bench.edit import with_channel
 from daq.bench.replaced import with_database
 from daq.errors import InputError
 from daq.samples.bench_mapping import bench_mapping
-from dbc import shipped_dbc
+from dbc import Samples, shipped_dbc
 
 from ..sensor_bench import DATABASES, HEAD, IMU, POT, TEXT, channel, sensor_bench
 
@@ -206,3 +207,37 @@ def test_a_damaged_list_of_databases_is_one_line() -> None:
     for text in ("{", '{"bumpbench_databases": 3}', "{}"):
         with pytest.raises(InputError, match="the list of databases is damaged"):
             stored_databases(text)
+
+
+def test_a_motion_ratio_makes_wheel_travel_of_sensor_travel() -> None:
+    text = TEXT.replace(
+        'signal = "pot_fl.Position"', 'signal = "pot_fl.Position"\nmotion_ratio = 0.5\ntare = 0.1'
+    )
+    bench = parse_bench(text, "bench.toml", Path(), STORED)
+    mapped, _ = bench_mapping(bench, bench_codec(bench))
+    (pot,) = [m for m in mapped if m.channel.name == "pot_fl"]
+    t_ns, good = np.zeros(2, np.int64), np.zeros(2, np.uint8)
+    samples = Samples("pot_fl.TPDO1.Position", t_ns, np.array([10.0, 20.0]), good)  # mm
+    np.testing.assert_allclose(pot.values(samples), [0.02 - 0.1, 0.04 - 0.1])
+    assert pot.step == pytest.approx(2e-5)  # 0.01 mm of the sensor are 0.02 mm of the wheel
+
+
+@pytest.mark.parametrize(
+    ("lines", "reason"),
+    [
+        ("motion_ratio_sigma = 0.33", None),
+        ("motion_ratio_sigma = 0.34", "more than a third of motion_ratio"),
+        ("motion_ratio = 0.6\nmotion_ratio_sigma = 0.21", "more than a third of motion_ratio"),
+        ("motion_ratio = 10.1", "less than or equal to 10"),
+    ],
+)
+def test_a_motion_ratio_has_limits(lines: str, reason: str | None) -> None:
+    def stated(signal: str) -> str:
+        return TEXT.replace(f'signal = "{signal}"', f'signal = "{signal}"\n{lines}')
+
+    if reason is None:
+        _use(stated("pot_fl.Position"))
+    else:
+        assert reason in read(stated("pot_fl.Position"))
+    if "10" not in lines:
+        assert "motion_ratio is for suspension_travel" in read(stated("hubs.FL"))

@@ -38,7 +38,7 @@ def bench_of(proposed: Proposal, databases: tuple[Database, ...] = DATABASES) ->
     return bench
 
 
-def by_signal(bench: Bench) -> dict[tuple[int, int, str], tuple[str, float, Corner | None]]:
+def by_signal(bench: Bench) -> dict[tuple[int, int, str], tuple[Quantity, float, Corner | None]]:
     """Return what channels are, by bus, identifier and signal: names of sensors do not matter."""
     codec = bench_codec(bench)
     found = {}
@@ -141,12 +141,10 @@ def _pots(offset: int, step_ns: int) -> FrameBatch:
     parts = []
     for can_id, step in ((385, 5_000_000), (385 + offset, step_ns)):
         n = 100
-        parts.append(
-            FrameBatch(
-                np.arange(n) * step, np.full(n, can_id), np.zeros(n), np.zeros(n), np.full(n, 7),
-                np.zeros((n, 8), np.uint8),
-            )
-        )  # fmt: skip
+        flags, bus = np.zeros(n, np.uint16), np.zeros(n, np.uint8)
+        length, data = np.full(n, 7, np.uint8), np.zeros((n, 8), np.uint8)
+        ids = np.full(n, can_id, np.uint32)
+        parts.append(FrameBatch(np.arange(n) * step, ids, flags, bus, length, data))
     frames = FrameBatch.concatenate(parts)
     return frames.select(np.argsort(frames.t_ns, kind="stable"))
 

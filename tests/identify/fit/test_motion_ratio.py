@@ -1,0 +1,58 @@
+"""A motion ratio with a sigma is an unknown of the fit: a wrong one no longer moves the car."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from identify.decays.decay import ChannelGroup, Record
+from identify.fit.grey_box import GreyBox
+from identify.fit.likelihood import fit
+
+from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
+
+START_S = 0.3 + 1e-9
+NAME = GROUP.channels[3].name
+"""The channel whose ratio is not what is stated; the paper has accelerations only."""
+
+
+def _off(record: Record, factor: float, group: ChannelGroup) -> Record:
+    """Return a record of these channels, whose fourth one reads too much by a factor."""
+    (one,) = record.recordings
+    values = one.values * np.where(np.arange(one.values.shape[1]) == 3, factor, 1.0)
+    return replace(record, recordings=(replace(one, group=group, values=values),))
+
+
+def test_a_ratio_that_is_off_moves_the_car_unless_it_is_uncertain() -> None:
+    records = paper_records(200.0, 80.0, 9)
+    noise = noise_of(records, 200.0)
+    far, pulls = {}, {}
+    for sigma in (0.0, 0.014):
+        channels = tuple(
+            replace(c, motion_ratio=0.7, motion_ratio_sigma=sigma) if c.name == NAME else c
+            for c in GROUP.channels
+        )
+        group = replace(GROUP, channels=channels)
+        box = GreyBox((group,), MASS_STATES, None)
+        decays = tuple(_off(r, 1.03, group).decay(START_S) for r in records)
+        best = fit(box, decays, noise, box.unknowns(TRUTH))
+        std = np.sqrt(np.diag(best.covariance))
+        far[sigma] = np.max(np.abs(best.eta[:15] - np.log(TRUTH)) / std[:15])
+        pulls[sigma] = box.pulls(best.eta)
+    assert far[0.0] > 6.0
+    assert far[0.014] < 3.5
+    assert box.corrections == (f"ratio of {NAME}",)
+    np.testing.assert_allclose(pulls[0.014], [1.5], atol=0.1)  # 3 % off, 2 % stated
+
+
+def test_the_slope_of_a_row_by_its_ratio_is_the_row() -> None:
+    channels = tuple(replace(c, motion_ratio_sigma=0.02) for c in GROUP.channels[:4])
+    box = GreyBox((replace(GROUP, channels=channels),), MASS_STATES, None)
+    assert box.prior_sigma[15:].tolist() == [0.02] * 4
+    system = box.system(box.unknowns(TRUTH), "baseline")
+    for place, channel in enumerate(channels):
+        slope = system.d_rows[channel.name][15 + place]
+        np.testing.assert_allclose(slope, system.rows[channel.name], rtol=1e-12)
+        others = [15 + k for k in range(4) if k != place]
+        assert not np.any(system.d_rows[channel.name][others])
