@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 
 from ..errors import InputError
@@ -122,7 +122,7 @@ def state_of(infos: Sequence[SegmentInfo]) -> JournalTail:
         found[0],
         max(info.stop for info in infos),
         max(info.last_ns for info in infos),
-        sum(info.frames for info in infos),
+        _frames(infos),
         events,
         any(event.code == ENDED for event in events),
         tuple(info.path for info in infos),
@@ -137,12 +137,24 @@ def _recording(infos: list[SegmentInfo]) -> RecordingInfo:
         tuple(info.path for info in infos),
         infos[0].first_segment,
         sum(info.bytes for info in infos),
-        sum(info.frames for info in infos),
+        _frames(infos),
         next((info.first_ns for info in infos if info.frames), 0),
         max(info.last_ns for info in infos),
         sum(event.code == Code.BUMP for event in events),
         any(event.code == ENDED for event in events),
     )
+
+
+def _frames(infos: Iterable[SegmentInfo]) -> int:
+    """Return the number of frames, each counted once; as `_events`."""
+    with_blocks = [info for info in infos if info.stop > info.first]
+    twice = sum(
+        frames
+        for info, after in pairwise(with_blocks)
+        for number, frames in info.blocks
+        if number >= after.first
+    )
+    return sum(info.frames for info in with_blocks) - twice
 
 
 def _events(infos: Iterable[SegmentInfo]) -> tuple[Event, ...]:

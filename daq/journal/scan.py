@@ -39,6 +39,9 @@ class SegmentInfo:
     """In order, each with the number of its block."""
     sealed: bool
     """True if it has its proper end."""
+    blocks: tuple[tuple[int, int], ...] = ()
+    """Number and frames of each of its blocks of frames, if it has no proper end: the last of them
+    may be in the next segment as well."""
 
 
 def read_head(path: Path) -> tuple[JournalHead, int] | None:
@@ -64,20 +67,23 @@ def scan(path: Path) -> SegmentInfo | None:
         size = segment.file.size
         summary = read_summary(segment.file)
         sealed = summary is not None
+        blocks: tuple[tuple[int, int], ...] = ()
         if summary is None:
-            summary = _walk(segment)
+            summary, blocks = _walk(segment)
             sealed = segment.sealed
     return SegmentInfo(
         path, head.identity, number, head.first_segment or number, size, summary.first,
         summary.stop, summary.frames, summary.first_ns, summary.last_ns, summary.events, sealed,
+        () if sealed else blocks,
     )  # fmt: skip
 
 
-def _walk(segment: SegmentReader) -> Summary:
-    """Return the content of a segment without a summary."""
+def _walk(segment: SegmentReader) -> tuple[Summary, tuple[tuple[int, int], ...]]:
+    """Return the content of a segment without a summary, and its blocks of frames."""
     first: int | None = None
     stop = frames = first_ns = last_ns = 0
     events: list[tuple[int, Event]] = []
+    blocks: list[tuple[int, int]] = []
     for block in segment.blocks():
         if isinstance(block, CorruptBlock) or block.number < stop:
             continue
@@ -86,7 +92,8 @@ def _walk(segment: SegmentReader) -> Summary:
             events += ((block.number, event) for event in block.events)
         elif block.frames:
             frames += block.frames
+            blocks.append((block.number, block.frames))
             earliest_ns = int(block.t_ns.min())
             first_ns = min(first_ns or earliest_ns, earliest_ns)
             last_ns = max(last_ns, int(block.t_ns.max()))
-    return Summary(first or 0, stop, frames, first_ns, last_ns, tuple(events))
+    return Summary(first or 0, stop, frames, first_ns, last_ns, tuple(events)), tuple(blocks)

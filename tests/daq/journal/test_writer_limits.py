@@ -12,7 +12,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.journal.contents import JournalLoss
 from daq.journal.disk_space import Room
-from daq.journal.folder import segments_in
+from daq.journal.folder import last_recording, recordings, segments_in
 from daq.journal.format import JournalHead, pack_frames
 from daq.journal.gaps import Gap, gap_event
 from daq.journal.reader import read_journal
@@ -41,6 +41,23 @@ class Checks:
     def room(self, _: Path) -> Room:
         self.count += 1
         return Room(self.free, 10**12)
+
+
+@pytest.mark.parametrize("nth", [3, 4, 9])
+def test_a_block_that_is_in_two_segments_counts_once(tmp_path: Path, nth: int) -> None:
+    # Its first fdatasync failed: it may be on the disk or not, and was written again.
+    limits = RecorderConfig(reserve_bytes=0.0)
+    writer = JournalWriter(tmp_path, HEAD, limits, FailingDisk("sync", nth).create)
+    for k in range(12):
+        writer.append(block(10 * k, 10), HopLosses())
+    assert len(writer.paths) == 2
+    assert writer.status.recorded_frames == 120
+    for close in (False, True):
+        if close:
+            writer.close()
+        tail = last_recording(tmp_path)
+        assert tail is not None
+        assert tail.frames == recordings(tmp_path)[0].frames == 120
 
 
 def test_the_disk_is_checked_once_a_second(tmp_path: Path) -> None:
