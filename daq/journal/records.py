@@ -10,10 +10,9 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 from ..errors import InputError
 from ..regular_file import open_regular
@@ -31,20 +30,22 @@ _CHUNK = struct.Struct("<QQQI")  # start, stop, size, checksum of the messages i
 _TEXT, _LONG = struct.Struct("<I"), struct.Struct("<Q")
 
 
+_CHUNK_KIND = 0x06
+
+
 class Kind(IntEnum):
     """Kinds of records that a segment has, and the chunk that it never has."""
 
     HEADER = 0x01
     CHANNEL = 0x04
     MESSAGE = 0x05
-    CHUNK = 0x06
+    CHUNK = _CHUNK_KIND
     ATTACHMENT = 0x09
     METADATA = 0x0C
     DATA_END = 0x0F
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+class Record(NamedTuple):  # a frozen dataclass takes four times as long to make
     """A whole record of a file."""
 
     kind: int
@@ -98,29 +99,32 @@ class SegmentFile:
         gigabytes.
         """
         at = self.stop = len(MAGIC)
-        block, first = b"", at  # bytes of the file, and the offset of the first
-        while at < self.size:
-            if at + _RECORD.size > first + len(block):
+        block, first, last = b"", at, at  # bytes of the file, and their offsets
+        size, head_bytes, unpack_head = self.size, _RECORD.size, _RECORD.unpack_from
+        while at < size:
+            content = at + head_bytes
+            if content > last:
                 block, first = self.read_at(at, _BLOCK_BYTES), at
-            if at + _RECORD.size > min(first + len(block), self.size):
+                last = min(first + len(block), size)
+            if content > last:
                 self.why_stopped = self.why_stopped or "torn"
                 return
-            kind, length = _RECORD.unpack_from(block, at - first)
-            content, stop = at + _RECORD.size, at + _RECORD.size + length
+            kind, length = unpack_head(block, at - first)
+            stop = content + length
             if kind == length == 0:
                 self.why_stopped = f"are a hole: zeros from byte {at} on"
                 return
-            if length > LARGEST_RECORD_BYTES or stop > self.size:
+            if length > LARGEST_RECORD_BYTES or stop > size:
                 self.why_stopped = "torn"
                 return
-            if stop <= first + len(block):
+            if stop <= last:
                 record = Record(kind, block[content - first : stop - first])
             else:
                 record = Record(kind, self.read_at(content, length))
                 if len(record.content) < length:
                     self.why_stopped = self.why_stopped or "torn"
                     return
-            if kind == Kind.CHUNK and _is_chunk(record.content):
+            if kind == _CHUNK_KIND and _is_chunk(record.content):
                 what = "has MCAP chunks, which the recorder never writes"
                 raise InputError(str(self.path), what, ADVICE)
             at = self.stop = stop

@@ -77,16 +77,18 @@ class SegmentReader:
         A segment that was not sealed ends with its last whole block.
         """
         damaged = False
+        message, end = int(Kind.MESSAGE), int(Kind.DATA_END)
         for record in self._records:
-            if record.kind == Kind.DATA_END and len(record.content) == 4:
+            kind, content = record
+            if kind == end and len(content) == 4:
                 self.sealed = True
                 return  # the rest is an index for other tools
             if damaged:
                 yield CorruptBlock("its kind was changed")
             damaged = False
-            if record.kind == Kind.MESSAGE:
-                yield self._block(record.content)
-            elif record.kind == Kind.METADATA:
+            if kind == message:
+                yield self._block(content)
+            elif kind == Kind.METADATA:
                 # Without a block behind it, it is the segment's own summary, and no block is lost.
                 damaged = not _is_metadata(record)
             else:

@@ -11,7 +11,6 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 
@@ -21,6 +20,7 @@ from ..files import write_bytes
 from ..runs import Event, Run, SampleGroup
 from ..sessions import Session
 from ..vehicle import BodyWeight, MassState
+from .datasets import write_along, write_attributes, write_column, write_scale
 from .schema import (
     CHANNEL_COLUMNS,
     EVENT_COLUMNS,
@@ -35,8 +35,6 @@ from .schema import (
     VERSION,
     WEIGHT_COLUMNS,
 )
-
-_CHUNK_ROWS = 8192
 
 
 def write_session(path: Path | str, session: Session) -> None:
@@ -120,8 +118,8 @@ def write_head(file: h5py.File, session: Session) -> None:
     for name, text in session.provenance.items():
         if name in TEXTS:
             raw = text.encode("utf-8", "surrogateescape")
-            _scale(config, name, np.frombuffer(raw, np.uint8))
-            config[name].attrs["sha256"] = sha256(raw).hexdigest()
+            whole = write_scale(config, name, np.frombuffer(raw, np.uint8))
+            write_attributes(whole, {"sha256": sha256(raw).hexdigest()})
     rows = [asdict(channel) | {"corner": channel.corner or ""} for channel in session.channels]
     _table(file.create_group("channels"), "channel", CHANNEL_COLUMNS, rows)
     for order, state in enumerate(session.mass_states):
@@ -148,28 +146,25 @@ def _mass_state(group: h5py.Group, state: MassState) -> None:
             row |= {"mass_kg": weight.mass_kg, "sigma_kg": weight.sigma_kg, "hub": weight.corner}
         rows.append(row)
     _table(group, "weight", WEIGHT_COLUMNS, rows)
-    _column(group, "delta_mass", state.added.matrix)
+    matrix = write_column(group, "delta_mass", state.added.matrix)
     for axis, name in enumerate(("row", "column")):
-        _scale(group, name, np.arange(7))
-        group["delta_mass"].dims[axis].attach_scale(group[name])
+        matrix.dims[axis].attach_scale(write_scale(group, name, np.arange(7)))
 
 
 def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel]) -> None:
     """Write what was measured in a run, and the events in it; `number` counts from one."""
     group = file.create_group(_name(number, run))
-    group.attrs.update(
-        {
-            "NX_class": "NXentry",
-            "mass_state": run.mass_state,
-            "excitation": str(run.excitation),
-            "repeat": run.repeat,
-            "t0_ns": run.t0_ns,
-            "bump_s": run.bump_s,
-            "sample_groups": "\n".join(samples.name for samples in run.groups),
-        }
-    )
-    for name, count in asdict(run.losses).items():
-        group.attrs[f"lost_{name}"] = count
+    facts = {
+        "NX_class": "NXentry",
+        "mass_state": run.mass_state,
+        "excitation": str(run.excitation),
+        "repeat": run.repeat,
+        "t0_ns": run.t0_ns,
+        "bump_s": run.bump_s,
+        "sample_groups": "\n".join(samples.name for samples in run.groups),
+    }
+    lost = {f"lost_{name}": count for name, count in asdict(run.losses).items()}
+    write_attributes(group, facts | lost)
     for samples in run.groups:
         _samples(group.create_group(samples.name), samples, channels)
     for bus in np.unique(run.frames.bus):
@@ -193,39 +188,37 @@ def _name(number: int, run: Run) -> str:
 
 def _samples(group: h5py.Group, samples: SampleGroup, channels: Sequence[Channel]) -> None:
     names = list(samples.values)
-    _scale(group, "time", samples.time_s)
-    group["time"].attrs.update({"units": "s", "long_name": "time since t0 of the run"})
-    _along(group, "time", "t_ns", samples.t_ns)
-    group["t_ns"].attrs.update({"units": "ns", "long_name": "bus time since 1970-01-01 UTC"})
+    time = write_scale(group, "time", samples.time_s)
+    write_attributes(time, {"units": "s", "long_name": "time since t0 of the run"})
+    t_ns = write_along(time, group, "t_ns", samples.t_ns)
+    write_attributes(t_ns, {"units": "ns", "long_name": "bus time since 1970-01-01 UTC"})
     by_name = {channel.name: channel for channel in channels}
     for name, values in samples.values.items():
-        _along(group, "time", name, values)
         channel = by_name[name]
-        group[name].attrs.update(
-            {
-                "units": channel.unit,
-                "quantity": str(channel.quantity),
-                "dbc_signal": channel.signal,
-            }
-        )
-    _along(group, "time", "quality", samples.quality)
-    group["quality"].attrs["flag_masks"] = QUALITY_MASKS
-    group["quality"].attrs["flag_meanings"] = QUALITY_FLAGS
-    group.attrs["NX_class"] = "NXdata"
-    group.attrs["axes"] = "time"
-    group.attrs["channels"] = "\n".join(names)
+        about = {
+            "units": channel.unit,
+            "quantity": str(channel.quantity),
+            "dbc_signal": channel.signal,
+        }
+        write_attributes(write_along(time, group, name, values), about)
+    quality = write_along(time, group, "quality", samples.quality)
+    write_attributes(quality, {"flag_masks": QUALITY_MASKS, "flag_meanings": QUALITY_FLAGS})
+    about = {"NX_class": "NXdata", "axes": "time", "channels": "\n".join(names)}
     if names:
-        group.attrs["signal"] = names[0]
+        about["signal"] = names[0]
+    write_attributes(group, about)
+    if names:
         group.attrs["auxiliary_signals"] = np.array(names[1:], dtype="S64")
 
 
 def _frames(group: h5py.Group, frames: FrameBatch) -> None:
-    group.attrs["bus"] = int(frames.bus[0])
-    _scale(group, "frame", np.arange(len(frames)))
+    write_attributes(group, {"bus": int(frames.bus[0])})
+    frame = write_scale(group, "frame", np.arange(len(frames)))
     for name, dtype in FRAME_COLUMNS.items():
-        _along(group, "frame", name, getattr(frames, name).astype(dtype))
-    _scale(group, "byte", np.arange(frames.data.shape[1]))
-    group["data"].dims[1].attach_scale(group["byte"])
+        column = write_along(frame, group, name, getattr(frames, name).astype(dtype))
+        if name == "data":
+            byte = write_scale(group, "byte", np.arange(frames.data.shape[1]))
+            column.dims[1].attach_scale(byte)
 
 
 def _events(group: h5py.Group, events: Sequence[Event]) -> None:
@@ -236,10 +229,10 @@ def _table(
     group: h5py.Group, dimension: str, columns: Mapping[str, str], rows: Sequence[Mapping[str, Any]]
 ) -> None:
     """Write rows as one dataset a column."""
-    _scale(group, dimension, np.arange(len(rows)))
+    scale = write_scale(group, dimension, np.arange(len(rows)))
     for name, dtype in columns.items():
         cells = [_cell(row[name], dtype) for row in rows]
-        _along(group, dimension, name, np.array(cells, dtype=dtype))
+        write_along(scale, group, name, np.array(cells, dtype=dtype))
 
 
 def _cell(value: Any, dtype: str) -> Any:
@@ -250,29 +243,3 @@ def _cell(value: Any, dtype: str) -> Any:
         what = f"{value!r} is longer than {dtype[1:]} bytes"
         raise InputError("session", what, "shorten that text")
     return raw
-
-
-def _scale(group: h5py.Group, name: str, values: NDArray[Any]) -> None:
-    _column(group, name, values)
-    group[name].make_scale(name)
-
-
-def _along(group: h5py.Group, scale: str, name: str, values: NDArray[Any]) -> None:
-    _column(group, name, values)
-    group[name].dims[0].attach_scale(group[scale])
-
-
-def _column(group: h5py.Group, name: str, values: NDArray[Any]) -> None:
-    if values.size == 0:  # HDF5 cannot chunk nothing
-        group.create_dataset(name, data=values)
-        return
-    chunk = (min(len(values), _CHUNK_ROWS), *values.shape[1:])
-    group.create_dataset(
-        name,
-        data=values,
-        chunks=chunk,
-        compression="gzip",
-        compression_opts=1,
-        shuffle=True,
-        fletcher32=True,
-    )

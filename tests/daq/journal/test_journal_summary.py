@@ -49,9 +49,7 @@ def test_a_sealed_segment_tells_what_walking_through_it_finds(tmp_path: Path) ->
         assert summarised.sealed
         path.write_bytes(whole[:-1])  # without its proper end it is walked through
         walked = scan(path)
-        assert walked is not None
-        assert sum(frames for _, frames in walked.blocks) == walked.frames
-        assert replace(walked, blocks=()) == replace(summarised, bytes=summarised.bytes - 1)
+        assert walked == replace(summarised, bytes=summarised.bytes - 1)
         path.write_bytes(whole)
 
 

@@ -11,7 +11,7 @@ import xarray
 
 from daq.errors import InputError
 from daq.runs import Event
-from daq.session import read_session, write_session
+from daq.session import datasets, read_session, write_session
 from daq.sessions import Session
 
 from ..small_session import small_session
@@ -65,7 +65,7 @@ def test_a_file_of_one_fast_run_is_replaced_whole_or_not_at_all(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(h5py.Group, "create_dataset", full)
+    monkeypatch.setattr(datasets.h5d, "create", full)
     with pytest.raises(InputError, match="No space left"):
         write_session(path, session)
     assert path.read_bytes() == before
