@@ -58,7 +58,7 @@ def control_address(folder: Path) -> Address:
         raise InputError(str(folder), "has a name that is not UTF-8", "rename it") from error
     name = sha256(os.fsencode(folder.resolve())).hexdigest()[:16]
     places = _places()
-    owners = {os.getuid(), _owner(folder)}
+    owners = {os.getuid(), _owner(folder.resolve())}  # /var/lib/bumpbench is a link
     for place in (*places, _SERVICE):
         address = _address(place, name)
         if _fault(place, owners) == "" and is_running(address):

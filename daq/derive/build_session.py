@@ -56,6 +56,9 @@ from .grown import (
 )
 
 NICENESS = 10
+OOM_SCORE = "500"
+"""Addition to this process's share of the memory, in thousandths, when the kernel has to end one:
+enough that it is this one, also in a service whose processes are protected."""
 
 DONE, BAD_INPUT, DONE_WITH_LOSS = 0, 2, 3
 """Exit codes, as those of the command line."""
@@ -225,6 +228,8 @@ def main(arguments: Sequence[str], out: TextIO) -> int:
     """Derive, report the result as one line of JSON, and return the exit code."""
     with suppress(OSError, AttributeError):  # a service may not be allowed to, Windows cannot
         os.nice(NICENESS)
+    with suppress(OSError):  # if the memory runs out, this process ends, and not the recorder
+        Path("/proc/self/oom_score_adj").write_text(OOM_SCORE)
     target, *segments = map(Path, arguments)
     try:
         # What was deleted since to make room held no run.

@@ -116,6 +116,12 @@ def test_a_recorder_with_other_settings_is_found(
         assert control_address(tmp_path) != there
         monkeypatch.setattr("daq.control.address._SERVICE", short)  # as root sees the unit's
         assert control_address(tmp_path) == there
+        # The unit's folder is a link, to one of the user who also owns the directory.
+        link = tmp_path / "link"
+        link.symlink_to(tmp_path)
+        with monkeypatch.context() as another:
+            another.setattr(os, "getuid", lambda: 4242)
+            assert control_address(link) == there
         short.chmod(0o777)  # it may be anybody's
         assert control_address(tmp_path) != there
         server.close()

@@ -60,7 +60,7 @@ def test_to_go_on_no_block_of_a_sealed_segment_is_read(
     last.write_bytes(last.read_bytes()[:-100])  # the recorder was killed
     walked: list[Path] = []
 
-    def walking(segment: SegmentReader) -> Summary:
+    def walking(segment: SegmentReader) -> tuple[Summary, tuple[tuple[int, int], ...]]:
         walked.append(segment.file.path)
         return walk(segment)
 

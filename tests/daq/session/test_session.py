@@ -8,10 +8,11 @@ import h5py
 import numpy as np
 import pytest
 import xarray
+from h5py import h5d
 
 from daq.errors import InputError
 from daq.runs import Event
-from daq.session import datasets, read_session, write_session
+from daq.session import read_session, write_session
 from daq.sessions import Session
 
 from ..small_session import small_session
@@ -65,7 +66,7 @@ def test_a_file_of_one_fast_run_is_replaced_whole_or_not_at_all(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(datasets.h5d, "create", full)
+    monkeypatch.setattr(h5d, "create", full)
     with pytest.raises(InputError, match="No space left"):
         write_session(path, session)
     assert path.read_bytes() == before
