@@ -29,4 +29,17 @@ Buses = Annotated[
 ]
 """Buses of the bench."""
 
+DisplayAt = Annotated[
+    str | None,
+    typer.Option(
+        "--display",
+        metavar="ADDRESS",
+        help="Serve a display: here (this machine's browsers), lan, or an address to listen on.",
+    ),
+]
+DisplayControl = Annotated[
+    bool,
+    typer.Option("--display-control", help="Let the display start, reject and pause."),
+]
+
 BenchFile = Annotated[Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")]

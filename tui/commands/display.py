@@ -12,15 +12,17 @@ from ..diagnostics import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..display.run import Served
+    from ..display.served import Served
 
 
 def display(
     folder: Annotated[Path, typer.Argument(help="The recorder's folder.")] = Path(),
     host: Annotated[
         str,
-        typer.Option(help="Address to listen on; lan: that of this machine in its network."),
-    ] = "127.0.0.1",
+        typer.Option(
+            help="Address to listen on: here (browsers of this machine), lan (its network), or any."
+        ),
+    ] = "here",
     control: Annotated[
         bool,
         typer.Option("--control", help="Let the page start, reject and pause, for a number."),

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import BenchFile
+from ..options import BenchFile, DisplayAt, DisplayControl
 
 
 def record(
@@ -29,6 +29,8 @@ def record(
     log: Annotated[
         Path | None, typer.Option(help="Log to this file, begun anew at 1 MB; default: stderr.")
     ] = None,
+    display: DisplayAt = None,
+    display_control: DisplayControl = False,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
     """Record a campaign: each bump becomes a run, labelled in the order of the campaign.
@@ -41,6 +43,7 @@ def record(
     from daq.control import lone_recorder
 
     from ..bench import shared_bench
+    from ..display.start import display_beside_recorder
     from ..output import progress
     from ..recorders.daemon import Habits
     from ..recorders.log import Log
@@ -48,7 +51,12 @@ def record(
 
     described = shared_bench(bench, interface, channel)
     habits = Habits(not idle, keep_on, figures, lambda: shared_bench(bench, interface, channel))
-    with lone_recorder(out), Log(log) as lines, progress("record") as stage:
+    with (
+        lone_recorder(out),
+        display_beside_recorder(out, display, display_control),
+        Log(log) as lines,
+        progress("record") as stage,
+    ):
         source = open_source if keep_on else OpenedAtStart(described, open_source)
         last = record_campaign(described, source, out, habits, lines, stage)
     return ExitCode.OK if keep_on else print_outcome(last, json)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import BenchFile
+from ..options import BenchFile, DisplayAt, DisplayControl
 from ..terminal.state.glyphs import GlyphSet
 
 if TYPE_CHECKING:
@@ -50,6 +50,8 @@ def tui(
     operator: Annotated[
         str, typer.Option(help="Your name or initials, stored with every verdict.")
     ] = "",
+    display: DisplayAt = None,
+    display_control: DisplayControl = False,
     web: Annotated[
         bool, typer.Option("--web", help="Serve the terminal to browsers of this machine.")
     ] = False,
@@ -60,8 +62,11 @@ def tui(
     """
     import os
     import sys
+    from functools import partial
 
+    from ..display.start import display_beside_terminal
     from ..terminal.app import BenchApp
+    from ..terminal.screens.display_link import DisplayLinkScreen
     from ..terminal.state.feed import RecorderFeed
     from ..terminal.state.glyphs import choose_glyphs
 
@@ -75,9 +80,11 @@ def tui(
     name = operator or known_operator(folder, demo)
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
     chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
-    app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted)
-    attach(folder, start)  # once nothing can be wrong with the command any more
-    app.run()
+    with display_beside_terminal(folder, display, name, display_control) as link:
+        app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted)
+        app.display_link = partial(DisplayLinkScreen, link) if link is not None else None
+        attach(folder, start)  # once nothing can be wrong with the command any more
+        app.run()
     return app.return_code or ExitCode.OK
 
 

@@ -10,9 +10,9 @@ import segno
 
 from daq import InputError
 
-LOOPBACK = "127.0.0.1"
-LAN = "lan"
-"""Word for this machine's address in its network."""
+HERE, LAN = "here", "lan"
+"""Words for the address that only this machine reaches, and for its address in its network."""
+_LOOPBACK = "127.0.0.1"
 _PORT = 8010
 _SOMEWHERE = ("192.0.2.1", 9)
 """An address that belongs to no machine (RFC 5737): nothing is sent, only the way there is asked
@@ -22,13 +22,16 @@ for."""
 def address_of(host: str) -> str:
     """Return the address to listen on.
 
-    `host`: an address or a name of this machine, or `LAN`.  Raises InputError if there is none.
+    `host`: an address or a name of this machine, or `HERE` or `LAN`.  Raises InputError if there is
+    none.
     """
+    if host == HERE:
+        return _LOOPBACK
     if host == LAN:
         return _address_in_network()
     if (address := _parsed(host)) is not None and address.is_unspecified:
         advice = "name one address of this machine, or lan"
-        raise InputError("--host", f"{host} is every address", advice)
+        raise InputError("display", f"{host} is every address", advice)
     return host
 
 
@@ -53,7 +56,7 @@ def free_port(host: str) -> int:
         except OSError as error:
             last = error
     what = f"cannot listen on {host}: {last.strerror or last}"
-    raise InputError("--host", what, "name an address of this machine, or lan")
+    raise InputError("display", what, "name an address of this machine, or lan")
 
 
 def host_in_link(host: str) -> str:
@@ -109,5 +112,5 @@ def _address_in_network() -> str:
             probe.connect(_SOMEWHERE)
         except OSError as error:
             what = "no network is connected"
-            raise InputError("--host", what, "name the address of this machine") from error
+            raise InputError("display", what, "name the address of this machine") from error
         return str(probe.getsockname()[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +13,8 @@ from ..browser.guard import Guard
 from ..terminal.state.feed import RecorderFeed
 from .control import Control
 from .link import address_of, free_port, host_in_link
+from .served import Served
 from .server import DisplayServer
-
-
-@dataclass(frozen=True, slots=True)
-class Served:
-    """What a person needs to open a display."""
-
-    link: str
-    """Address of the page, with its token."""
-    host: str
-    """Address that is listened on."""
-    secret: str
-    """Number that gives control; empty for a display that looks on."""
 
 
 def run_display(
@@ -59,8 +48,10 @@ def run_display(
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
         secret = granted.secret if granted else ""
-        announce(Served(guard.link, address, secret), lambda: loop.call_soon_threadsafe(ended.set))
-        await DisplayServer(guard, feed, folder, name, granted).serve(address, port, ended)
+        served = Served(guard.link, address, secret)
+        server = DisplayServer(guard, feed, folder, name, granted)
+        end = partial(loop.call_soon_threadsafe, ended.set)
+        await server.serve(address, port, ended, partial(announce, served, end))
         if failures:
             raise failures[0]
 

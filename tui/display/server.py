@@ -8,8 +8,8 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping
+from contextlib import aclosing, suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -62,8 +62,10 @@ class DisplayServer:
         self._follower = Follower(feed, folder, self._hub)
         self._orders = asyncio.Lock()
 
-    async def serve(self, host: str, port: int, ended: asyncio.Event) -> None:
-        """Serve until `ended` is set."""
+    async def serve(
+        self, host: str, port: int, ended: asyncio.Event, listening: Callable[[], object]
+    ) -> None:
+        """Serve until `ended` is set; `listening` is called once pages can be opened."""
         pages = web.Application(client_max_size=_MOST_BYTES)
         pages.on_response_prepare.append(_add_policy)
         pages.router.add_get("/events", self._events)
@@ -79,6 +81,7 @@ class DisplayServer:
         try:
             await web.TCPSite(runner, host, port).start()
             self._follower.start()
+            listening()
             await ended.wait()
         finally:
             self._hub.close()
@@ -89,13 +92,14 @@ class DisplayServer:
         if self._hub.pages >= MOST_PAGES:
             return web.Response(status=503, text=f"{MOST_PAGES} displays are connected\n")
         stream = web.StreamResponse(headers={"Content-Type": "text/event-stream"})
-        await stream.prepare(request)
-        with suppress(ConnectionResetError, TimeoutError):  # the page has gone
-            role = {"control": self._control is not None, "granted": self._granted(request)}
-            await stream.write(b"event: role\ndata: %s\n\n" % json.dumps(role).encode())
-            async for message in self._hub.messages():
-                async with asyncio.timeout(STALLED_S):
-                    await stream.write(message)
+        role = {"control": self._control is not None, "granted": self._granted(request)}
+        async with aclosing(self._hub.messages()) as messages:
+            with suppress(ConnectionResetError, TimeoutError):  # the page has gone
+                await stream.prepare(request)
+                await stream.write(b"event: role\ndata: %s\n\n" % json.dumps(role).encode())
+                async for message in messages:
+                    async with asyncio.timeout(STALLED_S):
+                        await stream.write(message)
         return stream
 
     async def _grant(self, request: web.Request) -> web.Response:

@@ -79,11 +79,8 @@ class BenchApp(KeyboardApp):
     VERTICAL_BREAKPOINTS = [(0, "-low"), (36, "-tall")]  # noqa: RUF012
     SCREENS: ClassVar[dict[str, Callable[[], Screen[Any]]]] = {
         name: partial(_screen, name, f"{name.capitalize()}Screen")
-        for name in (
-            "vehicle", "check", "home", "run", "masses", "identify", "results", "report",
-            "sessions",
-        )
-    }  # fmt: skip
+        for name in (*SCREEN_OF.values(), "run", "results", "sessions")
+    }
     COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {_palette}
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "Quit", show=False, priority=True),
@@ -124,8 +121,8 @@ class BenchApp(KeyboardApp):
         self._role = Role(False)
         self._started = False
         self._other = OtherRecorder(self, wanted)
-        self._halted = ""
-        self._history_of = ""
+        self._halted, self._history_of = "", ""
+        self.display_link: Callable[[], Screen[None]] | None = None
 
     # News ---------------------------------------------------------------------------------------
 
@@ -200,6 +197,8 @@ class BenchApp(KeyboardApp):
             await self.go_to(step)
             if not self.operator and not self.auto and step is not BenchStep.VEHICLE:
                 self._ask_name()
+            if self.display_link is not None and not self.auto:
+                self.push_screen(self.display_link())
         elif before is not None and not _in_run(before) and _waits_unarmed(status) and self._early:
             await self.go_to(BenchStep.BASELINE)
         self._announce_phase(before, status)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from daq import Status
 from daq.control import Order, Reply
@@ -29,6 +29,8 @@ class BenchContext(Protocol):
     """Who gives the orders; the journal stores this name with every verdict."""
     clock: Callable[[], float]
     """Monotonic seconds."""
+    display_link: Callable[[], Any] | None
+    """Makes the screen with the link of the display beside this terminal; None without one."""
     typed: dict[str, str]
     """Text typed last in answer to each question."""
     status: Status | None

@@ -71,6 +71,9 @@ def commands(app: App[Any]) -> Iterator[Command]:
     yield "recorder: take control", "give the orders from this terminal", bench.action_take_over
     yield "recorder: restart", "start the recorder if none runs", bench.action_restart_recorder
     yield "recorder: shut down", "end recorder and terminal: recording stops", partial(_end, app)
+    if (display := bench.display_link) is not None:
+        words = "how to open the display at the bench"
+        yield "display: link", words, lambda: app.push_screen(display())
     yield "view: bell", "switch the bell at bumps and verdicts", bench.action_toggle_bell
     for theme in ("bench-dark", "bench-light", "ansi-dark", "ansi-light"):
         if theme in app.available_themes:

@@ -50,17 +50,13 @@ async def display(folder: Path, control: Control | None = None) -> AsyncIterator
     port = free_port(HOST)
     guard, ended = Guard(HOST, port), asyncio.Event()
     server = DisplayServer(guard, recorder, folder, "MK", control)
-    serving = asyncio.create_task(server.serve(HOST, port, ended))
+    listening = asyncio.Event()
+    serving = asyncio.create_task(server.serve(HOST, port, ended, listening.set))
     jar = aiohttp.CookieJar(unsafe=True)  # addresses have cookies in a browser
     async with aiohttp.ClientSession(cookie_jar=jar) as http:
         try:
             async with asyncio.timeout(PATIENCE_S):
-                while True:
-                    try:
-                        async with http.get(guard.link):
-                            break
-                    except aiohttp.ClientConnectionError:
-                        await asyncio.sleep(0.01)
+                await listening.wait()
                 yield Page(http, guard, recorder, control)
         finally:
             ended.set()

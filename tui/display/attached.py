@@ -1,0 +1,51 @@
+"""Serves the display of a recorder for as long as the program lives that started it.
+
+``python -m tui.display.attached FOLDER --host lan --operator MK``
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..invocation import invoke
+from .link import link_lines
+from .run import run_display
+from .served import Served
+
+commands = typer.Typer(pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+@commands.command()
+def attached_display(
+    folder: Annotated[Path, typer.Argument(help="The recorder's folder.")],
+    host: Annotated[str, typer.Option(help="Address to listen on.")],
+    operator: Annotated[str, typer.Option(help="Name stored with every verdict.")],
+    control: Annotated[bool, typer.Option("--control", help="Let the page give orders.")] = False,
+) -> None:
+    """Serve until stdin ends; print the link as JSON on stdout, and for a person on stderr."""
+    run_display(folder, host, operator or "display", control, _announce)
+
+
+def _announce(served: Served, end: Callable[[], object]) -> None:
+    for line in link_lines(served.link, served.host, served.secret, sys.stderr.isatty()):
+        sys.stderr.write(f"{line}\n")
+    sys.stdout.write(json.dumps(asdict(served)) + "\n")
+    sys.stdout.flush()
+
+    def wait_for_the_end() -> None:
+        sys.stdin.read()
+        end()
+
+    threading.Thread(target=wait_for_the_end, name="parent", daemon=True).start()
+
+
+if __name__ == "__main__":
+    sys.exit(invoke(sys.argv[1:], commands))

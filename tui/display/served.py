@@ -1,0 +1,17 @@
+"""What a person needs to open a display."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """A display that is being served."""
+
+    link: str
+    """Address of the page, with its token."""
+    host: str
+    """Address that is listened on."""
+    secret: str
+    """Number that gives control; empty for a display that looks on."""

@@ -1,0 +1,15 @@
+"""The display that was started beside this terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class DisplayLink:
+    """How to open it."""
+
+    lines: tuple[str, ...]
+    """Link, warning and number, in words."""
+    code: tuple[str, ...]
+    """The link as a QR code, dark where a character is drawn; empty for this machine's own."""
