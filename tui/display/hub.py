@@ -6,7 +6,7 @@ Only the newest message of each topic is kept, once for all pages.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 
 BEAT_S = 1.0
 """Longest time between two messages, s: a page that has heard nothing for three of them reports
@@ -42,7 +42,7 @@ class Hub:
         for event in self._waiting:
             event.set()
 
-    async def messages(self) -> AsyncIterator[bytes]:
+    async def messages(self) -> AsyncGenerator[bytes, None]:
         """Yield server-sent events: all topics at first, then what changes, and a sign of life."""
         fresh = asyncio.Event()
         self._waiting.add(fresh)
