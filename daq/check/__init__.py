@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .check import part_of as part_of
     from .dbc_readers import bench_witness as bench_witness
     from .dbc_readers import reader_lines as reader_lines
+    from .frame_checks import mixed_messages as mixed_messages
     from .propose import Proposal as Proposal
     from .propose import propose_sensors as propose_sensors
     from .push_test import ORDER as ORDER

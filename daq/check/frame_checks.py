@@ -127,6 +127,14 @@ def id_text(a: Arrivals) -> str:
     return f"{a.can_id:#x}" + ("x" if a.is_extended else "")
 
 
+def mixed_messages(messages: Sequence[MessageLayout], frames: FrameBatch) -> tuple[str, ...]:
+    """Return the messages that come on several buses: two sensors are read as one."""
+    if not len(frames):
+        return ()
+    known = frame_table(messages, frames).known
+    return tuple(m.name for m in messages if m.name in known and len(known[m.name].buses) > 1)
+
+
 def check_messages(
     mapped: Sequence[MappedChannel], keeping: Timekeeping, table: FrameTable, decoded: Decoded
 ) -> list[Finding]:

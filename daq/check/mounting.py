@@ -32,10 +32,12 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Directions of the car in the axes of a sensor, (3,) each, components -1, 0 or 1."""
+    """Directions of the car in the axes of a sensor."""
 
     up: Vector
+    """Against gravity, shape (3,), components -1, 0 or 1."""
     forward: Vector
+    """Along the car, shape (3,), components -1, 0 or 1."""
     tilt_deg: float
     """Angle between the sensor's nearest axis and the vertical."""
     surely_forward: bool

@@ -28,9 +28,10 @@ Trace = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Pushes:
-    """When each corner was pushed, ns."""
+    """Four pushes, one on each corner."""
 
     spans: Mapping[Corner, tuple[int, int]]
+    """Begin and end of each, ns."""
 
     def peaks(self, trace: Trace) -> dict[Corner, float]:
         """Return the largest deviation from rest of a signal in each push, signed."""

@@ -22,6 +22,7 @@ from ..vehicle import Corner
 from .acts import Act, Acts
 from .car import SimulatedCar
 from .ecu import on_the_buses, rig_of, sample
+from .other_bus import OtherBus
 from .spoils import LOST_S, SPOILT_BUMP, UNPLUG_AFTER_S, UNPLUGGED_S, Fault
 
 __all__ = ["Fault", "SimulatedBench"]
@@ -79,6 +80,7 @@ class SimulatedBench:
         self._plugged_s = 0.0  # again
         self._asked: deque[Corner] = deque()
         self._notes: int | None = None  # of the recording, seen
+        self._others: dict[int, deque[FrameBatch]] = {}
         self._host_s = time.monotonic()
 
     @property
@@ -89,6 +91,11 @@ class SimulatedBench:
     def wiggle(self, corner: Corner) -> None:
         """Push a corner down for a second as soon as the car is at rest; from any thread."""
         self._asked.append(corner)
+
+    def other(self, number: int) -> OtherBus:
+        """Return a further bus, from now on the only source of its frames."""
+        self._others[number] = deque()
+        return OtherBus(f"simulated bench, bus {number}", self._others[number])
 
     def open(self) -> SimulatedBench:
         """Return the bench, its time gone on, as a bus that is opened again.
@@ -201,4 +208,8 @@ class SimulatedBench:
         if not len(batch):
             return batch
         sent_s = (batch.t_ns - self._start_ns) * 1e-9
-        return batch.select((sent_s < self._gap_s[0]) | (sent_s >= self._gap_s[1]))
+        batch = batch.select((sent_s < self._gap_s[0]) | (sent_s >= self._gap_s[1]))
+        for number, waiting in tuple(self._others.items()):
+            waiting.append(batch.select(batch.bus == number))
+            batch = batch.select(batch.bus != number)
+        return batch

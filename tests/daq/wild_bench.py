@@ -44,21 +44,25 @@ BO_ 256 Motion_Accel: 8 Imu
  SG_ Accel_Lateral : 16|16@1- (0.0002,0) [0|0] "g" Imu
  SG_ Accel_Vertical : 32|16@1- (0.0002,0) [0|0] "g" Imu
  SG_ Validity_Accel_Vertical : 48|8@1+ (1,0) [0|0] "g" Imu
+ SG_ MsgCounter : 56|8@1+ (1,0) [0|0] "" Imu
 BO_ 257 Motion_Rate: 8 Imu
  SG_ Gyro_Rate_Roll : 0|16@1- (0.005,0) [0|0] "degrees/sec" Imu
  SG_ Gyro_Rate_Pitch : 16|16@1- (0.005,0) [0|0] "degrees/sec" Imu
  SG_ Gyro_Rate_Yaw : 32|16@1- (0.005,0) [0|0] "degrees/sec" Imu
+ SG_ MsgCounter : 56|8@1+ (1,0) [0|0] "" Imu
 BO_ 258 Radar_Front: 8 Imu
  SG_ Radar_FL_Distance : 0|16@1+ (0.01,0) [0|0] "m" Imu
 """ + _CYCLES.format(5)
 HUBS = """VERSION ""
 BU_: Hub
-BO_ 272 WheelAccelFront: 4 Hub
+BO_ 272 WheelAccelFront: 5 Hub
  SG_ WheelAccelFL : 0|16@1- (0.01,0) [0|0] "Unit_MeterPerSeconSquar" Hub
  SG_ WheelAccelFR : 16|16@1- (0.01,0) [0|0] "Unit_MeterPerSeconSquar" Hub
-BO_ 273 WheelAccelRear: 4 Hub
+ SG_ MsgCounter : 32|8@1+ (1,0) [0|0] "" Hub
+BO_ 273 WheelAccelRear: 5 Hub
  SG_ WheelAccelRL : 0|16@1- (0.01,0) [0|0] "Unit_MeterPerSeconSquar" Hub
  SG_ WheelAccelRR : 16|16@1- (0.01,0) [0|0] "Unit_MeterPerSeconSquar" Hub
+ SG_ MsgCounter : 32|8@1+ (1,0) [0|0] "" Hub
 """ + _CYCLES.format(2)
 POT = """VERSION ""
 BU_: Pot
@@ -95,6 +99,13 @@ _SENSORS = [
     ("node_1", "pot", 1, 0), ("node_2", "pot", 1, 1),
     ("node_3", "pot", 1, 2), ("node_4", "pot", 1, 3),
 ]  # fmt: skip
+COUNTED = (
+    "hubs.WheelAccelFront",
+    "hubs.WheelAccelRear",
+    "imu_mid.Motion_Accel",
+    "imu_mid.Motion_Rate",
+)
+"""Messages with a rolling counter: those of the second maker."""
 NODES = {1: "RR", 2: "FL", 3: "FR", 4: "RL"}
 """Where the nodes of CANopen are in truth; no name says so."""
 POSITIONS = {"imu_front": (-0.3, 0.1), "imu_rear": (-2.2, -0.1), "imu_mid": (-1.1, 0.0)}
@@ -131,6 +142,7 @@ def _tables() -> str:
             lines.append(f'corner = "{name[-2:]}"')
         if quantity == "suspension_travel":
             lines.append(f'corner = "{NODES[int(name[-1])]}"\ntare = -0.12')
+    lines += [f'[[message]]\nname = "{name}"\ncounter = "MsgCounter"' for name in COUNTED]
     lines += [f"[[weight]]\nmass_kg = {m}\nx_m = {x}\ny_m = {y}" for m, x, y in _WEIGHTS]
     lines += [f'[[weight]]\nmass_kg = {m}\nhub = "{c}"' for m, c in _HUB_WEIGHTS]
     return "\n".join(lines) + "\n"

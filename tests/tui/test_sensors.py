@@ -14,7 +14,7 @@ from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch
 from tui.cli import run
 
-from ..daq.sensor_bench import DATABASES, TEXT
+from ..daq.sensor_bench import DATABASES, HUBS, IMU, TEXT, channel
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +76,23 @@ def test_check_and_import_choose_a_sensor(
     capsys.readouterr()
     assert run(["export", str(out), "--format", "csv", "--sensor", "hubs"]) == 0
     assert all("hubs" in line for line in capsys.readouterr().out.splitlines())
+
+
+def test_import_says_that_two_sensors_are_read_as_one(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hubs = HUBS[HUBS.index("BO_ 768") : HUBS.index("BA_DEF_")].replace("Accel", "Wheels")
+    (folder / "one.dbc").write_text(IMU.replace("BA_DEF_ BO_", f"{hubs}BA_DEF_ BO_"), "utf-8")
+    tables = channel("acc", "Accel.AccZ", "body_acceleration") + channel(
+        "hub", "Wheels.FL", "hub_acceleration", 'corner = "FL"'
+    )
+    bench = folder / "one.toml"
+    bench.write_text(f'dbc = "one.dbc"\n{tables}', "utf-8")
+    runs = ["--run", f"baseline:bounce:{folder / 'drive.log'}", "--out", str(tmp_path / "s.h5")]
+    run(["import", "--config", str(bench), *runs, "--bus", "0"])
+    assert "two sensors read as one" not in capsys.readouterr().err
+    run(["import", "--config", str(bench), *runs])
+    assert "two sensors read as one: Accel, Rate" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def import_(
     from json import dumps
 
     from daq import InputError, bench_codec, read_log, write_session
-    from daq.check import WORDS, bench_witness, reader_lines
+    from daq.check import WORDS, bench_witness, mixed_messages, reader_lines
     from daq.derive import labelled, numbered, parse_runs, session_from_parts, with_steps
     from daq.formats import read_logs
     from dbc import Severity
@@ -119,6 +119,12 @@ def import_(
         print_summary(out, session)
     for text in _remarks(sources, session, bumps, len(steps)):
         say(text)
+    mixed = mixed_messages(codec.messages, session.runs[0].frames)
+    if mixed:
+        names = ", ".join(mixed[:4])
+        say(
+            f"come on several buses, two sensors read as one: {names} (--bus, or a [[sensor]] each)"
+        )
     for line in reader_lines(reading):
         if line.severity > Severity.NOTE:
             say(f"{WORDS[line.severity]} {line.subject}: {line.text} ({line.advice})")

@@ -70,6 +70,14 @@ def test_two_like_imus_are_two_sensors_and_four_nodes_are_four() -> None:
     ]  # fmt: skip
 
 
+def test_the_counters_of_one_maker_are_found() -> None:
+    rules = {rule.name: rule.counter for rule in bench_of(proposal(True)).message_rules}
+    assert rules == {
+        "hubs.WheelAccelFront": "MsgCounter", "hubs.WheelAccelRear": "MsgCounter",
+        "imu_b.Motion_Accel": "MsgCounter", "imu_b.Motion_Rate": "MsgCounter",
+    }  # fmt: skip
+
+
 def test_without_pushes_what_is_not_sure_is_asked() -> None:
     bench, questions = bench_of(proposal(False)), proposal(False).questions
     assert "sensor imu_a_1: does the sensor's +x axis point forward?" in questions
