@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from dbc.frames import read_only
 
-from .normal_equations import Point, Problem, Ties, problem_of, unit_scale
+from .arrow import unit_scale
+from .normal_equations import Point, Problem, Ties, problem_of
 from .waves import Block
 
 _STEPS = 60
@@ -134,17 +135,16 @@ def _result(problem: Problem, point: Point) -> LikelyModes:
     """Return the modes at a point with their covariance."""
     m = len(point.waves.poles)
     system = problem.linearise(point)
-    n_unknowns = len(system.free) + int(np.sum(~problem.known))
+    n_unknowns = int(np.sum(system.free)) + int(np.sum(~problem.known))
     share = 1.0 - n_unknowns / problem.count.sum()
     # A mode at which the information is nil has no bound: its variance is left large.
-    scale = np.multiply.outer(*[unit_scale(system.normal)] * 2)
-    strength, directions = np.linalg.eigh(scale * system.normal)
+    where = np.flatnonzero(system.free[0])
+    information = system.pole_information()[np.ix_(where, where)]
+    scale = np.multiply.outer(*[unit_scale(information)] * 2)
+    strength, directions = np.linalg.eigh(scale * information)
     inverse = (directions / np.maximum(strength, 1e-15)) @ directions.T
-    inverse *= scale / max(share, 1e-3)
     covariance = np.zeros((2 * m, 2 * m))
-    of_poles = system.free < 2 * m
-    where = system.free[of_poles]
-    covariance[np.ix_(where, where)] = inverse[np.ix_(of_poles, of_poles)]
+    covariance[np.ix_(where, where)] = inverse * scale / max(share, 1e-3)
     return LikelyModes(
         point.waves.poles,
         problem.spread(point.shapes),

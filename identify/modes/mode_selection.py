@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .modal_model import ModalModel
+from .needed import likelihood_at_most
 from .order_selection import likely_modes
-from .shape_fit import ModalFit, fit_modes
+from .shape_fit import ModalFit, fit_modes, gain_by_noise
 from .stabilisation import Poles, diagram_of, seen_in
 from .state_variable_method import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
 from .waves import even_blocks
@@ -197,16 +198,32 @@ def _without_needless(
 ) -> ModalFit:
     """Take out one pole after the other as long as that raises the merit."""
     while len(fit.poles):
-        fewer = (np.delete(np.arange(len(fit.poles)), leave) for leave in range(len(fit.poles)))
-        trials = [
-            fit_modes(decays, rate_hz, fit.poles[i], fit.shapes[:, i], _TRIAL_SWEEPS) for i in fewer
-        ]
-        ahead = max(trials, key=lambda trial: trial.merit)
+        ahead = _best_without_one(fit, decays, rate_hz)
+        if ahead is None:
+            break
         best = fit_modes(decays, rate_hz, ahead.poles, ahead.shapes)
         if best.merit <= fit.merit:
             break
         fit = best
     return fit
+
+
+def _best_without_one(
+    fit: ModalFit, decays: Sequence[NDArray[np.float64]], rate_hz: float
+) -> ModalFit | None:
+    """Return the best set with one pole less, None if surely none is better than the whole."""
+    n_channels, n_samples = len(fit.shapes), sum(len(decay) for decay in decays)
+    most = likelihood_at_most(even_blocks(decays, rate_hz), fit.poles, n_channels)
+    best: ModalFit | None = None
+    for leave in np.argsort(-most, kind="stable").tolist():
+        left = np.delete(np.arange(len(fit.poles)), leave)
+        by_noise = gain_by_noise(fit.poles[left], n_channels, len(decays), n_samples)
+        if most[leave] - by_noise <= (fit if best is None else best).merit:
+            continue
+        trial = fit_modes(decays, rate_hz, fit.poles[left], fit.shapes[:, left], _TRIAL_SWEEPS)
+        if best is None or trial.merit > best.merit:
+            best = trial
+    return best
 
 
 def _numerical_rank(strength: NDArray[np.float64]) -> int | None:

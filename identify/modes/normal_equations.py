@@ -1,12 +1,13 @@
 """Normal equations of poles, shapes and amplitudes, solved by `identify.modes.modal_likelihood`.
 
-Unknowns are the poles, one amplitude of each mode in each run, and one shape of each mode; the last
-enter linearly and are eliminated.
+Unknowns are the poles, one amplitude of each mode in each run, and one shape of each mode.  A run's
+amplitudes meet those of no other run, so they are eliminated run by run (`identify.modes.arrow`):
+the cost grows with the number of runs, not with its cube.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,14 +15,14 @@ from numpy.typing import NDArray
 
 from dbc.frames import read_only
 
-from .waves import Block, Waves, real_block, real_gradient, waves
+from .arrow import System, solve
+from .block_products import Part
+from .waves import Block, Waves, real_gradient, waves
 
 _MAX_GROWTH = 30.0
 """Nepers within the longest series; what grows faster is an overflow to come."""
 _TINY = 1e-24
 """Share of a channel's power below which noise cannot be distinguished from rounding."""
-_RIDGE = 1e-13
-"""Decides only between poles that are the same to rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,19 +62,6 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class System:
-    """Normal equations of poles and amplitudes, the shapes projected out.
-
-    `shape_slope` (n_owners, 2 m, n_free) is how the best shapes follow.
-    """
-
-    normal: NDArray[np.float64]
-    gradient: NDArray[np.float64]
-    shape_slope: NDArray[np.float64]
-    free: NDArray[np.intp]
-
-
-@dataclass(frozen=True, slots=True)
 class Problem:
     """The samples and what is known beforehand.
 
@@ -95,17 +83,19 @@ class Problem:
 
     def start(self, poles: NDArray[np.complex128], shapes: NDArray[np.complex128]) -> Point:
         """Return the point at given poles and shapes, amplitudes by least squares."""
-        at = waves(self.blocks, self.place, poles)
+        at = waves(self.blocks, poles)
         own = self._owned(shapes)
         spread = self.spread(own)
         m = len(poles)
         weight = self.count / self.power
-        normal = _weighted(weight, real_block(spread, spread, *_part(at, 0, 0)))
+        normal = np.zeros((len(self.place), 2 * m, 2 * m))
+        for part in self._parts(at, weight):
+            normal[part.runs] += part.run_run(spread)
         target = np.zeros((*self.place.shape, 2 * m), dtype=complex)
         for block, table in zip(self.blocks, at.functions, strict=True):
             target[block.run, block.channel] = _complex(table.T @ block.deviations).T
         gradient = np.einsum("c,rcj->rj", weight, real_gradient(spread, target[..., :m]))
-        amplitudes = _complex(_solve(normal, gradient[..., None])[..., 0].T).T
+        amplitudes = _complex(solve(normal, gradient[..., None])[..., 0].T).T
         return self.point(at, amplitudes, own, weight)
 
     def point(
@@ -122,7 +112,7 @@ class Problem:
         _, products = self._left(at, amplitudes, shapes)
         normal = self._shape_normal(at, amplitudes, weight)
         gradient = self._shape_gradient(amplitudes, products, weight)
-        shapes = shapes + _complex(_solve(normal, gradient[..., None])[..., 0].T).T
+        shapes = shapes + _complex(solve(normal, gradient[..., None])[..., 0].T).T
         squares, products = self._left(at, amplitudes, shapes)
         objective = float(np.sum(self.count * np.log(squares)))
         return Point(at, amplitudes, shapes, squares, products, objective)
@@ -130,63 +120,52 @@ class Problem:
     def linearise(self, point: Point) -> System:
         """Return the normal equations at a point (Gauss-Newton, after Kaufman)."""
         at, q = point.waves, point.amplitudes
-        m, n_runs = len(at.poles), len(q)
+        n_runs, m = q.shape
+        n_owners = len(self.known)
         weight = self.count / point.squares
         spread = self.spread(point.shapes)  # (n_channels, m)
         both = q[:, None] * spread  # (n_runs, n_channels, m)
-        signed = self.ties.sign * q[:, None]
-        n = 2 * m * (1 + n_runs)
-        normal = np.zeros((n, n))
-        poles = slice(0, 2 * m)
-        pole_pole = real_block(both, both, *_part(at, 1, 1))
-        pole_run = real_block(both, spread, *_part(at, 1, 0))
-        run_run = real_block(spread, spread, *_part(at, 0, 0))
-        shape_pole = real_block(signed, both, *_part(at, 0, 1))
-        shape_run = real_block(signed, spread, *_part(at, 0, 0))
-        normal[poles, poles] = np.einsum("c,rcij->ij", weight, pole_pole)
-        across = np.einsum("c,rcij->rij", weight, pole_run)
-        own = np.einsum("c,rcij->rij", weight, run_run)
-        mixed = np.zeros((len(self.known), 2 * m, n))
-        weighted = self.member * weight
-        mixed[..., poles] = np.einsum("gc,rcij->gij", weighted, shape_pole)
-        gradient = np.zeros(n)
-        gradient[poles] = np.einsum(
-            "c,rcj->j", weight, real_gradient(both, point.products[..., m:])
+        pole_pole = np.zeros((2 * m, 2 * m))
+        pole_run, run_run = np.zeros((2, n_runs, 2 * m, 2 * m))
+        shape_pole = np.zeros((n_owners, 2 * m, 2 * m))
+        shape_run = np.zeros((n_owners, n_runs, 2 * m, 2 * m))
+        for part in self._parts(at, weight):
+            mine = q[part.runs]
+            pole_pole += part.pole_pole(spread, mine)
+            pole_run[part.runs] += part.pole_run(spread, mine)
+            run_run[part.runs] += part.run_run(spread)
+            by_poles, by_runs = part.with_shapes(self.member, self.ties.sign, spread, mine)
+            shape_pole += by_poles
+            shape_run[:, part.runs] += by_runs
+        shape_pole[self.known] = 0.0
+        shape_run.swapaxes(1, 2)[self.known] = 0.0
+        by_pole = real_gradient(both, point.products[..., m:])
+        by_run = real_gradient(spread, point.products[..., :m])
+        return System(
+            pole_pole,
+            pole_run,
+            run_run,
+            shape_pole,
+            shape_run,
+            self._shape_normal(at, q, weight),
+            np.einsum("c,rcj->j", weight, by_pole),
+            np.einsum("c,rcj->rj", weight, by_run),
+            self._free(q),
         )
-        by_run = np.einsum("c,rcj->rj", weight, real_gradient(spread, point.products[..., :m]))
-        for run in range(n_runs):
-            mine = slice(2 * m * (1 + run), 2 * m * (2 + run))
-            normal[poles, mine], normal[mine, poles] = across[run], across[run].T
-            normal[mine, mine] = own[run]
-            mixed[..., mine] = np.einsum("gc,cij->gij", weighted, shape_run[run])
-            gradient[mine] = by_run[run]
-        mixed[self.known] = 0.0
-        slope = _solve(self._shape_normal(at, q, weight), mixed)
-        normal -= np.einsum("gip,giq->pq", mixed, slope)
-        free = self._free(q)
-        return System(normal[np.ix_(free, free)], gradient[free], slope[..., free], free)
 
     def move(self, point: Point, system: System, damping: float) -> Point | None:
         """Return the point a step ahead, None if it is no better."""
-        m, n_runs = len(point.waves.poles), len(point.amplitudes)
-        scale = unit_scale(system.normal)
-        damped = system.normal * np.multiply.outer(scale, scale)
-        damped[np.diag_indices_from(damped)] += damping
-        free = scale * np.linalg.solve(damped, scale * system.gradient)
-        step = np.zeros(2 * m * (1 + n_runs))
-        step[system.free] = free
-        parts = step.reshape(1 + n_runs, 2, m)
-        parts = parts[:, 0] + 1j * parts[:, 1]
-        poles = point.waves.poles + parts[0]
+        m = len(point.waves.poles)
+        by_poles, by_runs, by_shapes = system.step(damping)
+        poles = point.waves.poles + by_poles[:m] + 1j * by_poles[m:]
         if np.any(poles.imag[self.turning] <= 0.0):
             return None
         if np.any(poles.real * self.longest_s > _MAX_GROWTH):
             return None
-        follow = system.shape_slope @ free
-        shapes = point.shapes - (follow[:, :m] + 1j * follow[:, m:])
-        at = waves(self.blocks, self.place, poles)
+        shapes = point.shapes + by_shapes[:, :m] + 1j * by_shapes[:, m:]
+        amplitudes = point.amplitudes + by_runs[:, :m] + 1j * by_runs[:, m:]
         weight = self.count / point.squares
-        trial = self.point(at, point.amplitudes + parts[1:], shapes, weight)
+        trial = self.point(waves(self.blocks, poles), amplitudes, shapes, weight)
         return trial if trial.objective <= point.objective else None
 
     def log_likelihood(self, point: Point) -> float:
@@ -209,16 +188,24 @@ class Problem:
             products[block.run, block.channel] = _complex(table.T @ left).T
         return squares, products
 
+    def _parts(self, at: Waves, weight: NDArray[np.float64]) -> Iterator[Part]:
+        """Yield the products of each block with the weights of its series."""
+        for number in range(len(self.blocks)):
+            series = self.place == number
+            runs = np.flatnonzero(series.any(axis=1))
+            yield Part(runs, series[runs] * weight, at.mixed[number], at.plain[number])
+
     def _shape_normal(
         self, at: Waves, q: NDArray[np.complex128], weight: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        signed = self.ties.sign * q[:, None]
-        blocks = real_block(signed, signed, *_part(at, 0, 0))
-        normal = np.einsum("gc,rcij->gij", self.member * weight, blocks)
+        n = 2 * len(at.poles)
+        normal = np.zeros((len(self.known), n, n))
+        for part in self._parts(at, weight):
+            normal += part.shape_shape(self.member, self.ties.sign, q[part.runs])
         normal[self.known] = 0.0
         np.swapaxes(normal, 1, 2)[self.known] = 0.0
         np.einsum("gii->gi", normal)[self.known] = 1.0
-        return np.asarray(normal)
+        return normal
 
     def _shape_gradient(
         self,
@@ -240,13 +227,13 @@ class Problem:
         n_members = self.member @ np.abs(self.ties.sign)
         return np.asarray((self.member @ (self.ties.sign * shapes)) / np.maximum(n_members, 1.0))
 
-    def _free(self, amplitudes: NDArray[np.complex128]) -> NDArray[np.intp]:
+    def _free(self, amplitudes: NDArray[np.complex128]) -> NDArray[np.bool_]:
         """Return which unknowns are free; one amplitude of each mode sets its shape's scale."""
         n_runs, m = amplitudes.shape
         free = np.ones((1 + n_runs, 2, m), dtype=bool)
         free[:, 1] = self.turning
         free[1 + np.argmax(np.abs(amplitudes), axis=0), :, np.arange(m)] = False
-        return np.flatnonzero(free)
+        return free.reshape(1 + n_runs, 2 * m)
 
 
 def problem_of(blocks: Sequence[Block], ties: Ties, turning: NDArray[np.bool_]) -> Problem:
@@ -277,34 +264,7 @@ def problem_of(blocks: Sequence[Block], ties: Ties, turning: NDArray[np.bool_]) 
     return Problem(tuple(blocks), ties, turning, place, count, power, known, member, longest)
 
 
-def _part(
-    at: Waves, left: int, right: int
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return the products of exp (0) or t exp (1) with exp or t exp."""
-    m = len(at.poles)
-    rows, columns = slice(m * left, m * (left + 1)), slice(m * right, m * (right + 1))
-    return at.mixed[..., rows, columns], at.plain[..., rows, columns]
-
-
-def _weighted(weight: NDArray[np.float64], blocks: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.einsum("c,rcij->rij", weight, blocks))
-
-
 def _complex(parts: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Join real parts (the first half of the rows) and imaginary parts."""
     half = len(parts) // 2
     return np.asarray(parts[:half] + 1j * parts[half:])
-
-
-def unit_scale(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the factors that make the diagonal 1; unknowns without any effect are held still."""
-    size = np.diag(normal)
-    return np.asarray(1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)))
-
-
-def _solve(normal: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve normal equations, stacked."""
-    n = normal.shape[-1]
-    size = np.trace(normal, axis1=-2, axis2=-1) / n
-    ridge = _RIDGE * size + np.finfo(float).tiny
-    return np.asarray(np.linalg.solve(normal + ridge[..., None, None] * np.eye(n), target))

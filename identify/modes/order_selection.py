@@ -3,6 +3,7 @@
 The State Variable Method may give one pole where there are two that nearly coincide; the slope of
 the residual along ``t exp(pole t)`` reveals it, and shows the shape of the second.  And it may give
 poles that only follow noise; without them the likelihood falls by no more than noise explains.
+Poles that are copies of one mode are merged (`identify.modes.copies`).
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from .copies import originals
 from .modal_likelihood import LikelyModes, likelihood_near, most_likely_modes
+from .needed import likelihood_at_most
 from .normal_equations import Ties
 from .shape_fit import gain_by_noise
 from .waves import Block
@@ -49,7 +52,10 @@ def likely_modes(
     ties : Ties or None
         What is known of the shapes; a mode that is added is of the kind of that which hid it.
     """
-    best = most_likely_modes(blocks, poles, shapes, ties)
+    first = originals(poles, shapes)
+    if ties is not None:
+        ties = Ties(ties.owner, ties.sign[:, first])
+    best = most_likely_modes(blocks, poles[first], shapes[:, first], ties)
     n_levels = sum(block.values.shape[1] for block in blocks if not block.free_level)
     if n_levels:
         floating = tuple(replace(block, free_level=True) for block in blocks)
@@ -59,9 +65,11 @@ def likely_modes(
     n = sum(block.values.size for block in blocks) // len(shapes)
     for _ in range(_MOST_SPLITS):
         trial = most_likely_modes(blocks, *_split(blocks, best), steps=_TRIAL_STEPS)
-        if _merit(trial, n) <= _merit(best, n):
+        if _merit(trial, n) <= _merit(best, n) or len(_originals(trial)) < len(trial.poles):
             break
         best = most_likely_modes(blocks, trial.poles, trial.shapes, trial.ties)
+    while len(left := _originals(best)) < len(best.poles):
+        best = most_likely_modes(blocks, *_chosen(best, left))
     while len(best.poles) > 1:
         left = _least_needed(blocks, best)
         trial = most_likely_modes(blocks, *_chosen(best, left), steps=_TRIAL_STEPS)
@@ -69,6 +77,10 @@ def likely_modes(
             break
         best = most_likely_modes(blocks, trial.poles, trial.shapes, trial.ties)
     return best
+
+
+def _originals(modes: LikelyModes) -> NDArray[np.intp]:
+    return originals(modes.poles, modes.shapes, modes.amplitudes)
 
 
 def _merit(modes: LikelyModes, n: int) -> float:
@@ -102,14 +114,22 @@ def _split(blocks: Sequence[Block], modes: LikelyModes) -> Start:
 
 
 def _least_needed(blocks: Sequence[Block], modes: LikelyModes) -> NDArray[np.intp]:
-    """Return the modes without the one whose loss costs least."""
+    """Return the modes without the one whose loss costs least.
+
+    No set can be better than what free amplitudes of its poles in every series would make of it:
+    where that is worse than a set which was fitted already, none is fitted.
+    """
     m = len(modes.poles)
     n = sum(block.values.size for block in blocks) // len(modes.shapes)
-    fewer = [np.delete(np.arange(m), leave) for leave in range(m)]
     n_channels, n_runs = len(modes.shapes), len(modes.amplitudes)
-    merits = [
-        likelihood_near(blocks, *_chosen(modes, left))
-        - gain_by_noise(modes.poles[left], n_channels, n_runs, n)
-        for left in fewer
-    ]
-    return fewer[int(np.argmax(merits))]
+    fewer = [np.delete(np.arange(m), leave) for leave in range(m)]
+    noise = [gain_by_noise(modes.poles[left], n_channels, n_runs, n) for left in fewer]
+    most = likelihood_at_most(blocks, modes.poles, n_channels) - np.array(noise)
+    best, highest = 0, -np.inf
+    for leave in np.argsort(-most, kind="stable").tolist():
+        if most[leave] < highest:
+            break
+        merit = likelihood_near(blocks, *_chosen(modes, fewer[leave])) - noise[leave]
+        if merit > highest:
+            best, highest = leave, merit
+    return fewer[best]

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from .waves import real_block
+
 _FALSE_ALARM = 1e-3
 SWEEPS = 10
 _SETTLED = 1e-4
@@ -38,14 +40,17 @@ class ModalFit:
 
 @dataclass(frozen=True, slots=True)
 class _Projected:
-    """All records in the spaces that their exponentials span."""
+    """Records of one length in the space that their exponentials span."""
 
-    u: NDArray[np.float64]
-    v: NDArray[np.float64]
-    """Coordinates of the real part and of the negative imaginary part of each exponential, shape
-    (n_records, k, m)."""
+    waves: NDArray[np.complex128]
+    """Coordinates of each exponential, shape (k, m)."""
     target: NDArray[np.float64]
-    """Coordinates of the samples, shape (n_records, k, n_channels)."""
+    """Coordinates of the samples, shape (n_records, n_channels, k)."""
+    products: NDArray[np.complex128]
+    """Sums of exponentials times samples, shape (n_records, n_channels, m)."""
+    mixed: NDArray[np.complex128]
+    plain: NDArray[np.complex128]
+    """`mixed`, `plain`: sums of ``conj(f) g`` and of ``f g`` of the exponentials, shape (m, m)."""
     outside: NDArray[np.float64]
     """Squares of the samples that no amplitudes reach, shape (n_channels,)."""
 
@@ -78,11 +83,12 @@ def fit_modes(
     residual = np.sum([np.sum(decay**2, axis=0) for decay in decays], axis=0)
     if len(poles):
         records = _project(decays, rate_hz, poles)
-        weight = 1.0 / np.sqrt(np.maximum(records.outside / n, _NOISE_FLOOR))
+        outside = np.sum([alike.outside for alike in records], axis=0)
+        weight = 1.0 / np.maximum(outside / n, _NOISE_FLOOR)
         for _ in range(sweeps):
             before = residual
-            shapes, inside = _shapes(records, _amplitudes(records, shapes, weight))
-            residual = records.outside + inside
+            shapes, inside = _shapes(records, [_amplitudes(r, shapes, weight) for r in records])
+            residual = outside + inside
             if np.all(np.abs(before - residual) <= _SETTLED * residual):
                 break
     likelihood = -n * np.sum(np.log(np.maximum(residual / n, _NOISE_FLOOR)))
@@ -93,88 +99,82 @@ def fit_modes(
 
 def _project(
     decays: Sequence[NDArray[np.float64]], rate_hz: float, poles: NDArray[np.complex128]
-) -> _Projected:
+) -> list[_Projected]:
+    """Project records on some exponentials; those of one length share them."""
     m, oscillating = len(poles), poles.imag > 0.0
     lengths = np.array([len(decay) for decay in decays])
     wave = np.exp(np.outer(np.arange(lengths.max()) / rate_hz, poles))
-    waves = np.hstack([wave.real, -wave.imag[:, oscillating]])
-    k, n_channels = waves.shape[1], decays[0].shape[1]
-    u, v = np.zeros((2, len(decays), k, m))
-    target = np.zeros((len(decays), k, n_channels))
-    outside = np.zeros(n_channels)
-    for length in np.unique(lengths):  # records of one length share their exponentials
-        mine = np.flatnonzero(lengths == length)
-        triangle = _triangle(np.hstack([waves[:length], *(decays[i] for i in mine.tolist())]))
-        u[mine] = triangle[:k, :m]
-        v[np.ix_(mine, np.arange(k), oscillating)] = triangle[:k, m:k]
-        columns = triangle[:, k:].reshape(len(triangle), len(mine), n_channels)
-        target[mine] = columns[:k].swapaxes(0, 1)
-        outside += np.sum(columns[k:] ** 2, axis=(0, 1))
-    return _Projected(u, v, target, outside)
-
-
-def _triangle(table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return R of the QR decomposition of a tall table, by blocks of rows.
-
-    Many such tables are decomposed, and a whole one is just large enough for the linear algebra
-    library to wake its threads, which on a busy machine takes longer than the work.
-    """
-    width = table.shape[1]
-    height = 4 * width
-    while len(table) > height:
-        missing = -len(table) % height
-        blocks = np.pad(table, ((0, missing), (0, 0))).reshape(-1, height, width)
-        table = np.asarray(np.linalg.qr(blocks, mode="r")).reshape(-1, width)
-    table = np.pad(table, ((0, max(0, width - len(table))), (0, 0)))
-    return np.asarray(np.linalg.qr(table, mode="r"))
+    columns = np.hstack([wave.real, wave.imag[:, oscillating]])
+    n_channels = decays[0].shape[1]
+    records = []
+    for length in np.unique(lengths):
+        mine = [decays[i] for i in np.flatnonzero(lengths == length)]
+        basis, triangle = np.linalg.qr(columns[:length])
+        samples = np.hstack(mine)
+        within = basis.T @ samples
+        left = np.sum((samples - basis @ within) ** 2, axis=0)
+        waves = triangle[:, :m].astype(complex)
+        waves[:, oscillating] += 1j * triangle[:, m:]
+        target = within.T.reshape(len(mine), n_channels, -1)
+        records.append(
+            _Projected(
+                waves,
+                target,
+                target @ waves,
+                waves.conj().T @ waves,
+                waves.T @ waves,
+                left.reshape(len(mine), n_channels).sum(axis=0),
+            )
+        )
+    return records
 
 
 def _amplitudes(
     records: _Projected, shapes: NDArray[np.complex128], weight: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """Return the best amplitude of each mode in each record, (n_records, m)."""
-    n_records, _, m = records.u.shape
-    re, im = ((part * weight[:, None])[:, None, None] for part in (shapes.real, shapes.imag))
-    columns = np.concatenate(
-        [records.u * re + records.v * im, records.v * re - records.u * im], axis=-1
-    )  # (n_channels, n_records, k, 2 m)
-    columns = columns.transpose(1, 0, 2, 3).reshape(n_records, -1, 2 * m)
-    target = (records.target * weight).transpose(0, 2, 1).reshape(n_records, -1, 1)
-    found = _least_squares(columns, target)[..., 0]
-    return np.asarray(found[:, :m] + 1j * found[:, m:])
+    """Return the best amplitude of each mode in each record, (n_records, m).
+
+    `weight` (n_channels,) is the inverse of the variance of the noise.
+    """
+    weighted = shapes * weight[:, None]
+    normal = real_block(
+        (shapes.conj().T @ weighted) * records.mixed, (shapes.T @ weighted) * records.plain
+    )
+    product = np.einsum("ncm,cm->nm", records.products, weighted)
+    found = _solved(normal, np.hstack([product.real, -product.imag]).T)
+    m = shapes.shape[1]
+    return np.asarray((found[:m] + 1j * found[m:]).T)
 
 
 def _shapes(
-    records: _Projected, amplitudes: NDArray[np.complex128]
+    records: Sequence[_Projected], amplitudes: Sequence[NDArray[np.complex128]]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     """Return the best shapes, (n_channels, m), and the squares they leave in each channel."""
-    m = amplitudes.shape[1]
-    re, im = amplitudes.real[:, None], amplitudes.imag[:, None]
-    columns = np.concatenate(
-        [records.u * re + records.v * im, records.v * re - records.u * im], axis=-1
-    ).reshape(-1, 2 * m)
-    target = records.target.reshape(len(columns), -1)
-    found = _least_squares(columns, target)
+    pairs = list(zip(records, amplitudes, strict=True))
+    normal = np.sum(
+        [real_block((q.conj().T @ q) * r.mixed, (q.T @ q) * r.plain) for r, q in pairs], axis=0
+    )
+    product = np.sum([np.einsum("ncm,nm->cm", r.products, q) for r, q in pairs], axis=0)
+    m = product.shape[1]
+    found = _solved(normal, np.hstack([product.real, -product.imag]).T)
     shapes: NDArray[np.complex128] = (found[:m] + 1j * found[m:]).T
+    left = np.zeros(len(shapes))
+    for r, q in pairs:
+        residue = q[:, None] * shapes
+        fitted = residue.real @ r.waves.real.T - residue.imag @ r.waves.imag.T
+        left += np.sum((r.target - fitted) ** 2, axis=(0, 2))
     size = np.linalg.norm(shapes, axis=0)
-    left: NDArray[np.float64] = np.sum((target - columns @ found) ** 2, axis=0)
     return shapes / np.where(size > 0.0, size, 1.0), left
 
 
-def _least_squares(
-    columns: NDArray[np.float64], target: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Solve by normal equations: columns are few, and a hundred fits compare sets of modes.
+def _solved(normal: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solve normal equations: unknowns are few, and a hundred fits compare sets of modes.
 
     The ridge is far below noise; it decides only between poles that are the same to rounding.
     """
-    transposed = np.swapaxes(columns, -1, -2)
-    normal = transposed @ columns
-    n = normal.shape[-1]
-    ridge = _RIDGE * np.trace(normal, axis1=-2, axis2=-1) / n + np.finfo(float).tiny
-    return np.asarray(
-        np.linalg.solve(normal + ridge[..., None, None] * np.eye(n), transposed @ target)
-    )
+    n = len(normal)
+    ridge = _RIDGE * np.trace(normal) / n + np.finfo(float).tiny
+    return np.asarray(np.linalg.solve(normal + ridge * np.eye(n), target))
 
 
 def gain_by_noise(poles: NDArray[np.complex128], n_channels: int, n_records: int, n: int) -> float:

@@ -27,6 +27,10 @@ _MIN_SAMPLES = 8
 _MAX_ROWS = 240
 """Length of the longest delay vector: more costs time and hardly informs."""
 
+_NOISY = 1e-5
+"""Weakest direction relative to the strongest above which products of the samples serve: their
+rounding, 1e-16, is then far below what noise does to every direction."""
+
 _WHERE = "free-decay records"
 
 
@@ -150,11 +154,10 @@ def delay_space(
     smooth = [_running_mean(decay, step) for decay in decays if len(decay) > span]
     tables = []
     for record in smooth:
-        n = len(record) - step * (delays.blocks - 1)
-        tables.append(np.hstack([record[step * i : step * i + n] for i in range(delays.blocks)]))
-    triangle = np.linalg.qr(np.vstack(tables), mode="r")
-    _, strength, directions = np.linalg.svd(triangle, full_matrices=False)
-    directions = np.ascontiguousarray(directions.T)
+        windows = np.lib.stride_tricks.sliding_window_view(record, span - step + 1, axis=0)
+        table = windows[..., ::step].swapaxes(1, 2)  # (n, blocks, n_channels)
+        tables.append(table.reshape(len(table), -1))
+    strength, directions = _noisy_directions(tables) or _exact_directions(tables)
     return DelaySpace(
         delays=delays,
         rate_hz=rate_hz,
@@ -163,6 +166,32 @@ def delay_space(
         coordinates=tuple(table @ directions for table in tables) if step > 1 else (),
         n_channels=decays[0].shape[1],
     )
+
+
+def _noisy_directions(
+    tables: Sequence[NDArray[np.float64]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return strengths and directions from the products of the delay vectors, None if too exact.
+
+    Products square the condition: they serve where noise is far above rounding, at a tenth of the
+    cost of a decomposition of long tables, which grows with the number of records too.
+    """
+    products = np.sum([table.T @ table for table in tables], axis=0)
+    if sum(len(table) for table in tables) < len(products):
+        return None
+    squares, directions = np.linalg.eigh(products)
+    if squares[0] < _NOISY**2 * squares[-1]:
+        return None
+    return np.sqrt(squares[::-1]), np.ascontiguousarray(directions[:, ::-1])
+
+
+def _exact_directions(
+    tables: Sequence[NDArray[np.float64]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return strengths and directions of the delay vectors to rounding."""
+    triangle = np.linalg.qr(np.vstack(tables), mode="r")
+    _, strength, directions = np.linalg.svd(triangle, full_matrices=False)
+    return strength, np.ascontiguousarray(directions.T)
 
 
 def poles_of_rank(

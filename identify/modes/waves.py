@@ -70,15 +70,15 @@ class Waves:
     (n, 4 m)."""
     mixed: NDArray[np.complex128]
     plain: NDArray[np.complex128]
-    """`mixed`, `plain`: sums of ``conj(f) g`` and of ``f g`` over the samples of each series, shape
-    (n_runs, n_channels, 2 m, 2 m); zero where there is none."""
+    """`mixed`, `plain`: sums of ``conj(f) g`` and of ``f g`` over the samples of each block, shape
+    (n_blocks, 2 m, 2 m)."""
 
 
-def waves(blocks: Sequence[Block], place: NDArray[np.intp], poles: NDArray[np.complex128]) -> Waves:
-    """Evaluate the functions of some poles; `place` (n_runs, n_channels) is each series' block."""
+def waves(blocks: Sequence[Block], poles: NDArray[np.complex128]) -> Waves:
+    """Evaluate the functions of some poles."""
     k = 2 * len(poles)
     functions = []
-    mixed = np.zeros((len(blocks) + 1, k, k), dtype=complex)  # the last stands for no series
+    mixed = np.zeros((len(blocks), k, k), dtype=complex)
     plain = np.zeros_like(mixed)
     for number, block in enumerate(blocks):
         wave = exponentials.waves(block.time_s, poles)
@@ -93,14 +93,11 @@ def waves(blocks: Sequence[Block], place: NDArray[np.intp], poles: NDArray[np.co
         mixed[number] = rr + ii + 1j * (ri - ri.T)
         plain[number] = rr - ii + 1j * (ri + ri.T)
         functions.append(table)
-    return Waves(poles, tuple(functions), mixed[place], plain[place])
+    return Waves(poles, tuple(functions), mixed, plain)
 
 
 def real_block(
-    left: NDArray[np.complex128],
-    right: NDArray[np.complex128],
-    mixed: NDArray[np.complex128],
-    plain: NDArray[np.complex128],
+    first: NDArray[np.complex128], second: NDArray[np.complex128]
 ) -> NDArray[np.float64]:
     """Return the products of two families of derivatives, (..., 2 p, 2 q).
 
@@ -109,14 +106,10 @@ def real_block(
 
     Parameters
     ----------
-    left : (..., p) complex128
-    right : (..., q) complex128
-        Coefficients c of the two families.
-    mixed, plain : (..., p, q) complex128
-        Sums of ``conj(f) g`` and of ``f g``.
+    first, second : (..., p, q) complex128
+        ``conj(c_i) c_j`` times the sum of ``conj(f_i) f_j``, and ``c_i c_j`` times that of ``f_i
+        f_j``, c_i of the one family and c_j of the other.
     """
-    first = left.conj()[..., :, None] * right[..., None, :] * mixed
-    second = left[..., :, None] * right[..., None, :] * plain
     total, gap = first + second, first - second
     p, q = first.shape[-2:]
     out = np.empty((*first.shape[:-2], 2 * p, 2 * q))

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from identify.modes import stabilisation
+from identify.modes.arrow import unit_scale
 from identify.modes.era import realised_modes, standing_out
 from identify.modes.modal_likelihood import LikelyModes
 from identify.modes.modal_model import ModalModel
 from identify.modes.mode_selection import _numerical_rank, _worth_trying
-from identify.modes.normal_equations import Ties, unit_scale
-from identify.modes.shape_fit import _triangle, fit_modes
+from identify.modes.normal_equations import Ties
+from identify.modes.shape_fit import fit_modes
 from identify.modes.stabilisation import Poles, StabilisationDiagram, diagram_of
 from identify.modes.state_variable_method import (
     Delays,
@@ -267,15 +268,6 @@ def test_modes_leave_what_they_do_not_explain() -> None:
     gain = chi2.isf(1e-3 / 80, 8)
     assert fit.merit == pytest.approx(-80 * np.sum(np.log(power)) - gain, abs=8.0)
     assert fit.merit < -80 * np.sum(np.log(power)) - gain
-
-
-@pytest.mark.parametrize("n", [2, 3, 11, 13, 50])
-def test_a_tall_table_is_decomposed_by_blocks(n: int) -> None:
-    table = np.random.default_rng(n).standard_normal((n, 3))
-    triangle = _triangle(table)
-    assert triangle.shape == (3, 3)
-    assert triangle.T @ triangle == pytest.approx(table.T @ table)
-    assert np.tril(triangle, -1) == pytest.approx(np.zeros((3, 3)))
 
 
 def test_records_of_one_length_share_a_block() -> None:

@@ -1,0 +1,62 @@
+"""Bounds by which most sets of modes need no fit of their own.
+
+A mode has one shape in all runs.  Were its amplitude free in every channel of every run, the modes
+would explain more: what even then is lost without one of them, is lost the more with shapes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model import exponentials
+from .waves import Block
+
+_ROUNDING = 1e-12
+"""Share of the samples' power below which a loss cannot be distinguished from rounding."""
+
+
+def likelihood_at_most(
+    blocks: Sequence[Block], poles: NDArray[np.complex128], n_channels: int
+) -> NDArray[np.float64]:
+    """Return what the likelihood without each of some poles cannot exceed, (m,).
+
+    Twice its logarithm, constants apart, as `LikelyModes.log_likelihood`.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        The samples; no channel of zeros.
+    poles : (m,) complex128
+        rad/s, imaginary parts of at least zero.
+    n_channels : int
+        Channels of the samples.
+    """
+    m = len(poles)
+    count = np.zeros(n_channels)
+    least = np.zeros((m, n_channels))
+    turning = np.flatnonzero(poles.imag > 0.0)
+    owner = np.concatenate([np.arange(m), turning])
+    for block in blocks:
+        wave = exponentials.waves(block.time_s, poles)
+        table = np.hstack([wave.real, wave.imag[:, turning]])
+        if block.free_level:
+            table -= table.mean(axis=0)
+        basis, triangle = np.linalg.qr(table)
+        within = basis.T @ block.deviations
+        power = np.sum(block.deviations**2, axis=0)
+        inverse = np.linalg.pinv(triangle)
+        found = inverse @ within
+        covariance = inverse @ inverse.T
+        left = np.sum((block.deviations - basis @ within) ** 2, axis=0)
+        np.add.at(count, block.channel, len(block.time_s))
+        for mode in range(m):
+            mine = np.flatnonzero(owner == mode)
+            own = covariance[np.ix_(mine, mine)]
+            lost = np.einsum("ik,ik->k", found[mine], np.linalg.pinv(own) @ found[mine])
+            np.add.at(least[mode], block.channel, left + np.maximum(lost, 0.0) * (1.0 - 1e-6))
+        np.add.at(least.T, block.channel, -_ROUNDING * power[:, None])
+    floor = np.finfo(float).tiny
+    return np.asarray(-np.sum(count * np.log(np.maximum(least, floor) / count), axis=1))

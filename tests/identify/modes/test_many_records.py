@@ -1,0 +1,96 @@
+"""A structure that is struck many times: close modes are held apart, copies of one are merged."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from identify.modes.copies import originals
+from identify.modes.modal_likelihood import likelihood_near
+from identify.modes.modal_model import ModalModel
+from identify.modes.mode_selection import identify_modes
+from identify.modes.needed import likelihood_at_most
+from identify.modes.normal_equations import Ties
+from identify.modes.waves import even_blocks
+
+from ..structures import CLOSE_PAIR_HZ, struck_frame
+
+RATE_HZ = 512.0
+
+
+def test_modes_that_nearly_coincide_are_told_apart_and_none_else_is_found() -> None:
+    records, poles = struck_frame(8, 16, 3)
+    found = identify_modes(records, RATE_HZ)
+    truth = np.sort(np.abs(poles)) / (2.0 * np.pi)
+    assert len(found) == 8
+    assert np.max(np.abs(found.frequencies_hz / truth - 1.0)) < 3e-5
+    assert np.max(np.abs(found.frequencies_hz - truth) / found.frequency_std_hz) < 4.0
+    pair = found.frequencies_hz[(found.frequencies_hz > 125.0) & (found.frequencies_hz < 126.0)]
+    assert pair == pytest.approx(CLOSE_PAIR_HZ, abs=0.005)
+
+
+def test_a_mode_whose_frequency_drifts_is_one_mode() -> None:
+    """One in a thousand from record to record, five times what noise leaves open in all."""
+    records, poles = struck_frame(6, 16, 4, drift=1e-3)
+    found = identify_modes(records, RATE_HZ)
+    assert no_copies(found, poles)
+    truth = np.sort(np.abs(poles)) / (2.0 * np.pi)
+    for frequency_hz in truth:
+        assert np.min(np.abs(found.frequencies_hz / frequency_hz - 1.0)) < 1e-3
+    assert len(found) <= len(poles) + 2
+
+
+def no_copies(found: ModalModel, poles: NDArray[np.complex128]) -> bool:
+    """Return whether no true mode but the close pair is near to two that were found."""
+    truth = np.abs(poles) / (2.0 * np.pi)
+    near = np.abs(found.frequencies_hz[:, None] / truth - 1.0) < 0.005
+    alone = np.abs(truth - np.mean(CLOSE_PAIR_HZ)) > 1.0
+    return bool(np.all(near.sum(axis=0)[alone] <= 1) and np.all(near.sum(axis=0)[~alone] <= 2))
+
+
+SHAPE = np.array([1.0, 1.0, 1.0], dtype=complex)
+
+
+def turned(mac_value: float) -> NDArray[np.complex128]:
+    """Return a shape of given MAC with SHAPE."""
+    across = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
+    return np.sqrt(mac_value) * SHAPE / np.sqrt(3.0) + np.sqrt(1.0 - mac_value) * across
+
+
+@pytest.mark.parametrize(
+    ("apart", "alike", "left"),
+    [(0.019, 0.981, 1), (0.021, 0.981, 2), (0.019, 0.979, 2)],
+)
+def test_a_copy_is_near_and_of_the_same_shape(apart: float, alike: float, left: int) -> None:
+    poles = np.array([100j - 1.0, (100j - 1.0) * (1.0 + apart)])
+    shapes = np.column_stack([SHAPE, turned(alike)])
+    assert len(originals(poles, shapes)) == left
+    assert len(originals(poles, shapes[:1])) == 2  # one channel shows no shape
+
+
+def test_of_copies_the_strongest_stays() -> None:
+    poles, shapes = np.array([100j - 1.0, 100.1j - 1.0]), np.column_stack([SHAPE, SHAPE])
+    for strong in (0, 1):
+        amplitudes = np.where(np.arange(2) == strong, 2.0, 1.0)[None].astype(complex)
+        assert originals(poles, shapes, amplitudes).tolist() == [strong]
+
+
+def test_real_poles_are_no_copies() -> None:
+    poles = np.array([-1.0, -1.001], dtype=complex)
+    assert len(originals(poles, np.column_stack([SHAPE, SHAPE]))) == 2
+
+
+def test_the_bound_is_that_of_amplitudes_free_in_every_series() -> None:
+    """By plain least squares of each series; a fit with shapes stays below it."""
+    records, poles = struck_frame(4, 5, 1, n_samples=256)
+    blocks, shapes = even_blocks(records, RATE_HZ), np.ones((3, 4), dtype=complex)
+    bound = likelihood_at_most(blocks, poles, 3)
+    for leave in range(4):
+        left = np.delete(np.arange(4), leave)
+        wave = np.exp(np.outer(np.arange(256) / RATE_HZ, poles[left]))
+        table = np.hstack([wave.real, wave.imag])
+        squares = np.sum([np.linalg.lstsq(table, r, rcond=None)[1] for r in records], axis=0)
+        free = -5 * 256 * np.sum(np.log(squares / (5 * 256)))
+        assert bound[leave] == pytest.approx(free, abs=0.02)
+        assert likelihood_near(blocks, poles[left], shapes[:, left], Ties.none(3, 3)) < free
