@@ -1,4 +1,8 @@
-"""Two or more sessions held against each other: what differs, how surely, and whether it drifts."""
+"""Two or more sessions held against each other: what differs, how surely, and whether it drifts.
+
+Each quantity is compared by itself, from full fits that share nothing; what changed is said by one
+joint fit of all sessions (`identify.change`), which is far surer.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,7 @@ from numpy.typing import NDArray
 from daq.vehicle import BodyWeight
 from dbc.errors import InputError
 
+from .change import Change, change_of
 from .fit.grey_box import weight_sigmas
 from .fit.uncertainty import Estimate
 from .identification import Identification
@@ -90,6 +95,8 @@ class Comparison:
     """Facts and weights with uncertainties that all sessions state alike."""
     open: tuple[str, ...] = ()
     """Parameters that at least one session does not determine: they are not compared."""
+    change: Change | None = None
+    """What changed, by one joint fit of all sessions; None where a session has no fit."""
 
     @property
     def quantities(self) -> tuple[Compared, ...]:
@@ -98,7 +105,10 @@ class Comparison:
 
     def document(self) -> dict[str, Any]:
         """Return the comparison as JSON, the form of `compare --json`."""
-        return asdict(self)
+        document = asdict(self)
+        if self.change is not None:
+            document["change"]["sentence"] = self.change.sentence
+        return document
 
 
 def compare(labels: Sequence[str], results: Sequence[Identification]) -> Comparison:
@@ -138,7 +148,13 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
         tuple(compared[name] for name in forces),
         _common(results),
         _open(results),
+        _change(results),
     )
+
+
+def _change(results: Sequence[Identification]) -> Change | None:
+    estimations = [r.estimation for r in results if r.estimation is not None]
+    return change_of(estimations) if len(estimations) == len(results) else None
 
 
 def _parameters(result: Identification) -> dict[str, Estimate]:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .blocks import Picture as Picture
     from .blocks import Report as Report
     from .blocks import Source as Source
+    from .change import unchanged_line as unchanged_line
     from .content import report_of as report_of
     from .dampers import damper_columns as damper_columns
     from .dampers import damper_rows as damper_rows

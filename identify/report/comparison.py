@@ -9,6 +9,7 @@ import numpy as np
 from ..compare import Compared, Comparison
 from ..document import NOT_DETERMINED, unit_text
 from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
+from .change import change_table
 from .panels import DifferencePanel, TrendPanel
 
 _DRAWN = 24
@@ -19,6 +20,8 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
     """Return what differs, and what drifts."""
     labels, document = comparison.labels, comparison.document()
     blocks: list[Block] = [_sessions(comparison)]
+    if comparison.change is not None:
+        blocks.append(change_table(comparison.change, document))
     if comparison.common:
         shared = tuple((Cell(text), Cell("")) for text in comparison.common)
         columns = ("what", "")
@@ -44,10 +47,13 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
 
 
 METHOD = (
-    "Every session is held against the first one named. The errors of two sessions are taken as "
-    "independent; facts and weights stated alike in both have errors in common, which makes the "
-    "standard deviation of a difference too large rather than too small. A difference is "
-    "significant if it stands at 95 % among all that are listed (Holm)."
+    "What changed is found by one joint fit of all sessions: every parameter is common to them "
+    "unless the data ask for a difference, and of all sets of few parameters the one is named that "
+    "explains most for its number. Beside it each quantity is compared by itself, from fits that "
+    "share nothing. Every session is held against the first one named. The errors of two "
+    "sessions are taken as independent; facts and weights stated alike in both have errors in "
+    "common, which makes the standard deviation of a difference too large rather than too small. A "
+    "difference is significant if it stands at 95 % among all that are listed (Holm)."
 )
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from daq import read_foreign_session
 from identify import Identification, identify_parameters
 from identify.compare import Compared, Comparison
-from identify.report import number
+from identify.report import number, unchanged_line
 
 from ..output import Stage, print_line, print_table
 from .spread import over_all
@@ -25,17 +25,21 @@ def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
 
 
 def _results(path: str) -> Identification:
-    """Return the results alone: with their samples, a trend over many would fill the memory."""
+    """Return the results with the decays alone: with all, a trend would fill the memory."""
     result = identify_parameters(read_foreign_session(path))
     if result.estimation is None:
         return result
-    fit = replace(result.estimation, records=(), decays=(), residuals=())
+    fit = replace(result.estimation, records=(), residuals=())
     return replace(result, estimation=fit, residuals=())
 
 
 def print_comparison(comparison: Comparison) -> None:
     """Write every difference from the first session, then trends where there are some."""
     first = comparison.labels[0]
+    if comparison.change is not None:
+        print_line(comparison.change.sentence)
+        print_line(unchanged_line(comparison.change))
+        print_line()
     for which, label in enumerate(comparison.labels[1:]):
         for title, rows in (
             ("Parameters", comparison.parameters),
@@ -54,7 +58,7 @@ def print_comparison(comparison: Comparison) -> None:
     for label, verdict in zip(comparison.labels, comparison.verdicts, strict=True):
         print_line(f"{label}: {verdict}")
     print_line(
-        "Errors of the sessions are taken as independent"
+        "z: each quantity by itself; errors of the sessions are taken as independent"
         + (f"; in common are {', '.join(comparison.common)}." if comparison.common else ".")
     )
 

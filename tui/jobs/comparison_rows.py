@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from textwrap import wrap
 
 from identify.compare import Compared, Comparison
-from identify.report import number
+from identify.report import number, unchanged_line
 
 
 def comparison_lines(comparison: Comparison) -> Iterator[str]:
@@ -15,11 +16,15 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
     yield f"1  {first}: {comparison.verdicts[0]}"
     yield f"2  {second}: {comparison.verdicts[1]}"
     yield ""
+    if comparison.change is not None:
+        yield from wrap(comparison.change.sentence, 79)
+        yield from wrap(unchanged_line(comparison.change), 79)
+        yield ""
     if differing:
-        yield f"They differ, at 95 % among all quantities, in {len(differing)}:"
+        yield f"Each by itself, they differ, at 95 % among all quantities, in {len(differing)}:"
         yield f"  {', '.join(differing)}"
     else:
-        yield "Nothing differs beyond what noise alone would give."
+        yield "Each by itself, nothing differs beyond what noise alone would give."
     for title, rows in (
         ("Parameters", comparison.parameters),
         ("Forces of one corner", comparison.forces),

@@ -1,0 +1,224 @@
+"""What changed between sessions: the fewest parameters whose difference explains all that differs.
+
+One joint fit (`identify.joint`): every parameter is common to the sessions unless the data ask for
+a difference.  Of all sets of up to three parameters that one is taken whose gain in squared
+residuals exceeds most what chance, and the number of parameters tried, make of it.  What is left is
+tested: if the sessions still differ, the change is none of the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, chdtri
+
+from daq.vehicle import parameter_unit
+
+from .fit.estimation import Estimation
+from .fit.grey_box import SIGNED
+from .fit.uncertainty import COVERAGE_95, Estimate
+from .joint import Differences, Model, Share, differences, first_share, share_at
+
+LEVEL = 0.05
+"""Chance of naming any parameter where nothing differs."""
+_REST_LEVEL = 0.01
+"""Chance of missing something beside the named parameters where nothing else differs."""
+_MOST = 3
+"""Parameters named at most; more at once are another car."""
+_MOST_OF_MANY = 2
+"""The same for more than two sessions, each parameter with two ways to differ."""
+_ROUNDS = 4
+"""Linearisations about the last answer; the second seldom changes it."""
+
+
+@dataclass(frozen=True, slots=True)
+class NamedChange:
+    """A parameter that differs between sessions."""
+
+    name: str
+    """The parameter."""
+    kind: str
+    """`differs` between two sessions; over more, `drifts` by one step a session or `varies`."""
+    changes: tuple[Estimate, ...]
+    """The difference from the first session in SI units: one for two sessions, the step from one
+    session to the next of a drift, or one for each further session."""
+    shares: tuple[float, ...]
+    """The same as shares of the value in the first session; NaN if that is zero."""
+    p: float
+    """Chance of as much where the parameter is the same in all sessions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What differs between sessions, by one joint fit."""
+
+    outcome: str
+    """`nothing` differs; `parameters`: those that are named; `other`: no few parameters explain it;
+    `not compared`: the sessions are not described by the same parameters."""
+    named: tuple[NamedChange, ...] = ()
+    """The parameters that differ, the surest first."""
+    chi2: float = 0.0
+    freedom: int = 0
+    p: float = 1.0
+    """`chi2`, `freedom`, `p`: test that no parameter differs, and the chance of as much."""
+    rest_chi2: float = 0.0
+    rest_freedom: int = 0
+    rest_p: float = 1.0
+    """`rest_chi2`, `rest_freedom`, `rest_p`: test that nothing differs but what is named."""
+
+    @property
+    def sentence(self) -> str:
+        """Say it in a line."""
+        match self.outcome:
+            case "nothing":
+                return "Nothing differs beyond chance."
+            case "parameters":
+                names = [f"{c.name} ({_amount(c)})" for c in self.named]
+                return f"Changed: {', '.join(names)}; all else is unchanged."
+            case "other":
+                return (
+                    "Something changed, and it is none of the parameters alone: look for friction,"
+                    " a sensor, the load, or more than three parameters at once."
+                )
+        return "The sessions are not described by the same parameters: no joint fit."
+
+
+def _amount(change: NamedChange) -> str:
+    low = [f"{100 * share:+.2f} %" for share in change.shares[:3]]
+    std = [
+        f" ± {100 * COVERAGE_95 * abs(e.std / e.value * share):.2f}" if e.value else ""
+        for e, share in zip(change.changes[:3], change.shares[:3], strict=True)
+    ]
+    text = ", ".join(a.replace(" %", f"{b} %") for a, b in zip(low, std, strict=True))
+    each = {"differs": "", "drifts": " a session", "varies": " from the first"}[change.kind]
+    return text + (" .." if len(change.changes) > 3 else "") + each
+
+
+def change_of(estimations: Sequence[Estimation]) -> Change:
+    """Find what differs between two or more sessions, in their order."""
+    names = estimations[0].box.parameters
+    if any(e.box.parameters != names for e in estimations):
+        return Change("not compared")
+    candidates = _candidates(len(estimations), len(names))
+    shares = tuple(first_share(e) for e in estimations)
+    n_values = sum(d.n_values for e in estimations for d in e.decays)
+    chosen: tuple[int, ...] = ()
+    for last in range(_ROUNDS):
+        found = differences(shares, candidates)
+        groups = _groups(candidates)
+        again, chosen = chosen, _chosen(found, groups, candidates, len(estimations), n_values)
+        if last and again == chosen:
+            break
+        which = np.concatenate([np.zeros(0, np.intp), *(groups[i] for i in chosen)])
+        common, by, _ = found.best(which)
+        step = np.zeros(len(found.target))
+        step[which] = by
+        shares = tuple(
+            share_at(e, common + candidates.columns(i, len(names)) @ step, share.own)
+            for i, (e, share) in enumerate(zip(estimations, shares, strict=True))
+        )
+    return _answer(differences(shares, candidates), candidates, chosen, names, shares)
+
+
+def _candidates(n_sessions: int, p: int) -> Model:
+    """Return every way in which a parameter may differ: freely, and over many along a line."""
+    free = np.eye(n_sessions)[:, 1:]
+    if n_sessions == 2:
+        return Model(tuple(range(p)), (free,) * p)
+    line = np.arange(n_sessions, dtype=np.float64)[:, None]
+    return Model((*range(p), *range(p)), (*(line,) * p, *(free,) * p))
+
+
+def _groups(model: Model) -> list[NDArray[np.intp]]:
+    """Return the numbers of each candidate's differences."""
+    edges = np.cumsum([0, *(design.shape[1] for design in model.designs)])
+    return [np.arange(a, b) for a, b in pairwise(edges)]
+
+
+def _chosen(
+    found: Differences,
+    groups: Sequence[NDArray[np.intp]],
+    model: Model,
+    n_sessions: int,
+    n_values: int,
+) -> tuple[int, ...]:
+    """Return the set of candidates that is worth most."""
+    usable = [i for i, group in enumerate(groups) if np.all(found.shown[group])]
+    price = {}
+    for i in usable:
+        k = len(groups[i])
+        by_chance = float(chdtri(k, LEVEL / max(len(usable), 1)))
+        price[i] = max(by_chance, k * log(n_values) if n_values else 0.0)
+    best: tuple[int, ...] = ()
+    worth = 0.0
+    for size in range(1, (_MOST if n_sessions == 2 else _MOST_OF_MANY) + 1):
+        for some in combinations(usable, size):
+            if len({model.parameters[i] for i in some}) < size:
+                continue
+            gain = found.gain(np.concatenate([groups[i] for i in some]))
+            own = gain - sum(price[i] for i in some)
+            if own > worth:
+                best, worth = some, own
+    return best
+
+
+def _answer(
+    found: Differences,
+    model: Model,
+    chosen: tuple[int, ...],
+    names: tuple[str, ...],
+    shares: tuple[Share, ...],
+) -> Change:
+    groups = _groups(model)
+    p = len(names)
+    free = [groups[i] for i in range(len(groups)) if groups[i].size == len(shares) - 1][-p:]
+    everything = np.concatenate(free)
+    everything = everything[found.shown[everything]]
+    chi2, freedom = found.gain(everything), len(everything)
+    which = np.concatenate([np.zeros(0, np.intp), *(groups[i] for i in chosen)])
+    explained = found.gain(which) if chosen else 0.0
+    rest, rest_freedom = max(chi2 - explained, 0.0), freedom - len(which)
+    rest_p = float(chdtrc(rest_freedom, rest)) if rest_freedom else 1.0
+    tests = (chi2, freedom, float(chdtrc(freedom, chi2)), rest, rest_freedom, rest_p)
+    if rest_p < _REST_LEVEL:
+        return Change("other", (), *tests)
+    if not chosen:
+        return Change("nothing", (), *tests)
+    common, by, covariance = found.best(which)
+    named = []
+    for i in chosen:
+        mine = np.flatnonzero(np.isin(which, groups[i]))
+        others = np.setdiff1d(which, groups[i])
+        gain = explained - (found.gain(others) if others.size else 0.0)
+        name = names[model.parameters[i]]
+        kind = "differs" if len(shares) == 2 else ("drifts" if i < p else "varies")
+        first, slope = _value(name, float(common[model.parameters[i]]))
+        changes, parts = [], []
+        for number in mine.tolist():
+            step, std = float(by[number]), float(covariance[number, number]) ** 0.5
+            value, after = (
+                (slope * step, slope)
+                if name in SIGNED
+                else (first * float(np.expm1(step)), first * float(np.exp(step)))
+            )
+            half = COVERAGE_95 * after * std
+            unit = parameter_unit(name)
+            changes.append(Estimate(value, after * std, value - half, value + half, unit))
+            parts.append(value / first if first else float("nan"))
+        chance = float(chdtrc(len(mine), gain))
+        named.append(NamedChange(name, kind, tuple(changes), tuple(parts), chance))
+    named.sort(key=lambda change: change.p)
+    return Change("parameters", tuple(named), *tests)
+
+
+def _value(name: str, unknown: float) -> tuple[float, float]:
+    """Return a parameter's value at its unknown, and its slope by it."""
+    if name in SIGNED:
+        return SIGNED[name] * unknown, SIGNED[name]
+    value = float(np.exp(unknown))
+    return value, value

@@ -1,0 +1,146 @@
+"""Sessions under one roof: what each says of the common parameters, its own unknowns eliminated.
+
+Two full fits share no knowledge: each has the whole uncertainty of every parameter, and so has
+their difference.  Fitted together, with everything equal but what is said to differ, the
+difference is known six to twenty times better.  All that this needs of a session is its
+likelihood near a point, as a quadratic in the parameters: its normal matrix and right-hand side
+(`identify.fit.varpro`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.frames import read_only
+
+from .fit.estimation import Estimation
+from .fit.varpro import pseudo_inverse
+
+_FREE = 1e-9
+"""Share of an unknown's information that must be left when the common parameters are free: below,
+it is rounding, and the sessions do not determine the difference."""
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A session's likelihood: ``x^T information x - 2 x^T target`` and a constant."""
+
+    information: NDArray[np.float64]
+    """Of the parameters, the session's own unknowns eliminated, shape (p, p)."""
+    target: NDArray[np.float64]
+    """Shape (p,)."""
+    own: NDArray[np.float64]
+    """Best values of the session's own unknowns at the point, shape (q,)."""
+
+    def __post_init__(self) -> None:
+        for name in ("information", "target", "own"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+
+def first_share(estimation: Estimation) -> Share:
+    """Return the likelihood of a session about its own optimum."""
+    fit, p = estimation.fit, len(estimation.box.parameters)
+    block = fit.covariance[:p, :p]
+    if estimation.nonlinear is not None and np.all(np.isfinite(np.diag(block))):
+        information = np.linalg.inv(block)  # of intervals that may be wider than the information
+    else:
+        whole = np.sum(list(fit.information.values()), axis=0)
+        information, _, _ = _profiled(whole, np.zeros(len(fit.eta)), p)
+    return Share(information, information @ fit.eta[:p], fit.eta[p:])
+
+
+def share_at(estimation: Estimation, at: NDArray[np.float64], own: NDArray[np.float64]) -> Share:
+    """Return the likelihood of a session about a point, (p,); `own` as its last `Share` has them.
+
+    Where a fit was nonlinear, or is stored without its decays, it stays that about its own optimum.
+    """
+    if estimation.nonlinear is not None or not estimation.decays:
+        return first_share(estimation)
+    eta = np.concatenate([at, own])
+    blocks = estimation.engine.normal_blocks(estimation.decays, estimation.sigma, eta).values()
+    whole = np.sum([block.information for block in blocks], axis=0)
+    gradient = np.sum([block.gradient for block in blocks], axis=0)
+    information, gradient, step = _profiled(whole, gradient, len(at))
+    return Share(information, information @ at + gradient, own + step)
+
+
+def _profiled(
+    whole: NDArray[np.float64], gradient: NDArray[np.float64], p: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return information and gradient of the first p unknowns, and the step of the others."""
+    inverse = pseudo_inverse(whole[p:, p:])
+    across = whole[:p, p:] @ inverse
+    step = inverse @ gradient[p:]
+    return whole[:p, :p] - across @ whole[p:, :p], gradient[:p] - across @ gradient[p:], step
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """Which parameters may differ between sessions, and how."""
+
+    parameters: tuple[int, ...]
+    """Number of each parameter that may."""
+    designs: tuple[NDArray[np.float64], ...]
+    """For each, how its value follows from session to session, shape (n_sessions, k)."""
+
+    def columns(self, session: int, p: int) -> NDArray[np.float64]:
+        """Return how a session's parameters follow from the differences, (p, n)."""
+        blocks = []
+        for parameter, design in zip(self.parameters, self.designs, strict=True):
+            block = np.zeros((p, design.shape[1]))
+            block[parameter] = design[session]
+            blocks.append(block)
+        return np.hstack([np.zeros((p, 0)), *blocks])
+
+
+@dataclass(frozen=True, slots=True)
+class Differences:
+    """The likelihood of differences, the common parameters eliminated."""
+
+    information: NDArray[np.float64]
+    """Shape (n, n)."""
+    target: NDArray[np.float64]
+    """Shape (n,)."""
+    common: NDArray[np.float64]
+    """Common parameters with no difference, shape (p,)."""
+    follow: NDArray[np.float64]
+    """By how much they move against each difference, shape (p, n)."""
+    shown: NDArray[np.bool_]
+    """Which differences the sessions determine at all, shape (n,)."""
+
+    def gain(self, which: NDArray[np.intp]) -> float:
+        """Return by how much some differences lower the squared residuals."""
+        mine = which[self.shown[which]]
+        target = self.target[mine]
+        return float(target @ pseudo_inverse(self.information[np.ix_(mine, mine)]) @ target)
+
+    def best(
+        self, which: NDArray[np.intp]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the common parameters, some differences and the covariance of these."""
+        covariance = pseudo_inverse(self.information[np.ix_(which, which)])
+        found = covariance @ self.target[which]
+        return self.common - self.follow[:, which] @ found, found, covariance
+
+
+def differences(shares: tuple[Share, ...], model: Model) -> Differences:
+    """Return what sessions say of the differences of a model."""
+    p = len(shares[0].target)
+    together = np.sum([share.information for share in shares], axis=0)
+    inverse = pseudo_inverse(together)
+    columns = [model.columns(i, p) for i in range(len(shares))]
+    n = columns[0].shape[1]
+    own, across, target = np.zeros((n, n)), np.zeros((p, n)), np.zeros(n)
+    for share, block in zip(shares, columns, strict=True):
+        seen = share.information @ block
+        own += block.T @ seen
+        across += seen
+        target += block.T @ share.target
+    common = inverse @ np.sum([share.target for share in shares], axis=0)
+    follow = inverse @ across
+    information = own - across.T @ follow
+    shown = np.diag(information) > _FREE * np.maximum(np.diag(own), 1e-300)
+    return Differences(information, target - across.T @ common, common, follow, shown)

@@ -1,0 +1,52 @@
+"""What changed between sessions, as a table of the comparison's page and as a line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..change import Change
+from ..document import unit_text
+from .blocks import Cell, Table, cited
+
+
+def unchanged_line(change: Change) -> str:
+    """Return the test that all else is unchanged, in a line."""
+    if change.outcome == "not compared":
+        return "Compared is each quantity by itself."
+    what = "all else" if change.outcome == "parameters" else "everything"
+    return (
+        f"Test that {what} is unchanged: chi2 {change.rest_chi2:.1f} on {change.rest_freedom},"
+        f" chance {change.rest_p:.2g}."
+    )
+
+
+def change_table(change: Change, document: Mapping[str, Any]) -> Table:
+    """Return the named changes with their intervals."""
+    rows = []
+    for i, one in enumerate(change.named):
+        for k, estimate in enumerate(one.changes):
+            here = ("change", "named", i, "changes", k)
+            part = one.shares[k]
+            rows.append(
+                (
+                    Cell(one.name if len(one.changes) == 1 else f"{one.name}, session {k + 2}"),
+                    Cell(one.kind),
+                    cited(document, *here, "value"),
+                    cited(document, *here, "low"),
+                    cited(document, *here, "high"),
+                    Cell(unit_text(estimate.unit)),
+                    cited(document, "change", "named", i, "shares", k, form=_percent)
+                    if part == part
+                    else Cell(""),
+                    cited(document, "change", "named", i, "p", form="{:.1g}".format),
+                )
+            )
+    if not rows:
+        rows = [(Cell(change.sentence), *(Cell("") for _ in range(7)))]
+    columns = ("what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance")
+    return Table("What changed, by one joint fit", columns, tuple(rows), unchanged_line(change))
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:+.2f} %"

@@ -1,0 +1,103 @@
+"""A joint fit of sessions names what changed, and says when it is none of the parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
+from identify.change import Change, change_of
+from identify.joint import Model, differences, first_share, share_at
+
+from .changes import session
+
+
+def named(change: Change) -> set[str]:
+    return {one.name for one in change.named}
+
+
+def test_one_change_is_named_with_its_interval() -> None:
+    """Front dampers 3 % stiffer: two full fits know the difference to 2 %, this one to 0.15 %."""
+    before, after = session({}, 1), session({"c_sf": 0.03}, 2)
+    change = change_of([before, after])
+    assert change.outcome == "parameters"
+    (one,) = change.named
+    (by,) = one.changes
+    assert (one.name, one.kind, by.unit) == ("c_sf", "differs", "N s/m")
+    assert abs(by.value - 45.0) < 3.0 * by.std
+    i = PARAMETER_NAMES.index("c_sf")
+    alone = np.sqrt(before.fit.covariance[i, i] + after.fit.covariance[i, i]) * FORD_GRANADA.c_sf
+    assert by.std < alone / 5.0
+    assert change.rest_freedom == 14
+    assert change.rest_p > 0.01 > change.p
+    assert "c_sf (+2.85 ± 0.30 %); all else is unchanged." in change.sentence
+
+
+def test_both_are_named_where_two_things_changed() -> None:
+    change = change_of([session({}, 1), session({"c_sf": 0.03, "k_tr": -0.03}, 3)])
+    assert named(change) == {"c_sf", "k_tr"}
+
+
+@pytest.mark.parametrize("name", PARAMETER_NAMES)
+def test_each_parameter_is_named_alone(name: str) -> None:
+    assert named(change_of([session({}, 1), session({name: 0.03}, 6)])) == {name}
+
+
+def test_nothing_is_named_where_nothing_changed() -> None:
+    """An alarm in one of twenty pairs is what the level allows; two in five are one in forty."""
+    pairs = [change_of([session({}, 30 + i), session({}, 20 + i)]) for i in range(5)]
+    assert sum(one.outcome != "nothing" for one in pairs) <= 1
+    assert all(one.p > 1e-3 for one in pairs)
+    chi2 = np.mean([one.chi2 for one in pairs])
+    assert abs(chi2 - 15.0) < 3.0 * np.sqrt(2.0 * 15.0 / 5.0)
+
+
+def test_a_change_outside_the_parameters_is_said_to_be_none_of_them() -> None:
+    change = change_of([session({}, 1), session({}, 5, 30_000.0)])
+    assert change.outcome == "other"
+    assert change.named == ()
+    assert "none of the parameters" in change.sentence
+
+
+def test_a_drift_and_a_jump_over_many_sessions() -> None:
+    drift = change_of([session({"k_sf": -0.01 * i} if i else {}, 20 + i) for i in range(5)])
+    (one,) = drift.named
+    assert (one.name, one.kind) == ("k_sf", "drifts")
+    assert one.changes[0].low < -0.01 * FORD_GRANADA.k_sf < one.changes[0].high
+    jump = change_of([session({"k_sf": -0.03} if i == 2 else {}, 20 + i) for i in range(4)])
+    (one,) = jump.named
+    assert (one.name, one.kind, len(one.changes)) == ("k_sf", "varies", 3)
+    assert one.changes[1].high < 0.0
+    assert one.changes[0].low < 0.0 < one.changes[0].high
+
+
+def test_sessions_of_other_parameters_are_not_compared() -> None:
+    one = session({}, 1)
+    fewer = replace(one, box=replace(one.box, geometry=FORD_GRANADA.geometry))
+    assert change_of([one, fewer]).outcome == "not compared"
+
+
+def test_a_difference_is_that_of_generalised_least_squares() -> None:
+    """All parameters free: the difference of two full fits; one alone: weighted by both errors."""
+    shares = tuple(first_share(session({}, seed)) for seed in (1, 4))
+    free = Model(tuple(range(15)), (np.array([[0.0], [1.0]]),) * 15)
+    found = differences(shares, free)
+    fits = [session({}, seed).fit for seed in (1, 4)]
+    apart = fits[1].eta - fits[0].eta
+    spread = np.linalg.inv(fits[0].covariance + fits[1].covariance)
+    assert found.gain(np.arange(15)) == pytest.approx(apart @ spread @ apart, rel=1e-6)
+    _, by, covariance = found.best(np.array([9]))
+    assert by[0] == pytest.approx((spread @ apart)[9] / spread[9, 9], rel=1e-6)
+    assert covariance[0, 0] == pytest.approx(1.0 / spread[9, 9], rel=1e-6)
+
+
+def test_a_share_about_another_point_says_the_same() -> None:
+    one = session({}, 1)
+    near, far = first_share(one), share_at(one, one.fit.eta + 0.002, np.zeros(0))
+    assert far.information == pytest.approx(
+        near.information, rel=0.02, abs=1e-3 * np.max(near.information)
+    )
+    best = np.linalg.solve(far.information, far.target)
+    assert np.max(np.abs(best - one.fit.eta) / np.sqrt(np.diag(one.fit.covariance))) < 0.1
