@@ -7,7 +7,7 @@ the cost grows with the number of runs, not with its cube.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dbc.frames import read_only
 
 from .arrow import System, solve
-from .block_products import Part
+from .block_products import Products
 from .waves import Block, Waves, real_gradient, waves
 
 _MAX_GROWTH = 30.0
@@ -66,7 +66,8 @@ class Problem:
     """The samples and what is known beforehand.
 
     `place` (n_runs, n_channels) is the block of each series and -1 where there is none; `count`
-    and `power` (n_channels,) are numbers of samples and sums of their squares; `turning` (m,) is
+    and `power` (n_channels,) are numbers of samples and sums of their squares; `rows` are the run,
+    the block and the series (n, n_channels) of each block of each run; `turning` (m,) is
     True for pairs, False for real poles; `known` (n_owners, 2 m) is True for parts of shapes that
     are zero.
     """
@@ -75,6 +76,7 @@ class Problem:
     ties: Ties
     turning: NDArray[np.bool_]
     place: NDArray[np.intp]
+    rows: tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]
     count: NDArray[np.float64]
     power: NDArray[np.float64]
     known: NDArray[np.bool_]
@@ -88,9 +90,7 @@ class Problem:
         spread = self.spread(own)
         m = len(poles)
         weight = self.count / self.power
-        normal = np.zeros((len(self.place), 2 * m, 2 * m))
-        for part in self._parts(at, weight):
-            normal[part.runs] += part.run_run(spread)
+        normal = self._products(at, weight).run_run(spread)
         target = np.zeros((*self.place.shape, 2 * m), dtype=complex)
         for block, table in zip(self.blocks, at.functions, strict=True):
             target[block.run, block.channel] = _complex(table.T @ block.deviations).T
@@ -120,31 +120,21 @@ class Problem:
     def linearise(self, point: Point) -> System:
         """Return the normal equations at a point (Gauss-Newton, after Kaufman)."""
         at, q = point.waves, point.amplitudes
-        n_runs, m = q.shape
-        n_owners = len(self.known)
+        m = q.shape[1]
         weight = self.count / point.squares
         spread = self.spread(point.shapes)  # (n_channels, m)
         both = q[:, None] * spread  # (n_runs, n_channels, m)
-        pole_pole = np.zeros((2 * m, 2 * m))
-        pole_run, run_run = np.zeros((2, n_runs, 2 * m, 2 * m))
-        shape_pole = np.zeros((n_owners, 2 * m, 2 * m))
-        shape_run = np.zeros((n_owners, n_runs, 2 * m, 2 * m))
-        for part in self._parts(at, weight):
-            mine = q[part.runs]
-            pole_pole += part.pole_pole(spread, mine)
-            pole_run[part.runs] += part.pole_run(spread, mine)
-            run_run[part.runs] += part.run_run(spread)
-            by_poles, by_runs = part.with_shapes(self.member, self.ties.sign, spread, mine)
-            shape_pole += by_poles
-            shape_run[:, part.runs] += by_runs
+        products = self._products(at, weight)
+        ties = self.member, self.ties.sign
+        shape_pole, shape_run = products.with_shapes(*ties, spread, q)
         shape_pole[self.known] = 0.0
         shape_run.swapaxes(1, 2)[self.known] = 0.0
         by_pole = real_gradient(both, point.products[..., m:])
         by_run = real_gradient(spread, point.products[..., :m])
         return System(
-            pole_pole,
-            pole_run,
-            run_run,
+            products.pole_pole(spread, q),
+            products.pole_run(spread, q),
+            products.run_run(spread),
             shape_pole,
             shape_run,
             self._shape_normal(at, q, weight),
@@ -188,20 +178,15 @@ class Problem:
             products[block.run, block.channel] = _complex(table.T @ left).T
         return squares, products
 
-    def _parts(self, at: Waves, weight: NDArray[np.float64]) -> Iterator[Part]:
-        """Yield the products of each block with the weights of its series."""
-        for number in range(len(self.blocks)):
-            series = self.place == number
-            runs = np.flatnonzero(series.any(axis=1))
-            yield Part(runs, series[runs] * weight, at.mixed[number], at.plain[number])
+    def _products(self, at: Waves, weight: NDArray[np.float64]) -> Products:
+        run, block, series = self.rows
+        first = np.searchsorted(run, np.arange(len(self.place)))
+        return Products(first, run, series * weight, at.mixed[block], at.plain[block])
 
     def _shape_normal(
         self, at: Waves, q: NDArray[np.complex128], weight: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        n = 2 * len(at.poles)
-        normal = np.zeros((len(self.known), n, n))
-        for part in self._parts(at, weight):
-            normal += part.shape_shape(self.member, self.ties.sign, q[part.runs])
+        normal = self._products(at, weight).shape_shape(self.member, self.ties.sign, q)
         normal[self.known] = 0.0
         np.swapaxes(normal, 1, 2)[self.known] = 0.0
         np.einsum("gii->gi", normal)[self.known] = 1.0
@@ -261,7 +246,10 @@ def problem_of(blocks: Sequence[Block], ties: Ties, turning: NDArray[np.bool_]) 
     known[:, 1] |= ~turning
     longest = max(float(block.time_s[-1]) for block in blocks)
     known = known.reshape(len(member), -1)
-    return Problem(tuple(blocks), ties, turning, place, count, power, known, member, longest)
+    seen = place[:, None] == np.arange(len(blocks))[:, None]  # (n_runs, n_blocks, n_channels)
+    run, of_block = np.nonzero(seen.any(axis=2))
+    rows = run, of_block, seen[run, of_block]
+    return Problem(tuple(blocks), ties, turning, place, rows, count, power, known, member, longest)
 
 
 def _complex(parts: NDArray[np.float64]) -> NDArray[np.complex128]:

@@ -108,7 +108,7 @@ def _project(
     n_channels = decays[0].shape[1]
     records = []
     for length in np.unique(lengths):
-        mine = [decays[i] for i in np.flatnonzero(lengths == length)]
+        mine = [decays[i] for i in np.flatnonzero(lengths == length).tolist()]
         basis, triangle = np.linalg.qr(columns[:length])
         samples = np.hstack(mine)
         within = basis.T @ samples

@@ -55,7 +55,8 @@ SHAPE = np.array([1.0, 1.0, 1.0], dtype=complex)
 def turned(mac_value: float) -> NDArray[np.complex128]:
     """Return a shape of given MAC with SHAPE."""
     across = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
-    return np.sqrt(mac_value) * SHAPE / np.sqrt(3.0) + np.sqrt(1.0 - mac_value) * across
+    shape = np.sqrt(mac_value) * SHAPE / np.sqrt(3.0) + np.sqrt(1.0 - mac_value) * across
+    return np.asarray(shape, dtype=np.complex128)
 
 
 @pytest.mark.parametrize(
