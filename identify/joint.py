@@ -45,7 +45,9 @@ def first_share(estimation: Estimation) -> Share:
     fit, p = estimation.fit, len(estimation.box.parameters)
     block = fit.covariance[:p, :p]
     if estimation.nonlinear is not None and np.all(np.isfinite(np.diag(block))):
-        information = np.linalg.inv(block)  # of intervals that may be wider than the information
+        information = np.asarray(
+            np.linalg.inv(block), np.float64
+        )  # of intervals that may be wider than the information
     else:
         whole = np.sum(list(fit.information.values()), axis=0)
         information, _, _ = _profiled(whole, np.zeros(len(fit.eta)), p)

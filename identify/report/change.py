@@ -23,7 +23,7 @@ def unchanged_line(change: Change) -> str:
 
 def change_table(change: Change, document: Mapping[str, Any]) -> Table:
     """Return the named changes with their intervals."""
-    rows = []
+    rows: list[tuple[Cell, ...]] = []
     for i, one in enumerate(change.named):
         for k, estimate in enumerate(one.changes):
             here = ("change", "named", i, "changes", k)
