@@ -69,12 +69,12 @@ class Channel:
     """Unique in a session."""
     quantity: Quantity
     """The measured quantity."""
-    unit: str
-    """SI unit of the stored value."""
+    unit: str = ""
+    """SI unit of the stored value; empty: that of the quantity."""
     signal: str = ""
     """`Message.signal` in the DBC; empty for data that never were on a bus."""
     corner: Corner | None = None
-    """For quantities at a wheel."""
+    """For quantities at a wheel; made with a text, it is that of the text: ``"FL"``."""
     x_m: float = 0.0
     """Mounting position on the body, forward from the middle of the front axle (`daq.vehicle`)."""
     y_m: float = 0.0
@@ -109,9 +109,16 @@ class Channel:
     """Day of its last calibration, ISO 8601; empty if it is not known."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "quantity", Quantity(self.quantity))
+        if self.corner is not None:
+            object.__setattr__(self, "corner", Corner(self.corner))
+        unit = SI_UNITS.get(self.quantity, self.unit)
+        if self.unit not in ("", unit):
+            raise ValueError(f"channel {self.name}: {self.quantity} is in {unit}, not {self.unit}")
+        object.__setattr__(self, "unit", unit)
         if (self.quantity in AT_CORNER) != (self.corner is not None):
-            need = "needs" if self.quantity in AT_CORNER else "has no"
-            raise ValueError(f"channel {self.name}: {self.quantity} {need} a corner")
+            need = "needs a" if self.quantity in AT_CORNER else "has no"
+            raise ValueError(f"channel {self.name}: {self.quantity} {need} corner")
 
     @property
     def scale(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from types import MappingProxyType
 
@@ -67,6 +67,11 @@ class SampleGroup:
         object.__setattr__(self, "quality", read_only(self.quality))
         frozen = {name: read_only(column) for name, column in self.values.items()}
         object.__setattr__(self, "values", MappingProxyType(frozen))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Be made anew from its fields: the view of `values` cannot be pickled or copied."""
+        parts = {f.name: getattr(self, f.name) for f in fields(self)}
+        return SampleGroup, tuple({**parts, "values": dict(self.values)}.values())
 
 
 @dataclass(frozen=True, slots=True)

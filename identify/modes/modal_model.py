@@ -130,17 +130,18 @@ def mac(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[
 
     Parameters
     ----------
-    left : (n, m) complex128
-    right : (n, k) complex128
-        Shapes as columns.
+    left : (n, m) or (n,) complex128
+    right : (n, k) or (n,) complex128
+        Shapes as columns, or one shape.
 
     Returns
     -------
     (m, k) float64
         1 for shapes alike but for a complex factor, 0 for orthogonal ones (and for a zero shape).
+        Of one shape the axis is left out: two of them give a single number, shape ().
     """
     product = np.abs(left.conj().T @ right) ** 2
-    size = np.outer(np.sum(np.abs(left) ** 2, axis=0), np.sum(np.abs(right) ** 2, axis=0))
+    size = np.multiply.outer(np.sum(np.abs(left) ** 2, axis=0), np.sum(np.abs(right) ** 2, axis=0))
     return np.asarray(np.divide(product, size, out=np.zeros_like(product), where=size > 0.0))
 
 

@@ -155,10 +155,10 @@ def test_what_contradicts_itself() -> None:
     assert _findings(replace(session, runs=(replace(run, frames=long),))) == [
         f"error /{RUN}: a raw frame is longer than its data"
     ]
-    inches = replace(
-        session, channels=(*session.channels, Channel("r", Quantity.ROLL_RATE, "deg/s"))
-    )
-    assert _findings(inches) == ["error /channels r: roll_rate is in deg/s, not rad/s"]
+    degrees = Channel("r", Quantity.ROLL_RATE)
+    object.__setattr__(degrees, "unit", "deg/s")  # a channel refuses it; a foreign file may have it
+    strange = replace(session, channels=(*session.channels, degrees))
+    assert _findings(strange) == ["error /channels r: roll_rate is in deg/s, not rad/s"]
     double = replace(session, channels=(*session.channels, session.channels[2]))
     assert _findings(double) == ["error /channels: az stands in it twice"]
 

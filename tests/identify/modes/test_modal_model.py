@@ -62,6 +62,15 @@ def test_mac_knows_a_shape_again_whatever_its_scale_and_phase() -> None:
     np.testing.assert_allclose(likeness, np.eye(2), atol=1e-15)
 
 
+def test_mac_of_two_vectors_is_a_number() -> None:
+    """(1, 1) on (1, 0): a half; a vector on a matrix: one for each column."""
+    one, other = np.array([1.0, 1.0 + 0j]), np.array([2j, 0.0j])
+    assert mac(one, other).shape == ()
+    assert float(mac(one, other)) == pytest.approx(0.5)
+    assert mac(one, np.column_stack([one, other])) == pytest.approx(np.array([1.0, 0.5]))
+    assert float(mac(one, np.zeros(2, dtype=complex))) == 0.0
+
+
 def test_mpc_of_a_standing_and_a_travelling_wave() -> None:
     shapes = np.array([[1.0, 1.0], [-2.0, 1j]]) * np.exp(0.7j)
     np.testing.assert_allclose(mpc(shapes), [1.0, 0.0], atol=1e-15)

@@ -1,0 +1,37 @@
+"""A channel knows its unit, and refuses what does not fit."""
+
+from typing import Any
+
+import pytest
+
+from daq.channels import Channel, Quantity
+from daq.vehicle import Corner
+
+TEXT: dict[str, Any] = {"name": "fl", "quantity": "hub_acceleration", "corner": "FL"}
+
+
+def test_the_unit_is_that_of_the_quantity() -> None:
+    assert Channel("r", Quantity.ROLL_RATE).unit == "rad/s"
+    assert Channel("r", Quantity.ROLL_RATE, "rad/s").unit == "rad/s"
+    assert Channel("yaw", Quantity.UNUSED, "deg/s").unit == "deg/s"
+    assert Channel("yaw", Quantity.UNUSED).unit == ""
+
+
+def test_another_unit_is_refused() -> None:
+    with pytest.raises(ValueError, match="channel r: roll_rate is in rad/s, not deg/s"):
+        Channel("r", Quantity.ROLL_RATE, "deg/s")
+
+
+def test_corners_and_quantities_may_be_texts() -> None:
+    hub = Channel("fl", Quantity("hub_acceleration"), corner=Corner("FL"))
+    assert Channel(**TEXT) == hub
+    assert Channel(**TEXT).corner is Corner.FRONT_LEFT
+
+
+def test_a_corner_that_does_not_fit_is_refused() -> None:
+    with pytest.raises(ValueError, match="'FM' is not a valid Corner"):
+        Channel(**TEXT | {"corner": "FM"})
+    with pytest.raises(ValueError, match="channel fl: hub_acceleration needs a corner"):
+        Channel("fl", Quantity.HUB_ACCELERATION)
+    with pytest.raises(ValueError, match="channel p: pitch_rate has no corner"):
+        Channel("p", Quantity.PITCH_RATE, corner=Corner.FRONT_LEFT)
