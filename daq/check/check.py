@@ -26,6 +26,7 @@ from ..signal_names import sensor_of, sensor_of_signal
 from .bus_checks import check_traffic
 from .channel_checks import check_channel
 from .frame_checks import check_messages, frame_table
+from .open_questions import open_questions
 from .result import WORDS, about, judged, ok, warn
 
 _INCOMPLETE_SHARE = 0.01
@@ -82,6 +83,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
         advice = "add a hub_acceleration or a body_acceleration"
         reason = "no channel can trigger"
         lines.append(Finding("trigger", Severity.ERROR, reason, "trigger", advice))
+    lines += open_questions(bench.text)
     for m in mapped:
         lines += check_channel(m, mapped, keeping, decoded, bench.calibration_days, today)
     return CheckReport(seconds, len(frames), tuple(lines))

@@ -78,7 +78,7 @@ def find_sensors(
             if moved and not moved & claimed:
                 claimed |= moved
                 ids = ", ".join(f"{key[1]:#x}" for key in sorted(moved))
-                why = f"{ids} come with the length and rate of its messages"
+                why = f"is {ids} yours, of this kind? Length and rate are those of its messages"
                 present.append((name, bus, offset, why, False))
     absent = tuple(name for name in codecs if name not in {each[0] for each in present})
     return _named(present), absent

@@ -26,6 +26,7 @@ from .find_sensors import FoundSensor, find_sensors, traffic_of
 from .frame_checks import frame_table
 from .guess_map import Guess, signal_comments
 from .guess_sensor import Push, Traces, guess_bench, shows_push_by_unit
+from .open_questions import ASK
 from .propose_message import Seen, message_rule
 from .pushes import find_pushes
 
@@ -133,9 +134,7 @@ def propose_sensors(
         lines += _message(message, found, seen, guesses, used, is_list, questions)
     if missing:
         lines += ["", f"# Not on the bus: {printable(', '.join(missing), 400)}"]
-    questions += [
-        f"sensor {f.sensor.name}: {f.why}: is it one of yours?" for f in found if not f.surely
-    ]
+    questions += [f"sensor {f.sensor.name}: {f.why}" for f in found if not f.surely]
     return Proposal("\n".join(lines) + "\n", tuple(questions))
 
 
@@ -198,7 +197,8 @@ def _head(
             ]
     for f in found if is_list else ():
         lines += ["", "[[sensor]]", *_sensor(f.sensor, n_buses)]
-        lines[-1] += f"  # {'' if f.surely else 'ASK: '}{printable(f.why, 200)}"
+        mark = "  # " if f.surely else f"  {ASK}"
+        lines[-1] += f"{mark}{printable(f.why, 200)}"
     return [*lines, *_REST]
 
 
@@ -268,7 +268,7 @@ def _table(name: str, signal: str, guess: Guess) -> list[str]:
         f'quantity = "{guess.quantity}"  # {printable(guess.why, 200)}',
     ]
     if guess.ask:
-        lines.append(f"# ASK: {printable(guess.ask, 200)}")
+        lines.append(f"{ASK}{printable(guess.ask, 200)}")
     if guess.unit:
         lines.append(f'signal_unit = "{guess.unit}"  # the database states none')
     if guess.quantity in AT_CORNER:

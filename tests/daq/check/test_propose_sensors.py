@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import date
 from functools import cache
 from pathlib import Path
 
@@ -12,13 +13,14 @@ import pytest
 from daq.bench.config import Bench, BusConfig, bench_codec, parse_bench
 from daq.bench.databases import Database, stored_text
 from daq.channels import Quantity
+from daq.check.check import check_bench
 from daq.check.find_sensors import find_sensors, traffic_of
 from daq.check.guess_map import guess_quantity, unit_by_gravity
 from daq.check.mounting import axis_of, mounting, pushed_corner, up_axis
 from daq.check.propose import Proposal, propose_sensors
 from daq.check.pushes import find_pushes
 from daq.vehicle import Corner
-from dbc import FrameBatch, parse_codec
+from dbc import FrameBatch, Severity, parse_codec
 
 from ..wild_bench import DATABASES, IMU_A, NODES, POT, rest_and_pushes, wild_bench
 
@@ -90,6 +92,27 @@ def test_without_pushes_what_is_not_sure_is_asked() -> None:
     assert [(c.signal.rpartition(".")[2], c.sign) for c in vertical] == [
         ("AccZ", 1), ("AccX", 1), ("Accel_Vertical", -1),
     ]  # fmt: skip
+
+
+def test_the_check_asks_until_the_marks_are_deleted() -> None:
+    rest, _ = rest_and_pushes()
+    bench = bench_of(proposal(False))
+    asked = _asked(bench, rest)
+    assert len(asked) == proposal(False).text.count("# ASK: ") >= 8
+    assert any("does the sensor's +x axis point forward?" in text for text in asked)
+    number = next(
+        i for i, line in enumerate(bench.text.splitlines(), start=1) if line.startswith("# ASK")
+    )
+    assert any(text.startswith(f"bench.toml:{number}: asks: ") for text in asked)
+    answered = replace(bench, text=bench.text.replace("# ASK: ", "# "))
+    assert _asked(answered, rest) == []
+
+
+def _asked(bench: Bench, rest: FrameBatch) -> list[str]:
+    report = check_bench(bench, bench_codec(bench), rest, date(2026, 6, 1))
+    found = [line for line in report.lines if line.code == "ask"]
+    assert all(line.severity is Severity.WARNING for line in found)
+    return [f"{line.subject}: {line.text}" for line in found]
 
 
 def test_a_radar_is_no_suspension_travel_and_a_validity_no_acceleration() -> None:
