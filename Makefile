@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test test-pythons lint docs bench bursts coverage mutate fuzz crash soak release-check test-socketcan constraints clean
+.PHONY: demo test test-pythons lint docs bench bursts coverage mutate fuzz crash soak display-check release-check test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -60,6 +60,11 @@ crash: .venv/test
 # Ten million frames through the whole recorder: flat memory, no frame lost.
 soak: .venv/test
 	$(BIN)/python -m tests.daq.soak $(or $(FRAMES),10000000)
+
+# A whole simulated campaign on the display, in a Chromium of this machine: words, sizes, contrast,
+# a cut line, load; pictures in build/display/.  About three minutes.
+display-check: .venv/test
+	$(BIN)/python -m tests.flow.display_campaign
 
 # Build wheel and sdist, install them into empty environments with each extra, and try them.
 release-check: .venv/test

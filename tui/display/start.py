@@ -14,7 +14,7 @@ from daq import InputError
 from ..terminal.state.display_link import DisplayLink
 from .served import Served
 
-_END_S = 5.0
+_END_S = 2.0
 """Time that a display may take to end, s; it takes 0.1."""
 
 

@@ -2,7 +2,7 @@
 // font has it; where height is left over, a symbol stands above it.
 
 const SVG = "http://www.w3.org/2000/svg";
-const TALLEST = 2.1; // height of a letter over its width, compared with the font's own
+const TALLEST = 2.3; // height of a letter over its width, compared with the font's own
 const WIDEST = 1.2;
 const SPACING = 4; // between letters, of a font of 100: drawn taller they would touch
 const GAP = 0.07; // of the height, between two lines
@@ -79,4 +79,5 @@ export function drawWord(svg, words, kind) {
     y += best.gap;
   }
   svg.replaceChildren(...parts);
+  svg.dataset.high = best.used + (withSymbol ? side + best.gap : 0); // pixels that are drawn on
 }
