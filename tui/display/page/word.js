@@ -4,6 +4,8 @@
 const SVG = "http://www.w3.org/2000/svg";
 const TALLEST = 2.3; // height of a letter over its width, compared with the font's own
 const WIDEST = 1.2;
+const MORE = 1.45; // times as tall once more, where no symbol fits above
+const REACH = 0.96; // of the place: round letters reach beyond the others
 const SPACING = 4; // between letters, of a font of 100: drawn taller they would touch
 const GAP = 0.07; // of the height, between two lines
 const SYMBOLS = {
@@ -32,7 +34,7 @@ function sizes(lines, font) {
 }
 
 function layout(lines, font, width, wholeHeight) {
-  const height = 0.96 * wholeHeight; // round letters reach beyond the others
+  const height = REACH * wholeHeight;
   const gap = GAP * height;
   const each = (height - gap * (lines.length - 1)) / lines.length;
   const found = sizes(lines, font);
@@ -47,6 +49,14 @@ function layout(lines, font, width, wholeHeight) {
            score: tall * Math.min(...placed.map((line) => line.wide)) };
 }
 
+// Too little is left for a symbol: the letters take it.
+function stretch(best, height) {
+  const by = Math.max(1, Math.min(MORE, height / best.used));
+  for (const line of best.placed) { line.tall *= by; line.high *= by; }
+  best.gap *= by;
+  best.used *= by;
+}
+
 export function drawWord(svg, words, kind) {
   const { width, height } = svg.getBoundingClientRect();
   if (!width || !height) return;
@@ -55,9 +65,10 @@ export function drawWord(svg, words, kind) {
   const font = getComputedStyle(probe).fontFamily;
   const choices = words.length > 1 ? [words, [words.join(" ")]] : [words];
   const best = choices.map((lines) => layout(lines, font, width, height)).sort((a, b) => b.score - a.score)[0];
-  const left = height - best.used; // of the height
-  const side = Math.min(left - 2 * best.gap, 0.6 * width);
+  const side = Math.min(height - best.used - 2 * best.gap, 0.6 * width);
   const withSymbol = side > 0.22 * height && SYMBOLS[kind];
+  if (!withSymbol) stretch(best, REACH * height);
+  const left = height - best.used;
   let y = (left - (withSymbol ? side + best.gap : 0)) / 2;
   const parts = [];
   if (withSymbol) {
