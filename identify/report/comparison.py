@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..compare import Compared, Comparison
 from ..document import NOT_DETERMINED, unit_text
+from ..fit.estimation import Estimation
 from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
 from .change import change_table
+from .overlay import overlay_gallery
 from .panels import DifferencePanel, TrendPanel
 
 _DRAWN = 24
 """Trends that get a figure, the parameters first."""
 
 
-def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
-    """Return what differs, and what drifts."""
+def comparison_sections(
+    comparison: Comparison, estimations: Sequence[Estimation] = ()
+) -> tuple[Section, ...]:
+    """Return what differs, the decays of the fits over each other, and what drifts."""
     labels, document = comparison.labels, comparison.document()
     blocks: list[Block] = [_sessions(comparison)]
     if comparison.change is not None:
@@ -41,6 +46,10 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
                 name = f"{title}: {label} less {labels[0]}"
                 blocks.append(_differences(name, document, part, rows, number_))
     sections = [Section("differences", "Differences", METHOD, tuple(blocks))]
+    gallery = overlay_gallery(labels, estimations)
+    if gallery is not None:
+        lead = "What the sensors saw of the same runs in all sessions."
+        sections.append(Section("decays", "Decays over each other", lead, (gallery,)))
     if len(labels) > 2:
         sections.append(_trends(comparison, document))
     return tuple(sections)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from importlib.resources import files
 from types import MappingProxyType
@@ -15,6 +15,7 @@ from markupsafe import Markup
 from daq.strict_json import strict
 
 from ..compare import Comparison
+from ..fit.estimation import Estimation
 from ..trust.finding import Verdict
 from .animation import moving_car
 from .blocks import Block, Gallery, MovingCars, Picture, Report, Table
@@ -54,14 +55,17 @@ def html_of(
     )
 
 
-def comparison_html(comparison: Comparison) -> str:
-    """Set a comparison of sessions, and its JSON document as data, as HTML."""
+def comparison_html(comparison: Comparison, estimations: Sequence[Estimation] = ()) -> str:
+    """Set a comparison of sessions, and its JSON document as data, as HTML.
+
+    `estimations`: their fits, whose decays are drawn over each other.
+    """
     rows = comparison.quantities
     return _page(
         "comparison.jinja",
         {"comparison": comparison.document()},
         drawing=drawing,
-        sections=comparison_sections(comparison),
+        sections=comparison_sections(comparison, estimations),
         comparison=comparison,
         differing=[row.name for row in rows if any(d.significant for d in row.differences)],
         drifting=[row.name for row in rows if row.trend is not None and row.trend.drifts],

@@ -66,6 +66,19 @@ class DecayPanel:
 
 
 @dataclass(frozen=True, slots=True)
+class OverlayPanel:
+    """One channel of one run in several sessions, as measured."""
+
+    channel: str
+    unit: str
+    """`channel`, `unit`: what it is."""
+    labels: tuple[str, ...]
+    """Names of the sessions."""
+    curves: tuple[Floats, ...]
+    """For each, time since the start of its decay, s, over the value in `unit`, shape (2, n)."""
+
+
+@dataclass(frozen=True, slots=True)
 class StabilisationPanel:
     """Poles over the rank of the State Variable Method, of one mass state."""
 
@@ -174,6 +187,7 @@ Panel = (
     | IntervalPanel
     | ClosedFormPanel
     | DecayPanel
+    | OverlayPanel
     | StabilisationPanel
     | CorrelationPanel
     | SnrPanel

@@ -34,7 +34,8 @@ def compare(
     if html is not None:
         from identify.report import comparison_html
 
-        write_file(html, comparison_html(comparison).encode())
+        fits = [result.estimation for result in results if result.estimation is not None]
+        write_file(html, comparison_html(comparison, fits).encode())
     if json:
         print_json(comparison.document())
     else:

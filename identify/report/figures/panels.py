@@ -16,6 +16,7 @@ from ..panels import (
     DecayPanel,
     DifferencePanel,
     IntervalPanel,
+    OverlayPanel,
     Panel,
     PredictionPanel,
     ShapePanel,
@@ -29,6 +30,7 @@ from .dampers import draw_dampers
 from .decays import draw_decay
 from .differences import draw_differences, draw_trend
 from .heat import draw_correlation, draw_snr, heat_height_in
+from .overlay import draw_overlay
 from .poles import draw_stabilisation
 from .style import SETTINGS
 
@@ -64,6 +66,8 @@ def size_in(panel: Panel) -> tuple[float, float]:
             return WIDTH_IN, 2.9
         case DecayPanel():
             return HALF_IN, 2.75
+        case OverlayPanel():
+            return HALF_IN, 2.0
 
 
 @singledispatch
@@ -81,6 +85,7 @@ draw.register(PredictionPanel, draw_predictions)
 draw.register(ShapePanel, draw_shapes)
 draw.register(DamperPanel, draw_dampers)
 draw.register(DecayPanel, draw_decay)
+draw.register(OverlayPanel, draw_overlay)
 draw.register(DifferencePanel, draw_differences)
 draw.register(TrendPanel, draw_trend)
 draw.register(CorrelationPanel, draw_correlation)

@@ -1,0 +1,73 @@
+"""The page of a comparison: what changed first, and the decays over each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from identify import Identification, Quality
+from identify.compare import Comparison, compare
+from identify.fit.estimation import Estimation
+from identify.fit.uncertainty import estimates
+from identify.report.blocks import Gallery, Table
+from identify.report.comparison import comparison_sections
+from identify.report.figures.panels import figure_of
+from identify.report.html import comparison_html
+from identify.report.overlay import overlay_gallery
+from identify.report.panels import OverlayPanel
+
+from ..changes import session
+
+
+def held(fits: list[Estimation]) -> Comparison:
+    results = [
+        Identification(Quality((), 1.0), {}, parameters=estimates(e.box, e.fit), estimation=e)
+        for e in fits
+    ]
+    return compare([f"session {i + 1}" for i in range(len(fits))], results)
+
+
+@pytest.fixture(scope="module")
+def fits() -> list[Estimation]:
+    return [session({}, 1), session({"c_sf": 0.03}, 2)]
+
+
+def test_the_table_and_the_document_name_the_change(fits: list[Estimation]) -> None:
+    comparison = held(fits)
+    document = comparison.document()
+    assert document["change"]["sentence"].startswith("Changed: c_sf (+2.85")
+    first, *_ = comparison_sections(comparison)
+    table = next(b for b in first.blocks if isinstance(b, Table) and "joint" in b.title)
+    ((name, kind, by, *_, share, _),) = table.rows
+    assert (name.text, kind.text, share.text) == ("c_sf", "differs", "+2.85 %")
+    assert by.source == "change/named/0/changes/0/value"
+    assert document["change"]["named"][0]["changes"][0]["value"] == pytest.approx(43.865, abs=1e-2)
+    assert "all else is unchanged: chi2 19.6 on 14" in table.note
+    assert "c_sf (+2.85 ± 0.30 %)" in comparison_html(comparison)
+
+
+def test_where_nothing_changed_the_table_says_so() -> None:
+    comparison = held([session({}, 1), session({}, 4)])
+    first, *_ = comparison_sections(comparison)
+    table = next(b for b in first.blocks if isinstance(b, Table) and "joint" in b.title)
+    assert [row[0].text for row in table.rows] == ["Nothing differs beyond chance."]
+    assert "everything is unchanged" in table.note
+
+
+def test_each_run_of_both_is_drawn_over_the_other(fits: list[Estimation]) -> None:
+    gallery = overlay_gallery(["before", "after"], fits)
+    assert isinstance(gallery, Gallery)
+    assert len(gallery.pictures) == 6
+    panel = gallery.pictures[0].panel
+    assert isinstance(panel, OverlayPanel)
+    names = [c.name for c in fits[0].decays[0].recordings[0].group.channels]
+    for fit, curve in zip(fits, panel.curves, strict=True):
+        recording = fit.decays[0].recordings[0]
+        measured = recording.values[:, names.index(panel.channel)]
+        np.testing.assert_array_equal(curve[1], measured[recording.time_s < 1.5])
+    figure = figure_of(panel)
+    assert [line.get_label() for line in figure.axes[0].lines] == ["before", "after"]
+
+
+def test_sessions_without_a_run_in_common_have_no_gallery(fits: list[Estimation]) -> None:
+    assert overlay_gallery([], []) is None
