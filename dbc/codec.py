@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,6 +57,14 @@ class Codec:
         """Return the message that frames with this identifier carry on a bus, or None."""
         own = self._by_id.get((bus, can_id, is_extended))
         return own or self._by_id.get((None, can_id, is_extended))
+
+    def by_parameter_group(self) -> Codec:
+        """Return the codec that matches all messages of 29 bits by their parameter group (J1939).
+
+        Those of a database that says so (`VFrameFormat` is ``J1939PG``) are matched so anyway.
+        """
+        messages = tuple(replace(m, is_j1939=m.is_extended) for m in self.messages)
+        return replace(self, messages=messages)
 
     def decode(self, batch: FrameBatch) -> Decoded:
         """Decode a block of frames.

@@ -16,6 +16,7 @@ from .finding import Finding
 from .layout import MessageLayout
 from .reader.compose import compose
 from .reader.document import ORPHANS, Block, Document, read_document, whole
+from .reader.foreign import foreign_kind, parse_foreign
 from .reader.limits import MAX_BYTES, PICK_DBC
 from .reader.lint import (
     FaultError,
@@ -76,7 +77,7 @@ def load_codec(path: str | Path) -> Codec:
     Parameters
     ----------
     path : str or Path
-        The file: DBC; or KCD or SYM, by its suffix.
+        The file: DBC, KCD, SYM or ARXML.
 
     Returns
     -------
@@ -102,7 +103,7 @@ def parse_codec(text: str, name: str) -> Codec:
     Parameters
     ----------
     text : str
-        The DBC; or KCD or SYM, by the suffix of its name.
+        The DBC; or KCD, SYM or ARXML, by what it begins with, else by the suffix of its name.
     name : str
         Where it came from, for error messages.
 
@@ -123,9 +124,7 @@ def parse_codec(text: str, name: str) -> Codec:
         raise InputError(name, "the file is empty", PICK_DBC)
     if "\0" in text:
         raise InputError(name, "binary data, not a DBC", PICK_DBC)
-    if Path(name).suffix.lower() in (".kcd", ".sym"):
-        from .reader.foreign import parse_foreign
-
+    if foreign_kind(text, name):
         return parse_foreign(text, name)
     source = Source.of(text, name)
     return _compile(read_document(text, source), source)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -15,6 +16,10 @@ from .layout import MessageLayout
 _STANDARD_BITS, _EXTENDED_BITS = 11, 29
 _STANDARD_IDS = 1 << _STANDARD_BITS
 _BUSES = 256
+_PRIORITY_AND_SOURCE = ~np.uint64(0x1C0000FF)
+_DESTINATION = ~np.uint64(0xFF00)
+_BROADCAST = 240
+"""PDU format from which on a parameter group has no destination (SAE J1939-21)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +37,10 @@ class Identifiers:
     """Row and identifier of 29 bits, sorted."""
     extended_index: NDArray[np.uint16]
     """Positions that belong to them."""
+    groups: NDArray[np.uint64]
+    """Row and parameter group of J1939 messages as `parameter_groups` has it, sorted."""
+    groups_index: NDArray[np.uint16]
+    """Positions that belong to them."""
     unknown: int
     """Position of a frame that no message has: the number of messages."""
 
@@ -44,21 +53,20 @@ class Identifiers:
         unknown = len(messages)
         standard = np.full((len(buses) + 1, _STANDARD_IDS), unknown, np.uint16)
         extended: dict[int, int] = {}
+        groups: dict[int, list[int]] = defaultdict(list)
         for i in sorted(range(unknown), key=lambda i: messages[i].bus is not None):
             m = messages[i]
             rows = range(len(buses) + 1) if m.bus is None else [int(row[m.bus])]
             if m.is_extended:
-                extended |= {each << _EXTENDED_BITS | m.can_id: i for each in rows}
+                keys = [each << _EXTENDED_BITS | m.can_id for each in rows]
+                extended |= dict.fromkeys(keys, i)
+                for key in parameter_groups(np.array(keys, np.uint64)) if m.is_j1939 else ():
+                    groups[int(key)].append(i)
             else:
                 standard[list(rows), m.can_id] = i
-        keys = sorted(extended)
-        return cls(
-            row,
-            standard.ravel(),
-            np.array(keys, np.uint64),
-            np.array([extended[key] for key in keys], np.uint16),
-            unknown,
-        )
+        # Several messages of one group stand for several sources: only their identifiers tell.
+        single = {key: own[0] for key, own in groups.items() if len(own) == 1}
+        return cls(row, standard.ravel(), *_sorted(extended), *_sorted(single), unknown)
 
     def classify(self, batch: FrameBatch) -> tuple[NDArray[np.uint16], int, int]:
         """Return the position of each frame's message; then unknown ones, then no data at all.
@@ -83,7 +91,25 @@ class Identifiers:
             found = np.searchsorted(self.extended, key).clip(max=len(self.extended) - 1)
             known = self.extended[found] == key
             index[extended[known]] = self.extended_index[found[known]]
+            if len(self.groups):
+                rest, key = extended[~known], parameter_groups(key[~known])
+                found = np.searchsorted(self.groups, key).clip(max=len(self.groups) - 1)
+                known = self.groups[found] == key
+                index[rest[known]] = self.groups_index[found[known]]
         error = (flags & np.uint16(FrameFlag.ERROR)) != 0
         remote = ((flags & np.uint16(FrameFlag.REMOTE)) != 0) & ~error
         index[error | remote] = unknown + 1
         return index, int(np.count_nonzero(error)), int(np.count_nonzero(remote))
+
+
+def parameter_groups(identifiers: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return identifiers without priority, source and, where they have one, destination (J1939)."""
+    group = identifiers & _PRIORITY_AND_SOURCE
+    addressed = (identifiers >> np.uint64(16)) & np.uint64(0xFF) < _BROADCAST
+    return np.where(addressed, group & _DESTINATION, group)
+
+
+def _sorted(table: Mapping[int, int]) -> tuple[NDArray[np.uint64], NDArray[np.uint16]]:
+    """Return keys in order, and their values."""
+    keys = sorted(table)
+    return np.array(keys, np.uint64), np.array([table[key] for key in keys], np.uint16)

@@ -121,6 +121,8 @@ class MessageLayout:
     """How the checksum is computed, a name in `dbc.crc.CRC_RULES`."""
     bus: int | None = None
     """The only bus on which frames with this identifier are this message; None: any bus."""
+    is_j1939: bool = False
+    """True if its parameter group (PGN) decides, whatever priority and source a frame has."""
 
     def signal(self, name: str) -> SignalLayout:
         """Return the signal called `name`.

@@ -1,1 +1,1 @@
-"""Database files read into layouts: DBC by our own grammar, KCD and SYM by cantools."""
+"""Database files read into layouts: DBC by our own grammar, KCD, SYM and ARXML by cantools."""

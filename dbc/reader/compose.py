@@ -18,6 +18,7 @@ VALUE_ROLE = "value"
 COUNTER_ROLE = "counter"
 
 NO_NODE = "Vector__XXX"
+_J1939 = "J1939PG"
 
 
 def compose(document: Document, block: Block) -> MessageLayout:
@@ -58,6 +59,7 @@ def compose(document: Document, block: Block) -> MessageLayout:
         crc=by_role[rule] if rule else None,
         crc_rule=rule or "crc8_j1850",
         senders=_senders(document, identifier, head["sender"]),
+        is_j1939=identifier >= EXTENDED_BIT and _frame_format(document, identifier) == _J1939,
     )
 
 
@@ -144,6 +146,16 @@ def _cycle_s(document: Document, identifier: int) -> float | None:
     default = document.defaults.get("GenMsgCycleTime")
     value = document.attributes.get(("GenMsgCycleTime", identifier), default)
     return value / 1000 if isinstance(value, int | float) and 0 < value < 1e12 else None
+
+
+def _frame_format(document: Document, identifier: int) -> str:
+    """Return the label of `VFrameFormat`, which attributes have as a number or as a text."""
+    name = "VFrameFormat"
+    value = document.attributes.get((name, identifier), document.defaults.get(name, ""))
+    labels = document.choices.get(name, ())
+    if isinstance(value, str):
+        return value
+    return labels[int(value)] if 0 <= value < len(labels) else ""
 
 
 def _senders(document: Document, identifier: int, first: str) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""KCD and SYM databases, read by cantools, under the same limits and checks as a DBC.
+"""KCD, SYM and ARXML databases, read by cantools, under the same limits and checks as a DBC.
 
 Such a file has no line numbers by the time that it can be judged; messages name the file.
 """
@@ -28,8 +28,11 @@ from .lint import (
 )
 from .sentinels import sentinels
 
-MAX_CHARACTERS = 1_000_000
-"""cantools takes about 2 s for as much."""
+MAX_CHARACTERS = {"kcd": 1_000_000, "sym": 1_000_000, "arxml": 5_000_000}
+"""Longest text: cantools takes about 2 s for as much.  An ARXML says little in many words."""
+
+_HEAD = 4096
+"""Characters in which a database says what it is."""
 
 # The parser's work grows with these numbers, so they are looked at before it may see them.
 _KCD_LENGTH = re.compile(r"""\b(?:length|offset|count)\s*=\s*["']\s*([0-9]+)""")
@@ -37,16 +40,35 @@ _SYM_LENGTH = re.compile(
     r"""(?:"[^"]*"|//[^\n]*)|(?:\b(?:unsigned|signed|float|double|bit|char|string|raw|bool)"""
     r"""|\bLen\s*=|\bSig\s*=\s*\S+|,)\s*([0-9]+)\b(?!\s*=)"""
 )
+_ARXML_LENGTH = re.compile(
+    r"<(?:LENGTH|BIT-LENGTH|FRAME-LENGTH|START-POSITION|PACKING-BYTE-ORDER-LENGTH)>\s*([0-9]+)"
+)
+_ROOT = re.compile(r"<(?:\w+:)?(NetworkDefinition|AUTOSAR|CANDELA)\b")
+_KINDS = {"NetworkDefinition": "kcd", "AUTOSAR": "arxml", "CANDELA": "cdd"}
+_SYM_HEAD = re.compile(r"\s*(?://[^\n]*\n\s*)*FormatVersion\s*=")
 _SYM_RANGE = re.compile(r"\bID\s*=\s*([0-9A-Fa-f]+)h\s*-\s*([0-9A-Fa-f]+)h")
 
 
-def parse_foreign(text: str, name: str) -> Codec:
-    """Compile the text of a KCD or SYM file.
+def foreign_kind(text: str, name: str) -> str:
+    """Return the format of a database by its content, else its suffix: "" for a DBC."""
+    if text.lstrip("\ufeff \t\r\n")[:1] == "<" and (root := _ROOT.search(text[:_HEAD])):
+        return _KINDS[root[1]]
+    if _SYM_HEAD.match(text[:_HEAD]):
+        return "sym"
+    suffix = Path(name).suffix.lower()[1:]
+    return suffix if suffix in MAX_CHARACTERS else ""
 
-    The suffix of `name` decides the format.  Messages that cannot be used are in `left_out`.
-    Raises InputError if it is no such file, or none of its messages can be used.
+
+def parse_foreign(text: str, name: str) -> Codec:
+    """Compile the text of a KCD, SYM or ARXML file.
+
+    `foreign_kind` decides the format.  Messages that cannot be used are in `left_out`.  Raises
+    InputError if it is no such file, or none of its messages can be used.
     """
-    kind = Path(name).suffix.lower()[1:]
+    kind = foreign_kind(text, name)
+    if kind == "cdd":
+        what = "is a diagnostic description (CDD), which has no messages of the bus"
+        raise InputError(name, what, "give the database of the bus: DBC, KCD, SYM or ARXML")
     _check_numbers(text, name, kind)
     messages: list[MessageLayout] = []
     left_out: list[Finding] = []
@@ -76,12 +98,13 @@ def parse_foreign(text: str, name: str) -> Codec:
 
 def _check_numbers(text: str, name: str, kind: str) -> None:
     """Refuse what would keep the parser busy."""
-    if len(text) > MAX_CHARACTERS:
-        what = f"larger than {MAX_CHARACTERS // 1_000_000} MB"
+    if len(text) > MAX_CHARACTERS[kind]:
+        what = f"larger than {MAX_CHARACTERS[kind] // 1_000_000} MB"
         raise InputError(name, what, "convert it to DBC")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError(name, "defines XML entities, which no CAN database needs", "remove them")
-    for found in (_KCD_LENGTH if kind == "kcd" else _SYM_LENGTH).finditer(text):
+    numbers = {"kcd": _KCD_LENGTH, "sym": _SYM_LENGTH, "arxml": _ARXML_LENGTH}[kind]
+    for found in numbers.finditer(text):
         digits = found[1] or "0"
         if len(digits) > 4 or int(digits) > 8 * MAX_PAYLOAD_BYTES:
             raise _misfit(
@@ -100,9 +123,9 @@ def _misfit(text: str, name: str, position: int, what: str) -> InputError:
 
 
 def _parse(text: str, name: str, kind: str) -> Sequence[Any]:
-    from cantools.database.can.formats import kcd, sym
+    from cantools.database.can.formats import arxml, kcd, sym
 
-    load = kcd.load_string if kind == "kcd" else sym.load_string
+    load = {"kcd": kcd.load_string, "sym": sym.load_string, "arxml": arxml.load_string}[kind]
     try:
         return tuple(load(text, strict=False).messages)
     except Exception as error:
@@ -114,6 +137,8 @@ def _parse(text: str, name: str, kind: str) -> Sequence[Any]:
 
 
 def _message(message: Any) -> MessageLayout:
+    if getattr(message, "is_container", False):
+        raise FaultError(None, "is a container of other messages")
     cycle_ms = message.cycle_time
     return MessageLayout(
         name=message.name,

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from random import Random
 from tempfile import TemporaryFile
 from types import TracebackType
@@ -17,6 +16,7 @@ from typing import Any
 from ..codec import Codec
 from ..errors import printable
 from ..layout import MessageLayout
+from ..reader.foreign import foreign_kind
 from .child import key
 from .compare import Difference, message_differences
 
@@ -48,14 +48,14 @@ class Witness:
     def __init__(self, text: str, name: str, codec: Codec, used: Iterable[str]) -> None:
         """Start.
 
-        KCD and SYM are read by cantools alone, so that nothing is compared.  `codec`: the same, as
-        our reader has it.  `used`: the messages whose values are compared.
+        KCD, SYM and ARXML are read by cantools alone, so that nothing is compared.  `codec`: the
+        same, as our reader has it.  `used`: the messages whose values are compared.
         """
         self._codec = codec
         self._sample = {name: payloads(codec.message(name)) for name in dict.fromkeys(used)}
         self._child: subprocess.Popen[str] | None = None
         self._failure = ""
-        if Path(name).suffix.lower() in (".kcd", ".sym"):
+        if foreign_kind(text, name):
             return
         by_key = {
             key(message.can_id, message.is_extended): [p.hex() for p in sample]

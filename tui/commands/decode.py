@@ -30,6 +30,9 @@ def decode(
     ] = None,
     sensor: Sensors = None,
     bus: Buses = None,
+    j1939: Annotated[
+        bool, typer.Option("--j1939", help="Match messages by PGN, whatever priority and source.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON instead.")] = False,
 ) -> int:
     """Decode a log to CSV: time_s, message, signal, value, unit.
@@ -51,6 +54,7 @@ def decode(
     if described is None and (sensor or bus):
         raise InputError("--sensor, --bus", "name no bench", "name the bench.toml with --config")
     codec = described.codec if described else _databases(dbc or [])
+    codec = codec.by_parameter_group() if j1939 else codec
     say_left_out(codec)
     totals: Counter[str] = Counter()
     samples: Counter[str] = Counter()
