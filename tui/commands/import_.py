@@ -55,7 +55,8 @@ def import_(
 ) -> int:
     """Find the bumps in logs, cut them into runs and write a session.
 
-    One log may hold many runs, labelled in the order of the campaign, or by --runs.
+    One log may hold many runs, labelled in the order of the campaign, or by --runs.  A file that
+    export has written is the session again.
     """
     from importlib.metadata import version
     from json import dumps
@@ -71,6 +72,9 @@ def import_(
     from ..output import print_json, progress
     from ..recorders.recording import print_summary, summary
 
+    chosen = any((run, runs, skip, bus is not None, config, dbc))
+    if logs and len(logs) == 1 and not chosen and _import_export(logs[0], out, json):
+        return ExitCode.OK
     singles = [_single(text) for text in run or []]
     if bool(singles) == bool(logs):
         what = "names both logs and --run" if logs else "names no log"
@@ -133,6 +137,27 @@ def import_(
     lost = any(source.loss.any for source in sources)
     lost |= any(one.losses.measured for one in session.runs)
     return ExitCode.DATA_LOST if lost else ExitCode.OK
+
+
+def _import_export(path: Path, out: Path, json: bool) -> bool:
+    """Write the session of an export that describes itself; return False if the file is none."""
+    from daq import InputError, write_session
+    from daq.formats import exported_session
+
+    from ..output import print_json
+    from ..recorders.recording import print_summary, summary
+
+    session = exported_session(path)
+    if session is None:
+        return False
+    if out.resolve() == path.resolve():
+        raise InputError(str(out), "is the export", "name another file with --out")
+    write_session(out, session)
+    if json:
+        print_json(summary(out, session))
+    else:
+        print_summary(out, session)
+    return True
 
 
 def _single(text: str) -> tuple[tuple[str, str], Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,3 +58,24 @@ def write_csv(group: SampleGroup, units: dict[str, str], path: Path, style: CsvS
 def _cells(values: NDArray[np.float64], style: CsvStyle) -> Iterable[str]:
     texts = ("" if value != value else repr(value) for value in values.tolist())
     return texts if style.decimal == "." else (text.replace(".", ",") for text in texts)
+
+
+def read_csv(
+    path: Path, style: CsvStyle, channels: Sequence[str]
+) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    """Return times and values of the channels in a file that `write_csv` has written.
+
+    Raises ValueError if it is another file.
+    """
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = csv.reader(stream, delimiter=style.separator)
+        head = next(rows, [])
+        if head[:1] != ["time_s"] or len(head) != len(channels) + 2:
+            raise ValueError(f"{path.name} has other columns")
+        cells = [[_number(cell, style) for cell in row] for row in rows]
+    table = np.array(cells, np.float64).reshape(-1, len(head))
+    return table[:, 0], {name: table[:, i] for i, name in enumerate(channels, start=1)}
+
+
+def _number(cell: str, style: CsvStyle) -> float:
+    return float(cell.replace(style.decimal, ".")) if cell else np.nan

@@ -12,6 +12,7 @@ from ...errors import InputError
 from ...files import replaced
 from ...runs import SampleGroup
 from ...sessions import Session
+from .. import description
 from .bus_log import write_asc, write_blf
 from .csv_files import PLAIN, CsvStyle, write_csv
 from .matlab import write_mat
@@ -89,9 +90,11 @@ def export_session(
 ) -> Exported:
     """Write a session as other tools have it; files are complete or absent.
 
-    CSV is one file a run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.  `force`:
-    whether files that are there may be replaced.  Raises InputError if there is nothing to write in
-    this format, a file is there already or cannot be written, or a library is missing.
+    CSV is one file a run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.  Beside CSV
+    and UFF stands the description of the session (`daq.formats.description`), which MF4, MAT and
+    Parquet hold.  `force`: whether files that are there may be replaced.  Raises InputError if
+    there is nothing to write in this format, a file is there already or cannot be written, or a
+    library is missing.
     """
     try:
         return _exported(session, path, form, style, modes, force)
@@ -113,14 +116,18 @@ def _exported(
 ) -> Exported:
     if form is ExportFormat.CSV:
         return _export_csv(session, path, style, force)
+    if form is ExportFormat.UFF:
+        sidecar = description.sidecar_of(path)
+        with written_whole([path, sidecar], force) as (beside, about):
+            notes = write_uff(session, modes, beside)
+            about.write_text(description.text_of(description.describe(session)), "utf-8")
+        return Exported((path, sidecar), notes)
     with written_whole([path], force) as (beside,):
         match form:
             case ExportFormat.MF4:
                 notes = write_mf4(session, beside)
             case ExportFormat.MAT:
                 notes = write_mat(session, beside)
-            case ExportFormat.UFF:
-                notes = write_uff(session, modes, beside)
             case ExportFormat.PARQUET:
                 notes = write_parquet(session, beside)
             case ExportFormat.BLF:
@@ -135,6 +142,7 @@ def _exported(
 def _export_csv(session: Session, path: Path, style: CsvStyle, force: bool) -> Exported:
     units = {channel.name: channel.unit for channel in session.channels}
     groups: dict[Path, SampleGroup] = {}
+    files: dict[tuple[str, str], str] = {}
     for run in session.runs:
         for group in run.groups:
             name = "".join(
@@ -144,12 +152,16 @@ def _export_csv(session: Session, path: Path, style: CsvStyle, force: bool) -> E
             if place in groups:
                 raise InputError(str(place), "is the place of two runs", "choose with --run")
             groups[place] = group
+            files[run.label, group.name] = place.name
     if not groups:
         raise InputError("session", "its runs hold no samples", "choose other runs")
-    with written_whole(list(groups), force) as beside:
+    sidecar = description.sidecar_of(path)
+    about = replace(description.describe(session, files), style=(style.separator, style.decimal))
+    with written_whole([*groups, sidecar], force) as (*beside, last):
         for place, group in zip(beside, groups.values(), strict=True):
             write_csv(group, units, place, style)
-    return Exported(tuple(groups), frames_left_out(session))
+        last.write_text(description.text_of(about), "utf-8")
+    return Exported((*groups, sidecar), frames_left_out(session))
 
 
 @contextmanager

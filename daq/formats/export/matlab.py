@@ -11,9 +11,24 @@ import numpy as np
 
 from ...errors import InputError
 from ...runs import Run, SampleGroup
+from ...session.schema import TEXTS
 from ...sessions import Session
+from .. import description
 from .raw_frames import frames_left_out
 
+RUN_FIELDS = (
+    "mass_state",
+    "excitation",
+    "repeat",
+    "status",
+    "reasons",
+    "t0_ns",
+    "bump_s",
+    "events",
+)
+"""Fields of a run that are no sample groups."""
+SAMPLE_FIELDS = ("t", "t_ns", "quality", "units")
+"""Fields of a sample group that are no channels."""
 _NAME_LENGTH = 63
 _MAX_BYTES = 2**31 - 1
 """Bytes of one variable, the most that a file of this version can hold."""
@@ -23,8 +38,9 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
     """Write a MAT file: ``runs.RUN.GROUP.CHANNEL``, with ``t`` in s and ``units.CHANNEL``.
 
     Beside the channels of a group stand ``t_ns`` (int64, bus time) and ``quality`` (uint8); a run
-    has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons`` and ``t0_ns``.
-    ``vehicle`` and ``channels`` state what was measured and where.
+    has ``mass_state``, ``excitation``, ``repeat``, ``status``, ``reasons``, ``t0_ns``, ``bump_s``
+    and ``events``.  ``vehicle``, ``channels`` and ``mass_states`` say what was measured and where,
+    ``config`` has bench.toml and databases, ``bumpbench`` the description of the session.
 
     Returns what the format cannot hold, of what there is in the session.  Raises InputError if the
     session is larger than such a file can be.
@@ -35,28 +51,46 @@ def write_mat(session: Session, path: Path) -> tuple[str, ...]:
     if size > _MAX_BYTES:
         what = f"has {size} bytes of samples, and MATLAB v5 holds 2 GB"
         raise InputError("session", what, "choose runs with --run, or another format")
-    runs = _fields((run.label, _run(run, session)) for run in session.runs)
+    runs = fields_of((run.label, _run(run, session)) for run in session.runs)
     vehicle: dict[str, Any] = {"name": session.vehicle.name}
     if session.vehicle.geometry is not None:
         vehicle |= {f"{name}_m": v for name, v in asdict(session.vehicle.geometry).items()}
-    channels = _fields(
+    channels = fields_of(
         (
             channel.name,
-            {
-                "name": channel.name,
-                "quantity": str(channel.quantity),
-                "unit": channel.unit,
-                "signal": channel.signal,
-                "corner": str(channel.corner or ""),
-                "x_m": channel.x_m,
-                "y_m": channel.y_m,
-            },
+            asdict(channel)
+            | {"quantity": str(channel.quantity), "corner": str(channel.corner or "")},
         )
         for channel in session.channels
     )
+    states = fields_of(
+        (
+            state.name,
+            {
+                "matrix": state.added.matrix,
+                "weights": [
+                    {name: str(v) if name == "corner" else v for name, v in asdict(weight).items()}
+                    for weight in state.added.weights
+                ],
+            },
+        )
+        for state in session.mass_states
+    )
+    texts = {
+        name: session.provenance[name].encode("utf-8", "replace").decode()
+        for name in set(TEXTS) & session.provenance.keys()
+    }
+    about = description.text_of(description.describe(session))
     savemat(
         path,
-        {"runs": runs, "channels": channels, "vehicle": vehicle},
+        {
+            "runs": runs,
+            "channels": channels,
+            "vehicle": vehicle,
+            "mass_states": states,
+            "config": texts,
+            description.KEY: about,
+        },
         long_field_names=True,
         do_compression=True,
         oned_as="column",
@@ -73,20 +107,22 @@ def _run(run: Run, session: Session) -> dict[str, Any]:
         "status": str(run.status),
         "reasons": "\n".join(run.reasons),
         "t0_ns": np.int64(run.t0_ns),
+        "bump_s": run.bump_s,
+        "events": [asdict(event) for event in run.events],
     }
     groups = ((group.name, _group(group, units)) for group in run.groups)
-    return about | _fields(groups, taken=set(about))
+    return about | fields_of(groups, taken=RUN_FIELDS)
 
 
 def _group(group: SampleGroup, units: dict[str, str]) -> dict[str, Any]:
     fixed = {"t": group.time_s, "t_ns": group.t_ns, "quality": group.quality}
-    values = _fields(group.values.items(), taken={*fixed, "units"})
-    own = _fields(((name, units[name]) for name in group.values), taken={*fixed, "units"})
+    values = fields_of(group.values.items(), taken=SAMPLE_FIELDS)
+    own = fields_of(((name, units[name]) for name in group.values), taken=SAMPLE_FIELDS)
     return {**fixed, **values, "units": {"t": "s", **own}}
 
 
-def _fields(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> dict[str, Any]:
-    """Return items under names that MATLAB allows for fields, each once."""
+def fields_of(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> dict[str, Any]:
+    """Return items under names that MATLAB allows for fields, each once; `taken` has others."""
     result: dict[str, Any] = {}
     for name, value in items:
         plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in name)

@@ -13,10 +13,14 @@ from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
 from ...optional import optional
 from ...runs import Run, SampleGroup
+from ...session.schema import TEXTS
 from ...sessions import Session
+from .. import description
 from .raw_frames import has, session_frames
 
 _NS_PER_S = 1_000_000_000
+_FILES = {"bench_toml": "bench.toml", "dbc": "bench.dbc"}
+_UNITS = {"time_s": "s", "t_ns": "ns"}
 
 _REMOTE = [
     ("BusChannel", "u1"),
@@ -40,8 +44,9 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
     """Write an MDF 4.10 file: one channel group a run and sample clock, then the bus log.
 
     All times count from the whole second in which the session begins, which the header names.  A
-    channel group is named ``run/group``; it has the flags of `dbc.samples.Quality` as `quality`.
-    Buses count from 1, as MDF has it.
+    channel group is named ``run/group``; it has the flags of `dbc.samples.Quality` as `quality`,
+    and `time_s` and `t_ns` as the session has them.  Buses count from 1, as MDF has it.
+    bench.toml, the databases and the description of the session are attached.
 
     Returns what the format cannot hold, of what there is in the session: nothing.
     """
@@ -59,6 +64,14 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
                 mdf.append(signals, acq_name=f"{run.label}/{group.name}", common_timebase=True)
         if raw is not None:
             _append_bus_log(asammdf, mdf, raw, start_ns)
+        texts = {description.NAME: description.text_of(description.describe(session))}
+        texts |= {
+            _FILES.get(name, name): session.provenance[name]
+            for name in set(TEXTS) & session.provenance.keys()
+        }
+        for name, text in sorted(texts.items()):
+            raw = text.encode("utf-8", "surrogateescape")
+            mdf.attach(raw, file_name=name, mime="text/plain", compression=False)
         mdf.save(path, overwrite=True, compression=1)
     return ()
 
@@ -68,12 +81,13 @@ def _signals(
 ) -> list[Any]:
     time_s = group.time_s + (run.t0_ns - start_ns) * 1e-9
     columns: dict[str, NDArray[Any]] = {**group.values, "quality": group.quality}
+    columns |= {"time_s": group.time_s, "t_ns": group.t_ns}
     return [
         asammdf.Signal(
             samples=np.array(values),
             timestamps=time_s,
             name=name,
-            unit=units.get(name, ""),
+            unit=units.get(name, _UNITS.get(name, "")),
             comment=f"{run.label} ({run.status})",
         )
         for name, values in columns.items()

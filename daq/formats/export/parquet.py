@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ...optional import optional
 from ...sessions import Session
+from .. import description
 from .raw_frames import frames_left_out
 
 
@@ -13,7 +14,8 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
     """Write one table: run, group, status, time_s, t_ns, quality, and a column a channel.
 
     pandas finds the units in ``DataFrame.attrs["units"]``, other readers in the metadata ``unit``
-    of each field.  A channel is null in the rows of other groups.
+    of each field.  A channel is null in the rows of other groups.  The metadata of the table have
+    the description of the session as ``bumpbench``.
 
     Returns what the format cannot hold, of what there is in the session.
     """
@@ -26,6 +28,8 @@ def write_parquet(session: Session, path: Path) -> tuple[str, ...]:
         field.with_metadata({"unit": units[field.name]}) if field.name in units else field
         for field in table.schema
     ]
-    schema = pa.schema(fields, metadata=table.schema.metadata)
+    about = description.text_of(description.describe(session))
+    own = {description.KEY.encode(): about.encode()}
+    schema = pa.schema(fields, metadata={**(table.schema.metadata or {}), **own})
     parquet.write_table(table.cast(schema), path, compression="zstd")
     return frames_left_out(session)

@@ -26,7 +26,6 @@ _BEGIN = "    -1"
 _TIME, _UNKNOWN = 17, 0
 _DATA_TYPE = {0: 8, 1: 11, 2: 12}
 """Displacement, velocity, acceleration, by order of the time derivative."""
-_TIME_TOLERANCE_S = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +142,7 @@ def _record(
     start, step = time_s[0], (time_s[-1] - time_s[0]) / (len(time_s) - 1)
     # The head keeps six digits; where those do not give the times, every sample has its own.
     start, step = float(f"{start:13.5e}"), float(f"{step:13.5e}")
-    even = int(np.abs(start + step * np.arange(len(time_s)) - time_s).max() < _TIME_TOLERANCE_S)
+    even = int(np.array_equal(start + step * np.arange(len(time_s)), time_s))
     data = values if even else np.column_stack([time_s, values])
     tail = np.ascontiguousarray(data, "<f8").tobytes()
     when = datetime.fromtimestamp(run.t0_ns // 1_000_000_000, UTC)

@@ -107,7 +107,7 @@ def test_names_that_matlab_has_not(tmp_path: Path, session: Session) -> None:
 def test_csv(tmp_path: Path, session: Session, style: CsvStyle, point: str) -> None:
     paths = _export(session, tmp_path / "car.csv", style=style)
     assert paths[0] == tmp_path / "car_baseline_roll_1_HUB_Front.csv"
-    assert len(paths) == 6
+    assert len(paths) == 7  # the last one describes the session
     assert sorted(tmp_path.iterdir()) == sorted(paths)
     group = session.runs[0].groups[0]
     with paths[0].open(encoding="utf-8", newline="") as stream:
@@ -280,7 +280,7 @@ def test_nowhere_to_write(tmp_path: Path, session: Session) -> None:
 
 def test_names_lead_to_no_other_folder(tmp_path: Path, session: Session) -> None:
     run = replace(session.runs[0], mass_state="../../x\n", groups=session.runs[0].groups[1:])
-    (path,) = _export(replace(session, runs=(run,)), tmp_path / "car.csv")
+    path, _ = _export(replace(session, runs=(run,)), tmp_path / "car.csv")
     assert path == tmp_path / "car_______x__roll_1_A_IMU.csv"
     with pytest.raises(InputError, match="the place of two runs"):
         _export(replace(session, runs=(run, replace(run, mass_state="..:..|x\t"))), path)

@@ -1,0 +1,162 @@
+"""Reads the exports of sessions: what `daq.formats.export` has written becomes a session again."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import printable
+
+from ..errors import BumpbenchError, InputError
+from ..optional import optional
+from ..sessions import Session
+from . import description
+from .description import Columns, GroupDescription, RunDescription, description_of, session_of
+from .export.csv_files import CsvStyle, read_csv
+from .exported_mat import read_exported_mat
+from .exported_uff import read_exported_uff
+
+_DAMAGED = "the file is damaged or cut off"
+_MAX_SIDECAR_BYTES = 256 << 20
+
+
+def exported_session(path: Path) -> Session | None:
+    """Return the session in an export; None if the file is none, or has no description.
+
+    `path`: MF4, MAT, Parquet or UFF, or the sidecar of a CSV.  Raises InputError if it is damaged,
+    or a library is missing.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(128)
+    except OSError:
+        return None
+    try:
+        for fits, read in _READERS:
+            if fits(path, head):
+                return read(path)
+    except BumpbenchError:
+        raise
+    except Exception as error:  # each library raises what it likes
+        what = f"cannot be read: {str(error) or type(error).__name__}"
+        raise InputError(
+            str(path), what.splitlines()[0], "the file is damaged or cut off"
+        ) from error
+    return None
+
+
+def _mf4(path: Path) -> Session | None:
+    """Return the session in an MF4; asammdf raises and logs what it stumbles over."""
+    if not _names_description(path):
+        return None
+    asammdf = optional("asammdf", "mf4")
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
+    hook, failure = sys.unraisablehook, ""
+    try:
+        return _from_mf4(asammdf, path)
+    except BumpbenchError:
+        raise
+    except Exception as error:
+        failure = str(error) or type(error).__name__
+        # Its half-made object fails once more when it is let go, with a traceback on stderr.
+        sys.unraisablehook = lambda _: None
+    gc.collect()
+    sys.unraisablehook = hook
+    raise InputError(str(path), f"cannot be read: {printable(failure, 200)}", _DAMAGED)
+
+
+def _from_mf4(asammdf: Any, path: Path) -> Session:
+    with asammdf.MDF(path) as mdf:
+        texts = {
+            str(block.file_name): mdf.extract_attachment(number)[0]
+            for number, block in enumerate(mdf.attachments)
+        }
+        about = description_of(texts[description.NAME], str(path))
+        named = {group.channel_group.acq_name: n for n, group in enumerate(mdf.groups)}
+
+        def samples(run: RunDescription, group: GroupDescription) -> Columns:
+            number = named[f"{run.label}/{group.name}"]
+            got = {
+                name: np.array(mdf.get(name, group=number).samples)
+                for name in ("time_s", "t_ns", *group.channels)
+            }
+            return got.pop("time_s"), got.pop("t_ns").astype(np.int64), got
+
+        return session_of(about, samples, str(path))
+
+
+def _names_description(path: Path) -> bool:
+    """Return whether the name of our attachment occurs in a file: opening an MF4 may take long."""
+    wanted, kept = description.NAME.encode(), b""
+    with path.open("rb") as file:
+        while piece := file.read(1 << 20):
+            if wanted in kept + piece:
+                return True
+            kept = piece[-len(wanted) :]
+    return False
+
+
+def _parquet(path: Path) -> Session | None:
+    parquet = optional("pyarrow.parquet", "data")
+    with parquet.ParquetFile(path) as file:
+        text = (file.schema_arrow.metadata or {}).get(description.KEY.encode())
+        if text is None:
+            return None
+        table = file.read()
+    about = description_of(text, str(path))
+    runs, groups = (np.array(table["run"].to_pylist()), np.array(table["group"].to_pylist()))
+
+    def samples(run: RunDescription, group: GroupDescription) -> Columns:
+        rows = (runs == run.label) & (groups == group.name)
+        own = table.filter(rows)
+        values = {name: _floats(own[name]) for name in group.channels}
+        return _floats(own["time_s"]), own["t_ns"].to_numpy().astype(np.int64), values
+
+    return session_of(about, samples, str(path))
+
+
+def _floats(column: Any) -> NDArray[np.float64]:
+    return np.asarray(column.to_pandas(), np.float64)
+
+
+def _uff(path: Path) -> Session | None:
+    sidecar = description.sidecar_of(path)
+    if not sidecar.is_file():
+        return None
+    return read_exported_uff(path, description_of(_bounded(sidecar), str(sidecar)))
+
+
+def _csv(path: Path) -> Session | None:
+    about = description_of(_bounded(path), str(path))
+    style = CsvStyle(*about.style)
+
+    def samples(run: RunDescription, group: GroupDescription) -> Columns:
+        if Path(group.file).name != group.file or not group.file:
+            raise ValueError(f"names {group.file!r}, which is no file beside it")
+        time_s, values = read_csv(path.with_name(group.file), style, group.channels)
+        return time_s, None, values
+
+    return session_of(about, samples, str(path))
+
+
+def _bounded(path: Path) -> bytes:
+    if path.stat().st_size > _MAX_SIDECAR_BYTES:
+        raise InputError(str(path), "is larger than any description", "check what it is")
+    return path.read_bytes()
+
+
+_Reader = tuple[Callable[[Path, bytes], bool], Callable[[Path], Session | None]]
+_READERS: Sequence[_Reader] = (
+    (lambda _, head: head[:8] == b"MDF     ", _mf4),
+    (lambda _, head: head[:4] == b"PAR1", _parquet),
+    (lambda _, head: head[:10] == b"MATLAB 5.0", read_exported_mat),
+    (lambda path, _: path.name.endswith(f".csv.{description.NAME}"), _csv),
+    (lambda _, head: head.lstrip()[:2] == b"-1", _uff),
+)
