@@ -56,7 +56,7 @@ def _records(path: Path) -> Iterator[tuple[str, str, NDArray[np.float64], NDArra
             even, start, step = int(form[20:30]), float(form[30:43]), float(form[43:56])
             cells = np.frombuffer(data, "<f8")
             if even:
-                time_s = start + step * np.arange(len(cells))
+                time_s = (start + step * np.arange(len(cells))).astype(np.float64)
                 yield head[0].strip(), head[1].strip(), time_s, cells
             else:
                 pairs = cells.reshape(-1, 2)

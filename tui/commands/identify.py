@@ -15,6 +15,10 @@ def identify(
     dampers: Annotated[
         Path | None, typer.Option(help="Write the damper curves: .csv, .txt (Modelica) or .mat.")
     ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(help="Write the model: .mat, .py (python-control), .mo (Modelica), .json."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> int:
     """Identify the physical parameters of a session's vehicle."""
@@ -23,6 +27,7 @@ def identify(
 
     from ..damper_table import write_damper_table
     from ..jobs.helpers import helpers
+    from ..model_file import write_model
     from ..output import print_json, progress
     from ..result import print_identification
 
@@ -34,6 +39,8 @@ def identify(
     document = result.document()
     if dampers is not None:
         write_damper_table(document, dampers)
+    if model is not None:
+        write_model(result, model)
     if json:
         print_json(document)
     else:

@@ -70,8 +70,8 @@ def write_mf4(session: Session, path: Path) -> tuple[str, ...]:
             for name in set(TEXTS) & session.provenance.keys()
         }
         for name, text in sorted(texts.items()):
-            raw = text.encode("utf-8", "surrogateescape")
-            mdf.attach(raw, file_name=name, mime="text/plain", compression=False)
+            content = text.encode("utf-8", "surrogateescape")
+            mdf.attach(content, file_name=name, mime="text/plain", compression=False)
         mdf.save(path, overwrite=True, compression=1)
     return ()
 

@@ -284,7 +284,8 @@ def write_ros2(path: Path, frames: Frames, packing: str = "zstd") -> None:
             writer.add_message(extra, _stamp_ns(f), b"\0\1\0\0\2\0\0\0a\0", _stamp_ns(f))
             stamp = _stamp_ns(f)
             writer.add_message(channels[f.bus][f.fd], stamp, _cdr(f, number), stamp)
-        writer.finish()
+        finish: Callable[[], None] = writer.finish
+        finish()
 
 
 def _cdr(f: Frame, number: int) -> bytes:
