@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test test-pythons lint docs bench bursts coverage mutate fuzz crash soak display-check release-check test-socketcan constraints clean
+.PHONY: demo test test-pythons lint docs bench bursts coverage mutate fuzz crash soak display-check release-check test-service test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -69,6 +69,10 @@ display-check: .venv/test
 # Build wheel and sdist, install them into empty environments with each extra, and try them.
 release-check: .venv/test
 	$(BIN)/python -m tests.house.release
+
+# The unit under a real systemd, from boot to clean stop, in a guest; needs qemu-system-x86_64.
+test-service: .venv/test
+	$(BIN)/python -m tests.service.guest
 
 # Real SocketCAN: vcan and emulated adapters in a guest; needs qemu-system-x86_64.
 test-socketcan: .venv/test
