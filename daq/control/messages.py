@@ -254,6 +254,9 @@ class Status:
     """Frames that arrive compared with those stored."""
     origin: Origin = Origin.REAL
     """Where the frames come from."""
+    begun: str = ""
+    """How the campaign follows on one that a crash or a stop has cut: that it goes on, or why a new
+    one was begun.  Empty if there was none."""
 
     @property
     def own_session(self) -> str:

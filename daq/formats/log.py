@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dbc.frames import FrameBatch
 
+from ..bench.origin import Origin
 from ..bus.source import HopLosses
 from ..errors import InputError
 from ..journal.reader import JournalReader
@@ -42,6 +43,11 @@ class Log:
     def name(self) -> str:
         """The file, for messages."""
         return ", ".join(str(path) for path in self.paths)
+
+    @property
+    def origin(self) -> str:
+        """Where its frames come from, a value of `Origin`; of a foreign log nothing is known."""
+        return Origin.REAL if self._journal is None else self._journal.head.origin
 
     @property
     def loss(self) -> LogLoss:

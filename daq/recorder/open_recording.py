@@ -32,7 +32,7 @@ OWN_BENCH = (
     "the resumed recording goes on with its own bench.toml, not with the one in the file: reload "
     "to use that, or start a new recording"
 )
-NOT_RESUMED = "the last recording was not ended and cannot be resumed (%s): a new one is begun"
+NOT_RESUMED = "the last recording was not ended and cannot be resumed ({}): a new one is begun"
 
 _log = logging.getLogger("recorder")
 
@@ -127,23 +127,22 @@ def _head(bench: Bench, software: str, now: Now, *, campaign: bool) -> JournalHe
     )
 
 
-def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | None:
-    """Return the campaign in a folder that can be resumed, and its bench; None if there is none.
+def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | str:
+    """Return the campaign in a folder that can be resumed, and its bench.
 
     It goes on with its own bench.toml, which has the changes made during the recording, but with
-    the buses and limits given now.  With another DBC it cannot be resumed.
+    the buses and limits given now.  With another DBC it cannot be resumed.  If there is one that
+    cannot be, the reason is logged and returned; empty if there is none.
     """
     try:
         tail = last_recording(journal)
         if tail is None or tail.ended or not tail.head.recording or not tail.head.campaign:
-            return None
+            return ""
         if tail.head.origin != bench.origin:
-            _log.warning(NOT_RESUMED, f"its frames are {tail.head.origin}, not {bench.origin}")
-            return None
+            return _not_resumed(f"its frames are {tail.head.origin}, not {bench.origin}")
         text = fold(tail.events).bench_text or tail.head.bench_text
         if tail.head.dbc_text != bench.dbc_text:
-            _log.warning(NOT_RESUMED, "it is of another DBC")
-            return None
+            return _not_resumed("it is of another DBC")
         if text != bench.text:
             _log.warning(OWN_BENCH)
             recorded = parse_bench(text, "bench.toml in the journal", Path(), bench.dbc_text)
@@ -155,9 +154,14 @@ def resumable(journal: Path, bench: Bench) -> tuple[JournalTail, Bench] | None:
                 origin=bench.origin,
             )
     except (BumpbenchError, OSError) as error:  # the old recording stays as it is
-        _log.warning(NOT_RESUMED, error)
-        return None
+        return _not_resumed(error)
     return tail, bench
+
+
+def _not_resumed(why: object) -> str:
+    text = NOT_RESUMED.format(why)
+    _log.warning("%s", text)
+    return text
 
 
 def unfinished(journal: Path) -> tuple[Path, JournalTail] | None:

@@ -113,6 +113,7 @@ class Recorder:
         self._opened: OpenRecording  # since `run` has begun
         self._hops_before = HopLosses()
         self._lag_s = 0.0
+        self._begun = ""
         self._build_s: float | None = None  # when the session file is to be built
         self._next_s = 0.0
         self._heartbeats = Heartbeats((), time.monotonic(), 0.0)
@@ -227,6 +228,7 @@ class Recorder:
             self._pieces.status,
             self._derivation.status,
             self._storage.status(now.monotonic_s),
+            self._begun,
         )
         return self._recording.status(now, host)
 
@@ -287,9 +289,12 @@ class Recorder:
         """Resume the last campaign, or build its session file if necessary and begin a new one."""
         now = _now()
         seal_left_open(self._journal)
-        found = resumable(self._journal, self._bench) if self._resume else None
-        if found is not None:
+        found = resumable(self._journal, self._bench) if self._resume else ""
+        if isinstance(found, str):
+            self._begun = found
+        else:
             tail, bench = found
+            self._begun = f"it was interrupted, and goes on with the {tail.frames:,} frames before"
             STEADY_CLOCK.begin(tail.t_ns)
             opened = self._open_journal(bench, now, tail)
             forget_others(self._folder, [opened.session])
@@ -321,7 +326,7 @@ class Recorder:
         before = self._opened
         self._opened = before.next(bench, why, now, self._barrier, campaign=campaign)
         STEADY_CLOCK.begin()  # only here: within a recording, setting a clock must not move time
-        self._bench = bench
+        self._bench, self._begun = bench, ""
         self._hops_before = self._readers.hops()  # earlier losses are not losses of this recording
         if before.campaign:
             self._derive(before)

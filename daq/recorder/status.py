@@ -41,6 +41,8 @@ class Host:
     queue: QueueStatus
     session: SessionStatus
     storage: StorageStatus
+    begun: str = ""
+    """How the campaign follows on one that was cut; empty if it does not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +112,7 @@ def build_status(
         revision=run_log.revision,
         storage=host.storage,
         origin=bench.origin,
+        begun=host.begun,
     )
 
 

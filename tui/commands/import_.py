@@ -62,6 +62,7 @@ def import_(
     from json import dumps
 
     from daq import InputError, bench_codec, read_log, write_session
+    from daq.bench import Origin
     from daq.check import WORDS, bench_witness, mixed_messages, reader_lines
     from daq.derive import labelled, numbered, parse_runs, session_from_parts, with_steps
     from daq.formats import read_logs
@@ -106,6 +107,9 @@ def import_(
             parts = list(labelled(parts, steps, skip))
         stage(1.0, "reading the logs' hashes")
         about = {"software": f"bumpbench {version('bumpbench')}"}
+        # Of several logs the one that was not measured decides.
+        origins = [source.origin for source in sources if source.origin != Origin.REAL]
+        about["origin"] = str((origins or [Origin.REAL])[0])
         facts = [_facts(source) for source in sources]
         about |= {f"source_{n}": dumps(fact) for n, fact in enumerate(facts, start=1)}
         stage(1.0, "writing the session")

@@ -74,6 +74,8 @@ def status_lines(status: Status) -> Iterator[str]:
     yield f"{what}, into {status.folder}: {status_line(status)}"
     done, text = progress_words(status)
     yield f"{status.phase}: {text} ({done:.0%})"
+    if status.begun:
+        yield f"campaign: {status.begun}"
     for bus in status.buses:
         yield (
             f"bus {bus.name}: {bus.state}, {bus.frames_per_s:,.0f} frames/s, load {bus.load:.0%},"

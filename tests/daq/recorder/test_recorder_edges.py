@@ -37,6 +37,7 @@ from daq.recorder.orders import OrderError
 from daq.recorder.readers import PieceQueue, Readers
 from daq.session import read_session
 from dbc import Codec, FrameBatch
+from tui.recorders.lines import status_lines
 
 from ..crash_frames import block
 from ..quick_bench import CAN0, CAN1, Gated, quick, stored
@@ -210,6 +211,7 @@ def test_whose_bench_toml_holds_is_said(
 ) -> None:
     with Running(quick, tmp_path, sources(Script(blocks(bumps(codec, 1))))) as running:
         first = running.until(lambda s: s.disk.recorded_frames == 1200)
+        assert first.begun == ""
     assert caplog.text == ""
     text = quick.text.replace('name = "Ford Granada"', 'name = "Changed"')
     limits = replace(quick.recorder, keep_bytes=5e9)
@@ -217,13 +219,20 @@ def test_whose_bench_toml_holds_is_said(
     with Running(changed, tmp_path, sources(Script([]))) as running:
         status = running.until(lambda s: s.recording != "")
         assert (status.recording, status.vehicle) == (first.recording, "Ford Granada")
+        assert status.begun == "it was interrupted, and goes on with the 1,200 frames before"
+        lines = list(status_lines(status))
+        assert f"campaign: {status.begun}" in lines
         writer = running.recorder._opened.writer
         assert writer.limits == limits  # the disk is the host's affair
     assert "goes on with its own bench.toml" in caplog.text
     caplog.clear()
     other = replace(quick, dbc_text=quick.dbc_text + "\n")
     with Running(other, tmp_path, sources(Script([]))) as running:
-        assert running.until(lambda s: s.recording != "").recording != first.recording
+        status = running.until(lambda s: s.recording != "")
+        assert status.recording != first.recording
+        assert status.begun.endswith("(it is of another DBC): a new one is begun")
+        running.order(Start())
+        assert running.until(lambda s: s.recording != status.recording).begun == ""
     assert "cannot be resumed (it is of another DBC): a new one is begun" in caplog.text
 
 
