@@ -22,7 +22,7 @@ MACHINE = """
 -accel tcg,thread=multi -machine q35 -cpu max -smp 2 -nographic -no-reboot -nic none
 -virtfs local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap
 """
-DIRECTORY, EXECUTABLE = 0o040755, 0o100755
+DIRECTORY, EXECUTABLE, FILE = 0o040755, 0o100755, 0o100644
 
 
 def run_guest(
@@ -103,7 +103,9 @@ def _write_ramdisk(
     files |= {path: text.encode() for path, text in texts.items()}
     folders = {str(folder) for path in files for folder in Path(path).parents} - {"."} | {"dev"}
     entries = [_entry(name, DIRECTORY, b"") for name in sorted(folders)]
-    entries += [_entry(name, EXECUTABLE, data) for name, data in files.items()]
+    modes = {name: EXECUTABLE if data[:2] == b"#!" else FILE for name, data in files.items()}
+    modes["bin/busybox"] = EXECUTABLE
+    entries += [_entry(name, modes[name], data) for name, data in files.items()]
     ramdisk.write_bytes(gzip.compress(b"".join([*entries, _entry("TRAILER!!!", 0, b"")]), 1))
 
 
