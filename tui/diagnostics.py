@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dbc import BumpbenchError, Codec
+    from dbc import BumpbenchError, Codec, InputError
 
 _NAMED = 5
 
@@ -39,6 +40,17 @@ def say_left_out(codec: Codec) -> None:
         say(f"left out: {remark}")
     if len(codec.left_out) > _NAMED:
         say(f"left out: {len(codec.left_out) - _NAMED} more")
+
+
+def unknown_value(option: str, given: str, noun: str, choices: Sequence[str]) -> InputError:
+    """Return the error of a value that an option does not know, with the nearest that it knows."""
+    from difflib import get_close_matches
+
+    from dbc import InputError
+
+    near = get_close_matches(given.lower(), choices, 1)
+    advice = f"did you mean {near[0]}? There are" if near else "there are"
+    return InputError(option, f"{given!r} is no {noun}", f"{advice} {', '.join(choices)}")
 
 
 def report(error: BumpbenchError) -> ExitCode:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..diagnostics import ExitCode
+from ..diagnostics import ExitCode, unknown_value
 from ..options import BenchFile, DisplayAt, DisplayControl
 from ..terminal.state.glyphs import GlyphSet
 
@@ -69,6 +69,7 @@ def tui(
     from ..terminal.screens.display_link import DisplayLinkScreen
     from ..terminal.state.feed import RecorderFeed
     from ..terminal.state.glyphs import choose_glyphs
+    from ..terminal.state.signals import choices_path
 
     _check_options(demo, fault, replay)
     wanted = _wanted(bench, interface, channel, demo, replay)
@@ -80,8 +81,9 @@ def tui(
     name = operator or known_operator(folder, demo)
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
     chosen = choose_glyphs(glyphs, os.environ, sys.stdout.encoding or "")
+    choices = choices_path(os.environ, Path.home())
     with display_beside_terminal(folder, display, name, display_control) as link:
-        app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted)
+        app = BenchApp(feed, folder, chosen, name, theme, auto, wanted=wanted, choices=choices)
         app.display_link = partial(DisplayLinkScreen, link) if link is not None else None
         attach(folder, start)  # once nothing can be wrong with the command any more
         app.run()
@@ -129,7 +131,7 @@ def _check_options(demo: bool, fault: str | None, replay: Path | None) -> None:
     if fault and not demo:
         raise InputError("--fault", "works on simulated runs only", "add --demo")
     if fault and fault not in FAULTS:
-        raise InputError("--fault", f"{fault} is no fault", f"use one of {', '.join(FAULTS)}")
+        raise unknown_value("--fault", fault, "fault", FAULTS)
     if replay:
         _check_is_there(replay)
 

@@ -19,9 +19,10 @@ from textual.message import Message
 from textual.screen import Screen
 
 from daq import InputError, Status
-from daq.control import QUESTIONS, AskBench, AskHistory, Hello, Live, Order, Phase, Reply, Setup
+from daq.control import QUESTIONS, AskBench, AskHistory, Hello, Live, Order, Reply, Setup
 from daq.errors import printable
 
+from ..diagnostics import unknown_value
 from .background import begin
 from .keyboard import KeyboardApp
 from .screens.news import LiveArrived, RecorderLost, StatusArrived
@@ -29,7 +30,8 @@ from .screens.other_recorder import OtherRecorder
 from .state.feed import Feed, Lost, News, Refused, Role
 from .state.glyphs import Glyphs, GlyphSet
 from .state.lanes import Lanes
-from .state.steps import SCREEN_OF, BenchStep, progress
+from .state.signals import Signals, signal_of
+from .state.steps import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
 from .themes import THEMES
 from .widgets.plain_ascii import PlainAscii
 
@@ -70,7 +72,8 @@ class BenchApp(KeyboardApp):
 
     `folder`: the recorder's; sessions and reports are in it.  `operator`: the person; the journal
     stores this name with every verdict.  `auto`: press SPACE whenever there is a next action.
-    `clock`: monotonic seconds, for the lock-out of held keys.  `wanted`: setup of its recorder.
+    `clock`: monotonic seconds, for held keys.  `wanted`: setup of its recorder.  `choices`: file
+    that keeps the choices of sound and big letters.
     """
 
     CSS_PATH = "app.tcss"
@@ -97,13 +100,13 @@ class BenchApp(KeyboardApp):
         auto: bool = False,
         clock: Callable[[], float] = time.monotonic,
         wanted: Setup | None = None,
+        choices: Path | None = None,
     ) -> None:
         super().__init__()
         for made in THEMES:
             self.register_theme(made)
         if theme not in self.available_themes:
-            names = ", ".join(sorted(self.available_themes))
-            raise InputError("--theme", f"{theme} is no theme", f"one of {names}")
+            raise unknown_value("--theme", theme, "theme", sorted(self.available_themes))
         self.theme = theme
         self.feed, self.folder, self.glyphs, self.operator = feed, folder, glyphs, operator
         self.auto, self.clock = auto, clock
@@ -113,7 +116,7 @@ class BenchApp(KeyboardApp):
         self.lanes = Lanes()
         self.bench: Bench | None = None
         self.bench_text = ""
-        self.bell_on = False
+        self.signals = Signals(choices, self.bell, self.set_timer)
         self._ascii = PlainAscii()
         self.typed: dict[str, str] = {}
         """Text typed last in answer to each question."""
@@ -173,6 +176,7 @@ class BenchApp(KeyboardApp):
             elif isinstance(news, Setup):
                 self._other.compare(news, self._role.in_control)
             else:
+                self.signals.play(signal_of(self.lost, news))
                 self.lost, status = news, None
                 self._publish(RecorderLost())
             self._news.popleft()
@@ -193,13 +197,13 @@ class BenchApp(KeyboardApp):
             begin(self, self._fetch_bench, group="bench", exclusive=True)
         if not self._started and not self._other.asking:
             self._started = True
-            step = BenchStep.BASELINE if _waits_unarmed(status) else progress(status).due
+            step = BenchStep.BASELINE if waits_unarmed(status) else progress(status).due
             await self.go_to(step)
             if not self.operator and not self.auto and step is not BenchStep.VEHICLE:
                 self._ask_name()
             if self.display_link is not None and not self.auto:
                 self.push_screen(self.display_link())
-        elif before is not None and not _in_run(before) and _waits_unarmed(status) and self._early:
+        elif before is not None and not in_run(before) and waits_unarmed(status) and self._early:
             await self.go_to(BenchStep.BASELINE)
         self._announce_phase(before, status)
         self._publish(StatusArrived(status))
@@ -279,7 +283,7 @@ class BenchApp(KeyboardApp):
     async def go_to(self, step: BenchStep) -> None:
         """Show the screen of a step; the run screen while a run is in progress."""
         name = SCREEN_OF[step]
-        if name == "home" and self.status is not None and _in_run(self.status):
+        if name == "home" and self.status is not None and in_run(self.status):
             name = "run"
         await self.open(name)
 
@@ -364,10 +368,19 @@ class BenchApp(KeyboardApp):
         except Refused as refused:
             self.warn(str(refused))
 
-    def action_toggle_bell(self) -> None:
-        """Switch the bell at bumps and verdicts on or off."""
-        self.bell_on = not self.bell_on
-        self.inform(f"bell {'on' if self.bell_on else 'off'}")
+    def action_sound(self) -> None:
+        """Mute the signals or let them sound."""
+        self._show_choice(self.signals.toggle_sound())
+
+    def action_big(self) -> None:
+        """Show the state in big letters or not."""
+        self._show_choice(self.signals.toggle_big())
+
+    def _show_choice(self, trouble: str) -> None:
+        if trouble:
+            self.warn(trouble)
+        if self.status is not None:
+            self._publish(StatusArrived(self.status))
 
     async def _press_next(self) -> None:
         from .screens.base import BenchScreen
@@ -377,23 +390,10 @@ class BenchApp(KeyboardApp):
             await screen.action_next()
 
     def _announce_phase(self, before: Status | None, status: Status) -> None:
-        """Set the window's title and ring the bell when the phase changes."""
+        """Signal what has changed, and set the window's title when the phase has."""
+        self.signals.play(signal_of(before, status))
         if before is not None and before.phase is status.phase:
             return
         words = f"{status.phase.value.upper()} - {printable(status.vehicle)} - Bumpbench"
         if self._driver is not None and not self.is_headless:
             self._driver.write(f"\x1b]2;{words}\x07")
-        rings = {Phase.TRIGGERED: 1, Phase.ACCEPTED: 2, Phase.REJECTED: 3}
-        if self.bell_on and before is not None:
-            for _ in range(rings.get(status.phase, 0)):
-                self.bell()
-
-
-def _waits_unarmed(status: Status) -> bool:
-    """Return True if the recorder waits for a first bump that no terminal has armed."""
-    return _in_run(status) and progress(status).due <= BenchStep.BASELINE
-
-
-def _in_run(status: Status) -> bool:
-    """Return True if the recorder waits for a bump or follows one."""
-    return status.phase not in (Phase.IDLE, Phase.COMPLETE)

@@ -13,6 +13,7 @@ from ..jobs.outcome import Outcome
 from .state.feed import Lost
 from .state.glyphs import Glyphs
 from .state.lanes import Lanes
+from .state.signals import Signals
 from .state.steps import BenchStep
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ class BenchContext(Protocol):
     glyphs: Glyphs
     operator: str
     """Who gives the orders; the journal stores this name with every verdict."""
+    signals: Signals
+    """The bell, and the choices of sound and big letters."""
     clock: Callable[[], float]
     """Monotonic seconds."""
     display_link: Callable[[], Any] | None
@@ -93,8 +96,11 @@ class BenchContext(Protocol):
     async def action_restart_recorder(self) -> None:
         """Start a recorder if none runs."""
 
-    def action_toggle_bell(self) -> None:
-        """Switch the bell at bumps and verdicts on or off."""
+    def action_sound(self) -> None:
+        """Mute the signals or let them sound."""
+
+    def action_big(self) -> None:
+        """Show the state in big letters or not."""
 
     async def action_quit(self) -> None:
         """Close the terminal; the recorder goes on."""

@@ -74,7 +74,8 @@ def commands(app: App[Any]) -> Iterator[Command]:
     if (display := bench.display_link) is not None:
         words = "how to open the display at the bench"
         yield "display: link", words, lambda: app.push_screen(display())
-    yield "view: bell", "switch the bell at bumps and verdicts", bench.action_toggle_bell
+    yield "view: sound", "mute the bell at verdicts and alarms, or let it sound", bench.action_sound
+    yield "view: big letters", "show the state in big letters, or not", bench.action_big
     for theme in ("bench-dark", "bench-light", "ansi-dark", "ansi-light"):
         if theme in app.available_themes:
             yield f"theme: {theme}", "colours of the terminal", partial(_set_theme, app, theme)

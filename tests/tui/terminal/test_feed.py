@@ -39,3 +39,32 @@ def test_a_recorder_that_has_only_just_been_started_is_not_lost(
         assert told.get(timeout=10) == Lost("no recorder is running there", "start one")
     finally:
         listener.stop()
+
+
+def test_a_recorder_that_starts_slowly_is_not_lost_while_its_process_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, there = [0.0], [True]
+    monkeypatch.setattr("tui.terminal.state.feed.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr(feed, "is_locked", lambda _: there[0])
+    listener = RecorderFeed(tmp_path, "MK", lambda: None)
+    listener._born_s = 0.0
+    for now_s, is_there, starting in (
+        (4.9, False, True),
+        (5.1, False, False),
+        (5.1, True, True),
+        (29.9, True, True),
+        (30.1, True, False),
+    ):
+        clock[0], there[0] = now_s, is_there
+        assert listener._is_starting() is starting, now_s
+
+
+def test_a_restart_is_reported_as_one(tmp_path: Path) -> None:
+    started: list[int] = []
+    listener = RecorderFeed(tmp_path, "MK", lambda: started.append(1))
+    posted: list[News] = []
+    listener._post = posted.append
+    listener.restart()
+    assert started == [1]
+    assert posted == [feed.STARTING]

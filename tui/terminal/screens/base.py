@@ -32,6 +32,7 @@ class BenchScreen(Screen[None]):
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space,pagedown", "press('next')", "Next", key_display="SPACE"),
+        Binding("x", "start_recorder", "Start recorder", key_display="X"),
         Binding("1", "app.step(1)", "Step", key_display="1-7"),
         *(Binding(str(i), f"app.step({i})", show=False) for i in range(2, 8)),
         Binding("n", "app.note", "Note", key_display="N"),
@@ -43,6 +44,7 @@ class BenchScreen(Screen[None]):
         super().__init__()
         self._pressed: tuple[str, float] = ("", float("-inf"))
         self._acted = True
+        self._was_lost = False
 
     @property
     def bench_app(self) -> BenchContext:
@@ -66,6 +68,9 @@ class BenchScreen(Screen[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""
+        if action == "start_recorder":
+            lost = self.bench_app.lost
+            return lost is not None and not lost.starting
         return self.acts if (action, parameters) == ("press", ("next",)) else True
 
     def compose(self) -> ComposeResult:
@@ -84,6 +89,10 @@ class BenchScreen(Screen[None]):
 
     async def action_next(self) -> None:
         """Do the next action of this screen."""
+
+    async def action_start_recorder(self) -> None:
+        """Start a recorder in place of the one that is lost."""
+        await self.bench_app.action_restart_recorder()
 
     async def action_press(self, name: str) -> None:
         """Do the action of a key once a press, also while a glove holds the key down."""
@@ -116,6 +125,8 @@ class BenchScreen(Screen[None]):
     def on_recorder_lost(self, _: RecorderLost) -> None:
         """Show in the top line that the recorder is lost."""
         self.query_one(TopLine).show(self.bench_app.status, self.bench_app)
+        self._was_lost = True
+        self.refresh_bindings()
 
     def _show(self, status: Status) -> None:
         if not self.is_mounted:
@@ -123,6 +134,6 @@ class BenchScreen(Screen[None]):
         self.query_one(TopLine).show(status, self.bench_app)
         self.query_one(StepBar).show(status, self.step_shown)
         self.show_status(status)
-        if self.acts is not self._acted:
-            self._acted = self.acts
+        if (self.acts, self._was_lost) != (self._acted, False):
+            self._acted, self._was_lost = self.acts, False
             self.refresh_bindings()

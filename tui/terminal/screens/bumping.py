@@ -33,7 +33,8 @@ class BumpingScreen(BenchScreen):
         Binding("down", "choose(1)", show=False),
         Binding("a", "acknowledge", "Lamp off", key_display="A"),
         Binding("escape", "press('pause')", "Pause", key_display="Esc"),
-        Binding("x", "restart", "Restart", key_display="X"),
+        Binding("b", "app.sound", "Sound", key_display="B"),
+        Binding("g", "app.big", "Big", key_display="G"),
     ]
 
     @property
@@ -57,8 +58,8 @@ class BumpingScreen(BenchScreen):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""
         status = self.bench_app.status
-        if action == "restart":
-            return self.bench_app.lost is not None
+        if action == "start_recorder":
+            return super().check_action(action, parameters)
         if status is None:
             return action not in ("take_back", "more", "acknowledge", "press")
         match (action, parameters):
@@ -108,10 +109,6 @@ class BumpingScreen(BenchScreen):
     async def action_acknowledge(self) -> None:
         """Acknowledge the overload lamps."""
         await self.bench_app.ask(Acknowledge())
-
-    async def action_restart(self) -> None:
-        """Start the recorder that was lost."""
-        await self.bench_app.action_restart_recorder()
 
     async def action_more(self) -> None:
         """Bump the chosen kind next, also beyond what was planned."""

@@ -67,6 +67,7 @@ class ResultsScreen(BenchScreen):
         Binding("p", "decays", "Decays", key_display="P"),
         Binding("down", "move(1)", "Next run, or scroll", show=False),
         Binding("up", "move(-1)", "Run before, or scroll back", show=False),
+        Binding("x", "start_recorder", "Start recorder", key_display="X"),
         Binding("x", "exclude", "Exclude run", key_display="X"),
         Binding("e", "export", "Export", key_display="E"),
         Binding("escape", "app.step(6)", "Back", key_display="Esc", show=False),
@@ -78,6 +79,12 @@ class ResultsScreen(BenchScreen):
         self._page = 0
         self._recording = ""
         self._shown_outdated = False
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Let X start a recorder that is lost, and exclude a run otherwise."""
+        if action == "exclude":
+            return not super().check_action("start_recorder", ())
+        return super().check_action(action, parameters)
 
     def compose_body(self) -> ComposeResult:
         """Lay out verdict, page and decay."""

@@ -11,6 +11,7 @@ from daq import Status
 
 from ..state.banner import banner
 from ..widgets.banner_bar import BannerBar
+from ..widgets.big_word import BigWord
 from ..widgets.lists import AlarmList, Journal, RunList, TallyList
 from ..widgets.progress_line import ProgressLine
 from .bumping import BumpingScreen
@@ -30,6 +31,7 @@ class RunScreen(BumpingScreen):
     def compose_body(self) -> ComposeResult:
         """Lay out the run."""
         glyphs = self.bench_app.glyphs
+        yield BigWord(glyphs)
         yield BannerBar(glyphs)
         with Horizontal(id="body"):
             yield live_chart(glyphs)
@@ -68,4 +70,5 @@ class RunScreen(BumpingScreen):
     def _show_banner(self) -> None:
         app = self.bench_app
         shown = banner(app.status, app.lost, self._next, app.glyphs)
+        self.query_one(BigWord).show(shown, app.signals.big)
         self.query_one(BannerBar).show(shown)

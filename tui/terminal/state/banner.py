@@ -54,6 +54,8 @@ class Banner:
 
 def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs: Glyphs) -> Banner:
     """Return the banner of a status, or of a recorder that does not answer."""
+    if lost is not None and lost.starting:
+        return Banner("quiet", glyphs.paused, "STARTING", "", lost.text, lost.advice)
     if lost is not None:
         otherwise = printable(lost.advice, 200)
         advice = f"X = start it again   ({otherwise})"

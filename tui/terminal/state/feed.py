@@ -35,6 +35,8 @@ HEIR_S = 4.0
 """Seconds in which a new terminal takes control once it is free: the one before was killed."""
 BIRTH_S = 5.0
 """Seconds that a new recorder may take to answer; two suffice on a fast machine."""
+SLOW_BIRTH_S = 30.0
+"""Seconds that it may take if its process is there: a busy machine takes that long to start it."""
 END_S = 20.0
 """Seconds that a recorder which was shut down may take to end."""
 SILENT_S = 2.0
@@ -49,6 +51,11 @@ class Lost:
     """The failure."""
     advice: str
     """The remedy."""
+    starting: bool = False
+    """True if it is being started: nothing needs to be done."""
+
+
+STARTING = Lost("the recorder is being started", "this takes some seconds", starting=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +116,15 @@ class RecorderFeed:
         self._stop, self._reconnect = threading.Event(), threading.Event()
         self._take_over = False
         self._client: Client | None = None
+        self._born_s = 0.0
+        """Monotonic time at which the recorder was started last."""
+        self._post: Callable[[News], None] | None = None
+        self._reported: Lost | None = None
         self._thread: threading.Thread | None = None
 
     def start(self, post: Callable[[News], None]) -> None:
         """Begin to post news."""
+        self._post, self._born_s = post, time.monotonic()
         self._thread = threading.Thread(target=self._listen, args=(post,), name="news", daemon=True)
         self._thread.start()
 
@@ -139,6 +151,9 @@ class RecorderFeed:
             self._start_recorder()
         except BumpbenchError as error:
             raise Refused(str(error)) from error
+        self._born_s, self._reported = time.monotonic(), None
+        if self._client is None and self._post is not None:
+            self._post(STARTING)
 
     def stop(self) -> None:
         """End the listener and give control back."""
@@ -149,7 +164,7 @@ class RecorderFeed:
     def _ask(self, order: Order) -> Reply:
         client = self._client
         if client is None:
-            raise Refused("no recorder answers: start one (Ctrl+P, restart the recorder)")
+            raise Refused("no recorder answers: X starts one")
         timeout_s = SLOW_S if isinstance(order, AskCheck) else ANSWER_S
         try:
             reply = client.ask(order, timeout_s)
@@ -163,27 +178,30 @@ class RecorderFeed:
 
     def _listen(self, post: Callable[[News], None]) -> None:
         """Connect, post the news, and connect again, until stopped."""
-        reported: Lost | None = None
-        patient_s = time.monotonic() + BIRTH_S
         while not self._stop.is_set():
             try:
                 client = self._connect(post)
             except BumpbenchError as error:
                 lost = Lost(error.what, error.advice)
                 # A recorder that was started just now is not lost yet.
-                if reported is None and time.monotonic() > patient_s:
+                if self._reported is None and not self._is_starting():
                     post(lost)
-                    reported = lost
+                    self._reported = lost
                 self._stop.wait(RETRY_S)
                 continue
-            reported, patient_s = None, 0.0
+            self._reported, self._born_s = None, float("-inf")
             self._client = client
             lost_text = self._post_news(client, post)
             self._client = None
             client.close()
             if lost_text:
-                reported = Lost(lost_text, "all frames up to then are on the disk")
-                post(reported)
+                self._reported = Lost(lost_text, "all frames up to then are on the disk")
+                post(self._reported)
+
+    def _is_starting(self) -> bool:
+        """Return True while a recorder that was started may take longer to answer."""
+        age_s = time.monotonic() - self._born_s
+        return age_s <= BIRTH_S or (age_s <= SLOW_BIRTH_S and is_locked(self._folder))
 
     def _connect(self, post: Callable[[News], None]) -> Client:
         """Return a connection: in control if that is free or asked for, else looking on."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from daq import ADDED, BASELINE, Status
+from daq.control import Phase
 
 
 class BenchStep(IntEnum):
@@ -92,3 +93,13 @@ def is_marked(status: Status, step: BenchStep) -> bool:
     if step < BenchStep.IDENTIFY:
         return step.mark in marks
     return marks.get(step.mark) == status.revision
+
+
+def waits_unarmed(status: Status) -> bool:
+    """Return True if the recorder waits for a first bump that no terminal has armed."""
+    return in_run(status) and progress(status).due <= BenchStep.BASELINE
+
+
+def in_run(status: Status) -> bool:
+    """Return True if the recorder waits for a bump or follows one."""
+    return status.phase not in (Phase.IDLE, Phase.COMPLETE)

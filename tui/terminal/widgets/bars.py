@@ -18,6 +18,8 @@ from ..state.steps import BenchStep, progress
 from .words import Words
 
 _WIDE = 120
+LOST_WORDS = "RECORDER LOST: X = start it again"
+"""The first words of every screen while no recorder answers."""
 
 
 class TopLine(Words):
@@ -32,9 +34,9 @@ class TopLine(Words):
         width = self.size.width or self.app.size.width  # on a screen that has just come
         wide = width >= _WIDE
         if app.lost is not None:
-            self.say(
-                Content.assemble((f" RECORDER LOST  {printable(app.lost.text)}", "bold reverse"))
-            )
+            text = printable(app.lost.text)
+            words = f" STARTING  {text}" if app.lost.starting else f" {LOST_WORDS}  {text}"
+            self.say(Content.assemble((words, "bold reverse")))
             return
         if status is None:
             self.say(Content(" BUMP  waiting for the recorder"))
@@ -64,6 +66,8 @@ class TopLine(Words):
         if wide or lost:
             right += [(f"lost {lost}  ", "bold $warning" if lost else "")]
         right += [f"disk {status.disk.free_bytes / 1e9:.0f} GB"]
+        if not app.signals.sound:
+            right += ["  muted"]
         if status.overloaded:
             names = printable(", ".join(status.overloaded), 24)
             right = [(f"{self._glyphs.overload} OVERLOAD {names}  ", "bold reverse $error"), *right]
@@ -110,7 +114,16 @@ class StepBar(Words):
 
 
 _FIRST, _LAST = "press('next')", "help"
-_DROPPED = ("app.sessions", "app.step(1)", "more", "press('redo')", "app.note", "view")
+_DROPPED = (
+    "app.big",
+    "app.sound",
+    "app.sessions",
+    "app.step(1)",
+    "more",
+    "press('redo')",
+    "app.note",
+    "view",
+)
 """Actions to leave out first where the line is too short; help and palette list all keys."""
 
 
