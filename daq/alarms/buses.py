@@ -38,6 +38,8 @@ class BusWatch:
     """Monotonic time of the last frame of any kind; at least `connected_s`."""
     good_s: float
     """Monotonic time of the last good frame; at least `connected_s`."""
+    frame_s: float | None = None
+    """Monotonic time of the last good frame, also of one before the bus went; None before it."""
     error_s: float = float("-inf")
     """Monotonic time of the last error frame; minus infinity before the first."""
     frames: int = 0
@@ -136,6 +138,7 @@ def _advance(
         connected_s=connected_s,
         heard_s=now_s if n else max(watch.heard_s, connected_s),
         good_s=now_s if good else max(watch.good_s, connected_s),
+        frame_s=now_s if good else watch.frame_s,
         error_s=now_s if tally else watch.error_s,
         frames=watch.frames + good,
         error_frames=watch.error_frames + len(error_rows),

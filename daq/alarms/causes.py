@@ -49,7 +49,7 @@ class Wiring:
     channels: Mapping[str, str]
     """Message of each channel, by its name."""
     silent_ns: Mapping[str, int]
-    """Wall clock of the last good frame of each bus, ns since 1970."""
+    """Wall clock of the last good frame of each bus that is quiet now, ns since 1970."""
 
     def bus_of(self, subject: str) -> str:
         """Return the bus of a message or of a channel; empty if it is not known."""
@@ -65,6 +65,7 @@ def causes(alarms: Sequence[Alarm], wiring: Wiring) -> tuple[Alarm, ...]:
 
     `alarms`: in order of gravity.
     """
+    alarms = _with_silent_buses(alarms, wiring)
     roots = _with_dead_buses([a for a in alarms if not _follows(a, alarms, wiring)], wiring)
     groups: dict[tuple[str, str], list[Alarm]] = {}
     for alarm in roots:
@@ -73,9 +74,26 @@ def causes(alarms: Sequence[Alarm], wiring: Wiring) -> tuple[Alarm, ...]:
 
 
 def dead_bus(shown: Iterable[Alarm], wiring: Wiring) -> Alarm | None:
-    """Return the alarm of a bus that has carried channels of the bench and is dead."""
+    """Return the alarm of a bus that has carried channels of the bench and is dead now."""
     carrying = {wiring.bus_of(channel) for channel in wiring.channels}
-    return next((a for a in shown if a.code in DEAD_BUS and a.subject in carrying), None)
+    quiet = carrying.intersection(wiring.silent_ns)
+    return next((a for a in shown if a.code in DEAD_BUS and a.subject in quiet), None)
+
+
+def _with_silent_buses(alarms: Sequence[Alarm], wiring: Wiring) -> list[Alarm]:
+    """Return the alarms; where all messages of a quiet bus are silent, the bus is."""
+    silent = {alarm.subject for alarm in alarms if alarm.code == "stale"}
+    dead = {alarm.subject for alarm in alarms if alarm.code in DEAD_BUS}
+    buses = [
+        bus
+        for bus in wiring.silent_ns
+        if bus not in dead and len(wiring.on(bus)) > 1 and silent.issuperset(wiring.on(bus))
+    ]
+    found = []
+    for bus in buses:
+        first = next(a for a in alarms if a.code == "stale" and wiring.bus_of(a.subject) == bus)
+        found.append(replace(first, code="bus_silent", subject=bus))
+    return [*found, *alarms]
 
 
 def _follows(alarm: Alarm, alarms: Sequence[Alarm], wiring: Wiring) -> bool:
@@ -100,7 +118,7 @@ def _with_dead_buses(alarms: Sequence[Alarm], wiring: Wiring) -> list[Alarm]:
     done = []
     for alarm in alarms:
         names = wiring.on(alarm.subject)
-        if alarm.code in DEAD_BUS and names:
+        if alarm.code in DEAD_BUS and names and alarm.subject in wiring.silent_ns:
             at = datetime.fromtimestamp(wiring.silent_ns[alarm.subject] * 1e-9, UTC)
             what = f"all {len(names)} messages" if len(names) > 1 else names[0]
             silent = f"{what} silent since {at.astimezone():%H:%M:%S}"

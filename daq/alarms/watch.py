@@ -35,6 +35,9 @@ from .signals import SignalsWatch, advance_signals, signal_symptoms
 CLOCK_STEP = "clock_step"
 """Code of the event that marks a step of the host's clock; its value is the step, s."""
 _CLOCK_SHOWN_S = 3.0
+QUIET_S = 0.4
+"""Time without a good frame, s, from which on a bus is quiet: the alarm on its messages comes after
+half a second, and that on a bus which has come back lasts for longer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,8 +120,9 @@ class AlarmState:
             {name: names[home] for name, home in homes.items() if home < len(names)},
             {m.channel.name: m.message.name for m in self.signals.mapped},
             {
-                watch.name: round(watch.good_s * 1e9) + (self.clock_offset_ns or 0)
+                watch.name: round(watch.frame_s * 1e9) + (self.clock_offset_ns or 0)
                 for watch in self.bus_watches
+                if watch.frame_s is not None and self.messages.turn_s - watch.frame_s >= QUIET_S
             },
         )
 

@@ -46,6 +46,40 @@ def test_an_unplugged_bus_is_one_alarm_that_says_since_when_all_is_silent() -> N
     assert bench.state.dead_bus == first
 
 
+def test_a_bus_is_named_before_its_messages_are() -> None:
+    bench = WatchedBench()
+    for _ in range(15):
+        bench.turn(*both(bench))
+    seen = []
+    for _ in range(15):
+        bench.turn(foreign(bench))
+        seen += [(a.code, a.subject) for a in bench.state.causes if a.code != "unknown_id"]
+    assert set(seen) == {("bus_silent", "can0")}
+
+
+def test_an_alarm_that_lasts_when_the_bus_is_back_ends_no_run() -> None:
+    bench = WatchedBench()
+    for _ in range(15):
+        bench.turn(*both(bench))
+    for _ in range(15):
+        bench.turn(foreign(bench))
+    assert bench.state.dead_bus is not None
+    bench.turn(*both(bench))
+    assert bench.alarm("bus_silent", "can0") is not None
+    assert bench.state.dead_bus is None
+
+
+def test_an_adapter_that_has_gone_is_silent_since_its_last_frame() -> None:
+    bench = WatchedBench()
+    for _ in range(15):
+        bench.turn(*both(bench))
+    gone = strftime("%H:%M:%S", localtime(bench.t_ns * 1e-9))
+    bench.link(0, connected=False, error="has gone", advice="plug it in")
+    for _ in range(40):
+        bench.turn(foreign(bench))
+    assert bench.state.causes[0].text == f"has gone; all {ALL} messages silent since {gone}"
+
+
 def test_gaps_after_a_bus_has_come_back_are_one_alarm() -> None:
     bench = WatchedBench()
     for _ in range(15):
