@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -61,11 +61,31 @@ class _Grouped(TyperGroup):
 
 app = typer.Typer(
     cls=_Grouped,
-    help="Bump tests over CAN: every physical parameter of a 7-DOF vehicle, with intervals.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        sys.stdout.write(f"bumpbench {version('bumpbench')}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def _bumpbench(
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version."),
+    ] = False,
+) -> None:
+    """Bump tests over CAN: every physical parameter of a 7-DOF vehicle, with intervals."""
+
+
 for title, commands in GROUPS.items():
     for command in commands:
         app.command(command.__name__.rstrip("_"), rich_help_panel=title)(command)

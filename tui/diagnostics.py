@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from enum import IntEnum
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
     from dbc import BumpbenchError, Codec, InputError
 
 _NAMED = 5
+_NO_CHOICE = re.compile(r"'([^']*)' is not one of (.*)")
+_CHOICE = re.compile(r"'([^']*)'")
 
 
 class ExitCode(IntEnum):
@@ -44,13 +47,18 @@ def say_left_out(codec: Codec) -> None:
 
 def unknown_value(option: str, given: str, noun: str, choices: Sequence[str]) -> InputError:
     """Return the error of a value that an option does not know, with the nearest that it knows."""
-    from difflib import get_close_matches
-
     from dbc import InputError
 
-    near = get_close_matches(given.lower(), choices, 1)
-    advice = f"did you mean {near[0]}? There are" if near else "there are"
+    near = _nearest(given, choices)
+    advice = f"did you mean {near}? There are" if near else "there are"
     return InputError(option, f"{given!r} is no {noun}", f"{advice} {', '.join(choices)}")
+
+
+def _nearest(given: str, choices: Sequence[str]) -> str:
+    """Return the choice that looks most like a word; empty if none does."""
+    from difflib import get_close_matches
+
+    return next(iter(get_close_matches(given.lower(), choices, 1)), "")
 
 
 def report(error: BumpbenchError) -> ExitCode:
@@ -69,5 +77,8 @@ def report_usage(message: str) -> ExitCode:
     from dbc.errors import printable
 
     plain = " ".join(message.split()).replace("Value error, ", "")  # a library's word for a mistake
+    if refused := _NO_CHOICE.search(plain):
+        near = _nearest(refused[1], _CHOICE.findall(refused[2]))
+        plain += f" Did you mean {near}?" if near else ""
     say(f"error: {printable(plain)} (bumpbench --help lists what there is)")
     return ExitCode.BAD_INPUT

@@ -41,5 +41,8 @@ DisplayControl = Annotated[
     bool,
     typer.Option("--display-control", help="Let the display start, reject and pause."),
 ]
+OldBench = Annotated[Path | None, typer.Option("--config", hidden=True)]
+OldPlanBench = Annotated[Path | None, typer.Option("--bench", hidden=True)]
+"""Earlier ways to name a bench.toml, which is an argument now; they still work."""
 
 BenchFile = Annotated[Path | None, typer.Argument(help="bench.toml; default: the shipped bench.")]

@@ -28,10 +28,11 @@ from ..vehicle import (
     VehicleGeometry,
     parameter_names,
 )
-from .bench_tables import BenchFile, ChannelTable, MessageTable, WeightTable
+from .bench_tables import BenchFile, ChannelTable, MessageTable, Table, WeightTable
 from .campaign import Campaign
 from .databases import database_codec, stored_databases, stored_text
 from .message_rules import MessageRule, SampleSet, TimeRule, check_sets, ruled_codec
+from .mistakes import mistake
 from .origin import Origin
 from .procedure import Procedure
 from .ready_maps import PREFIX, ready_map
@@ -336,14 +337,7 @@ def _validated(text: str, where: str) -> BenchFile:
     try:
         return BenchFile.model_validate(document)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the file"
-        if first["type"] == "extra_forbidden":
-            raise InputError(
-                where, f"unknown key {key}", "remove it or correct its name"
-            ) from error
-        what = first["msg"].removeprefix("Value error, ")  # said of checks of our own
-        raise InputError(where, f"{key}: {what}", "correct that value") from error
+        raise mistake(error, text, where, Table.__subclasses__()) from error
 
 
 def _weight(table: WeightTable) -> BodyWeight | HubWeight:

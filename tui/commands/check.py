@@ -21,9 +21,14 @@ if TYPE_CHECKING:
     from dbc import FrameBatch
 
 
+LOG_SUFFIXES = (".blf", ".asc", ".trc", ".log", ".csv", ".mf4", ".mcap")
+"""Ends of names of logs: one that is named alone is no bench.toml."""
+
+
 def check(
     bench: BenchFile = None,
-    log: Annotated[Path | None, typer.Option(help="A bus log instead of a live bus.")] = None,
+    log: Annotated[Path | None, typer.Argument(help="A bus log instead of a live bus.")] = None,
+    old_log: Annotated[Path | None, typer.Option("--log", hidden=True)] = None,
     seconds: Annotated[
         float, typer.Option(help="Seconds of traffic to check.", min=0.1, max=600)
     ] = 5.0,
@@ -67,8 +72,11 @@ def check(
     from daq import InputError, bench_codec
     from daq.check import bench_witness, check_bench, part_of, reader_lines
 
-    from ..bench import bus_numbers, with_sensors
+    from ..bench import bus_numbers, named_once, with_sensors
 
+    log = named_once(log, old_log, "the log")
+    if bench is not None and bench.suffix.lower() in LOG_SUFFIXES and log is None:
+        bench, log = None, bench
     if layout and propose is None and len(layout) > 1:
         raise InputError("--layout", "is named twice", "name one, or propose with --propose")
     if push and propose is None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Buses, Sensors
+from ..options import Buses, OldBench, Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,13 +21,13 @@ def decode(
     log: Annotated[
         Path, typer.Argument(help="BLF, ASC, MF4, candump, pcap and others (docs/formats.md).")
     ],
+    bench: Annotated[
+        Path | None, typer.Argument(help="bench.toml: its sensors and buses, in place of --dbc.")
+    ] = None,
     dbc: Annotated[
         list[Path] | None, typer.Option(help="DBC file; repeatable; default: the shipped one.")
     ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(help="bench.toml: its sensors and buses, in place of --dbc."),
-    ] = None,
+    config: OldBench = None,
     sensor: Sensors = None,
     bus: Buses = None,
     j1939: Annotated[
@@ -45,14 +45,16 @@ def decode(
 
     from daq import InputError, read_log
 
+    from ..bench import named_once
     from ..diagnostics import say, say_left_out
     from ..output import print_json
 
+    config = named_once(bench, config, "bench.toml")
     if config and dbc:
-        raise InputError("--dbc", "and --config exclude each other", "name one of them")
+        raise InputError("--dbc", "and a bench.toml exclude each other", "name one of them")
     described = _Described.of_bench(config, sensor or [], bus or []) if config else None
     if described is None and (sensor or bus):
-        raise InputError("--sensor, --bus", "name no bench", "name the bench.toml with --config")
+        raise InputError("--sensor, --bus", "name no bench", "name the bench.toml after the log")
     codec = described.codec if described else _databases(dbc or [])
     codec = codec.by_parameter_group() if j1939 else codec
     say_left_out(codec)

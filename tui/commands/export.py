@@ -48,12 +48,13 @@ def export(
         bool, typer.Option("--modes", help="Identify, and add the mode shapes (UFF).")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
 ) -> int:
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or SEP005."""
     from daq import InputError, read_foreign_session, session_part
     from daq.formats import CsvStyle, ExportFormat, chosen_runs, export_session, format_of
 
-    from ..output import print_line
+    from ..output import print_json, print_line
 
     if form is None and out is None:
         advice = f"say --format {' | '.join(Format)}, or --out FILE"
@@ -71,7 +72,10 @@ def export(
     if shapes is None:
         return ExitCode.ANSWER_IS_NO
     done = export_session(chosen, place, wanted, style=style, modes=shapes, force=force)
-    for path in done.paths:
+    if json:
+        files = [str(path) for path in done.paths]
+        print_json({"session": str(session), "files": files, "notes": list(done.notes)})
+    for path in () if json else done.paths:
         print_line(str(path))
     for note in done.notes:
         say(note)

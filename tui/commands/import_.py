@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import Sensors
+from ..options import OldBench, Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,7 +28,8 @@ def import_(
     logs: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Logs in order: BLF, ASC, MF4, candump, pcap and others (docs/formats.md)."
+            help="Logs in order: BLF, ASC, MF4, candump, pcap and others (docs/formats.md); and a"
+            " bench.toml."
         ),
     ] = None,
     run: Annotated[
@@ -46,9 +47,7 @@ def import_(
         int | None, typer.Option(min=0, max=255, help="Only this bus of the log, from 0.")
     ] = None,
     sensor: Sensors = None,
-    config: Annotated[
-        Path | None, typer.Option(help="bench.toml; default: the shipped bench.")
-    ] = None,
+    config: OldBench = None,
     dbc: Annotated[Path | None, typer.Option(help="DBC to use instead of the bench's.")] = None,
     out: Annotated[Path, typer.Option(help="Session file to write.")] = Path("session.h5"),
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
@@ -56,7 +55,7 @@ def import_(
     """Find the bumps in logs, cut them into runs and write a session.
 
     One log may hold many runs, labelled in the order of the campaign, or by --runs.  A file that
-    export has written is the session again.
+    export has written is the session again.  A bench.toml among the logs describes the bench.
     """
     from importlib.metadata import version
     from json import dumps
@@ -68,11 +67,15 @@ def import_(
     from daq.formats import read_logs
     from dbc import Severity
 
-    from ..bench import bench_with_dbc, with_sensors
+    from ..bench import bench_with_dbc, named_once, with_sensors
     from ..diagnostics import say, say_left_out
     from ..output import print_json, progress
     from ..recorders.recording import print_summary, summary
 
+    benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]
+    logs = [path for path in logs or [] if path not in benches]
+    for path in benches:
+        config = named_once(path, config, "bench.toml")
     chosen = any((run, runs, skip, bus is not None, config, dbc))
     if logs and len(logs) == 1 and not chosen and _import_export(logs[0], out, json):
         return ExitCode.OK

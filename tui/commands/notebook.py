@@ -12,13 +12,14 @@ def notebook(
     out: Annotated[Path, typer.Option(help="Notebook to write; it must not exist.")] = Path(
         "bump_test.ipynb"
     ),
+    json: Annotated[bool, typer.Option("--json", help="Print the file as JSON.")] = False,
 ) -> None:
     """Write a notebook that leads from arrays and session files to parameters and figures."""
     from importlib.resources import files
 
     from dbc import InputError
 
-    from ..output import print_line
+    from ..output import print_json, print_line
 
     source = files("identify") / "notebook" / "bump_test.ipynb"
     try:
@@ -30,4 +31,7 @@ def notebook(
         raise InputError(
             str(out), error.strerror or "cannot be written", "name another --out"
         ) from None
+    if json:
+        print_json({"files": [str(out)]})
+        return
     print_line(f"{out} (open it with: jupyter lab {out})")

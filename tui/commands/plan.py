@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import OldPlanBench
 
 if TYPE_CHECKING:
     from daq import Bench, Session
@@ -17,8 +18,9 @@ if TYPE_CHECKING:
 def plan(
     bench: Annotated[
         Path | None,
-        typer.Option(help="bench.toml; default: that of the session, else the shipped bench."),
+        typer.Argument(help="bench.toml; default: that of the session, else the shipped bench."),
     ] = None,
+    old: OldPlanBench = None,
     session: Annotated[
         Path | None, typer.Option("--from", help="Session that describes the expected vehicle.")
     ] = None,
@@ -45,10 +47,12 @@ def plan(
     import daq
     from identify.plan import KnownRuns, advise, compare_campaigns
 
+    from ..bench import named_once
     from ..jobs.expected_car import named_one, of_session, typical, with_structure
     from ..jobs.planning import planned
     from ..output import print_json, progress
 
+    bench = named_once(bench, old, "bench.toml")
     if car and session:
         raise daq.InputError("--car", "goes without --from", "name a car or a session")
     with progress("plan") as stage:

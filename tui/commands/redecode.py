@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import OldBench
 
 if TYPE_CHECKING:
     from daq import Bench, Session
@@ -15,10 +16,11 @@ if TYPE_CHECKING:
 
 def redecode(
     session: Annotated[Path, typer.Argument(help="Session file (HDF5); it stays unchanged.")],
-    dbc: Annotated[Path | None, typer.Option(help="The corrected DBC.")] = None,
-    config: Annotated[
-        Path | None, typer.Option(help="The corrected bench.toml; default: that of the session.")
+    bench: Annotated[
+        Path | None, typer.Argument(help="The corrected bench.toml; default: that of the session.")
     ] = None,
+    dbc: Annotated[Path | None, typer.Option(help="The corrected DBC.")] = None,
+    config: OldBench = None,
     out: Annotated[
         Path | None, typer.Option(help="Session file to write; default: NAME_redecoded.h5.")
     ] = None,
@@ -30,20 +32,22 @@ def redecode(
     from daq import InputError, read_foreign_session, write_session
     from daq.derive import redecoded
 
+    from ..bench import named_once
     from ..output import print_json
     from ..recorders.recording import print_summary, summary
 
+    config = named_once(bench, config, "bench.toml")
     if dbc is None and config is None:
         what = "neither a DBC nor a bench.toml is named"
-        raise InputError("redecode", what, "name what was corrected: --dbc FILE or --config FILE")
+        raise InputError("redecode", what, "name what was corrected: a bench.toml, or --dbc FILE")
     target = out or session.with_name(f"{session.stem}_redecoded.h5")
     old = read_foreign_session(session)
     if target.exists():
         raise InputError(str(target), "exists already", "name a new file with --out")
-    bench = _bench(old, str(session), dbc, config)
+    corrected = _bench(old, str(session), dbc, config)
     with session.open("rb") as file:
         digest = file_digest(file, "sha256").hexdigest()
-    new = redecoded(old, bench, str(session), {"redecoded_from_sha256": digest})
+    new = redecoded(old, corrected, str(session), {"redecoded_from_sha256": digest})
     write_session(target, new)
     if json:
         print_json(summary(target, new))

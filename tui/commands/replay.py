@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ..diagnostics import ExitCode
+from ..options import OldBench
 
 
 def replay(
@@ -17,9 +18,10 @@ def replay(
             help="BLF, ASC, MF4, candump, pcap and others (docs/formats.md); or a session."
         ),
     ],
-    config: Annotated[
-        Path | None, typer.Option(help="bench.toml that names the bus; default: the shipped one.")
+    bench: Annotated[
+        Path | None, typer.Argument(help="bench.toml that names the bus; default: the shipped one.")
     ] = None,
+    config: OldBench = None,
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
     bus: Annotated[
@@ -39,11 +41,11 @@ def replay(
     from daq.replay import play, recorded_frames
     from dbc import FrameBatch
 
-    from ..bench import shared_bench
+    from ..bench import named_once, shared_bench
     from ..diagnostics import say
     from ..output import print_json, print_line, progress
 
-    described = shared_bench(config, interface, channel)
+    described = shared_bench(named_once(bench, config, "bench.toml"), interface, channel)
     log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
     batches: Iterable[FrameBatch] = log or recorded_frames(read_foreign_session(source))
     read = 0

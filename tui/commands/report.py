@@ -30,18 +30,29 @@ def report(
     figure_format: Annotated[
         FigureFormat, typer.Option("--format", help="Format of the single figures.")
     ] = FigureFormat.SVG,
+    json: Annotated[bool, typer.Option("--json", help="Print files and verdict as JSON.")] = False,
 ) -> int:
     """Identify a session and write its report as one HTML page."""
     from ..jobs.reporting import write_figures, write_report
-    from ..output import print_line, progress
+    from ..output import print_json, print_line, progress
+
+    written: list[str] = []
+
+    def wrote(path: Path) -> None:
+        written.append(str(path))
+        if not json:
+            print_line(str(path))
 
     out = session.with_suffix(".html") if out is None else out
     with progress("report") as stage:
-        page, quality = write_report(session, out, pdf, stage, lambda path: print_line(str(path)))
+        page, quality = write_report(session, out, pdf, stage, wrote)
         if figures is not None:
             stage(0.95, "figures")
             for path in write_figures(page, figures, figure_format.value):
-                print_line(str(path))
+                wrote(path)
+    if json:
+        verdict = {"verdict": str(quality.verdict), "reasons": list(quality.reasons)}
+        print_json({"session": str(session), "files": written, **verdict})
     say(f"verdict: {': '.join([str(quality.verdict), *quality.reasons[:1]])}")
     refused = quality.verdict == "refused"
     return ExitCode.ANSWER_IS_NO if refused else ExitCode.OK

@@ -17,7 +17,6 @@ def status(
     """Print the status of a folder's recorder; exit code 1 if none runs there."""
     from daq.control import STATUS, AskStatus, Client, OrderRefused, RecorderGone, control_address
 
-    from ..diagnostics import say
     from ..output import print_json, print_line
     from ..recorders.lines import status_lines
 
@@ -28,14 +27,23 @@ def status(
         finally:
             client.close()
     except (RecorderGone, OrderRefused) as error:
-        say(f"{folder}: {error.what if isinstance(error, RecorderGone) else error}")
-        return ExitCode.ANSWER_IS_NO
+        return _none(folder, error.what if isinstance(error, RecorderGone) else str(error), json)
     if status_now is None:
-        say(f"{folder}: the recorder has only just started")
-        return ExitCode.ANSWER_IS_NO
+        return _none(folder, "the recorder has only just started", json)
     if json:
         print_json(STATUS.dump_python(status_now, mode="json"))
     else:
         for line in status_lines(status_now):
             print_line(line)
     return ExitCode.OK
+
+
+def _none(folder: Path, why: str, json: bool) -> int:
+    """Report that there is no status, and why."""
+    from ..diagnostics import say
+    from ..output import print_json
+
+    if json:
+        print_json({"folder": str(folder), "running": False, "error": why})
+    say(f"{folder}: {why}")
+    return ExitCode.ANSWER_IS_NO

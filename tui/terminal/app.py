@@ -33,6 +33,7 @@ from .state.lanes import Lanes
 from .state.signals import Signals, signal_of
 from .state.steps import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
 from .themes import THEMES
+from .widgets.message_line import MessageApp
 from .widgets.plain_ascii import PlainAscii
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ class NewsArrived(Message):
     """The feed has posted news."""
 
 
-class BenchApp(KeyboardApp):
+class BenchApp(MessageApp, KeyboardApp):
     """A client of one recorder.
 
     `folder`: the recorder's; sessions and reports are in it.  `operator`: the person; the journal
@@ -269,14 +270,6 @@ class BenchApp(KeyboardApp):
             self.post(reply.status)
             await self._process_news()
         return reply
-
-    def warn(self, text: str) -> None:
-        """Show the operator a warning in a corner of the screen."""
-        self.notify(printable(text, 600), severity="warning", markup=False)
-
-    def inform(self, text: str) -> None:
-        """Show the operator in a corner of the screen that something is done."""
-        self.notify(printable(text, 600), markup=False)
 
     # Screens ------------------------------------------------------------------------------------
 

@@ -142,7 +142,8 @@ async def test_a_failure_blocks_and_its_sign_can_be_turned(make_app: Make) -> No
         await until(pilot, lambda: "upside down" in screen_text(app))
         await pilot.press("space")
         await pilot.pause()
-        assert "SPACE is blocked: 1 FAIL" in screen_text(app)
+        assert "1 FAIL: correct it, then SPACE goes on" in screen_text(app)
+        assert "SPACE Next" not in screen_text(app)
         assert orders_of(recorder, Mark) == []
         await pilot.press("i")
         await until(pilot, lambda: orders_of(recorder, Configure))
@@ -218,7 +219,8 @@ async def test_a_push_the_wrong_way_is_a_failure_that_i_mends(make_app: Make) ->
         await pilot.press("space")
         await _push(pilot, recorder, Corner.FRONT_LEFT, -1.0)
         await until(pilot, lambda: "travel_fl moved the wrong way" in screen_text(app))
-        assert "SPACE is blocked: 1 FAIL" in screen_text(app)
+        assert "1 FAIL: correct it, then SPACE goes on" in screen_text(app)
+        assert "SPACE Next" not in screen_text(app)
         await pilot.press("i")
         await until(pilot, lambda: orders_of(recorder, Configure))
         assert {c.name: c.sign for c in bench_of(recorder).channels}["travel_fl"] == -1

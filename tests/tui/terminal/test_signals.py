@@ -161,3 +161,19 @@ async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: MakeApp) ->
             await pilot.pause()
         await app.go_to(BenchStep.BASELINE)
         assert "STARTING" not in screen_text(app)
+
+
+async def test_a_message_has_a_row_of_its_own_and_covers_nothing(make_app: MakeApp) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        before = screen_text(app).splitlines()
+        app.warn("a refusal that is long enough for two rows " + "and goes on " * 5)
+        await pilot.pause()
+        rows = screen_text(app).splitlines()
+        assert rows[-1] == before[-1]
+        assert rows[-3].startswith(" a refusal that is long enough")
+        assert rows[:9] == before[:9]  # the next action and what SPACE does
+        assert all("a refusal" not in row for row in rows[:-3])

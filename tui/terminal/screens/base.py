@@ -11,6 +11,7 @@ from textual.screen import Screen
 from ..context import BenchContext
 from ..state.steps import BenchStep
 from ..widgets.bars import KeyBar, StepBar, TopLine
+from ..widgets.message_line import MessageLine
 from .news import LiveArrived, RecorderLost, StatusArrived
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ class BenchScreen(Screen[None]):
 
     def __init__(self) -> None:
         super().__init__()
+        self.add_class("-bench")
         self._pressed: tuple[str, float] = ("", float("-inf"))
         self._acted = True
         self._was_lost = False
@@ -78,6 +80,7 @@ class BenchScreen(Screen[None]):
         yield TopLine(self.bench_app.glyphs)
         yield StepBar(self.bench_app.glyphs)
         yield from self.compose_body()
+        yield MessageLine()
         yield KeyBar()
 
     def compose_body(self) -> ComposeResult:

@@ -77,12 +77,12 @@ class CheckScreen(BenchScreen):
         super().__init__()
         self._items: tuple[CheckItem, ...] = ()
         self._rows: list[CheckRow] = []
-        self._asking = self._asked = False
+        self._asking = self._asked = self._zeroed = False
         self._corner: Corner | None = None
         self._begin_bin = 0
         self._pushed: dict[Corner, Wiggle] = {}
         self._skipped: set[str] = set()
-        self._zeroed = False
+        self._failing: set[str] = set()
         self._hands_off_s = 0.0
         self._still_s = 0.0
 
@@ -162,6 +162,10 @@ class CheckScreen(BenchScreen):
         lines = self.query_one(RowList)
         width = max(len(row.subject) for row in rows)
         lines.show([check_line(row, width, app.glyphs) for row in rows])
+        failing = {row.subject for row in rows if row.blocks}
+        if failing - self._failing:  # once: then the arrows are the person's
+            lines.move_to(next(i for i, row in enumerate(rows) if row.blocks))
+        self._failing = failing
         self._explain()
 
     def _zero_row(self) -> CheckRow:
@@ -198,7 +202,7 @@ class CheckScreen(BenchScreen):
         if not self._items:
             return "Listening to the sensors."
         if blocked := sum(row.blocks for row in self._rows):
-            return f"SPACE is blocked: {blocked} FAIL"
+            return f"{blocked} FAIL: correct {'it' if blocked == 1 else 'them'}, then SPACE goes on"
         if self._next_corner() is not None:
             return _PUSH
         if not self._zeroed:
@@ -241,9 +245,6 @@ class CheckScreen(BenchScreen):
             if await app.ask(Mark(BenchStep.CHECK.mark)) is not None:
                 await asyncio.to_thread(write_draft, app.folder / REST, rest_levels(self._items))
                 await app.go_to(BenchStep.BASELINE)
-        elif worst := next((row for row in self._rows if row.blocks), None):
-            self._mark_row(worst.subject)
-            app.warn(f"blocked: {printable(worst.subject, 60)}: {printable(worst.text, 200)}")
         elif asks := next((row for row in self._rows if row.asks), None):
             self._mark_row(asks.subject)
             self.action_override()

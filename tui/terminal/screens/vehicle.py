@@ -51,7 +51,7 @@ class VehicleScreen(BenchScreen):
     HELP_PAGE: ClassVar[str] = "vehicle"
     STEP: ClassVar[BenchStep] = BenchStep.VEHICLE
     DEFAULT_CSS = """
-    VehicleScreen #help { height: 5; }
+    VehicleScreen #help { height: auto; min-height: 5; max-height: 10; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("tab,enter,down", "edit", "Field", key_display="Tab"),

@@ -25,8 +25,10 @@ class WeightScreen(ModalScreen[Values | None]):
 
     DEFAULT_CSS = """
     WeightScreen { align: center middle; }
-    WeightScreen Vertical { width: 78; max-width: 100%; height: 15; background: $background; }
-    WeightScreen #help { height: 3; }
+    WeightScreen Vertical { width: 78; max-width: 100%; height: auto; max-height: 100%;
+        background: $background; }
+    WeightScreen Form { height: 8; }
+    WeightScreen #help { height: auto; min-height: 3; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "leave", "Back"),

@@ -45,6 +45,8 @@ class LaneSpec:
     """Factor from SI to the shown unit."""
     least: float
     """Smallest range, in the shown unit."""
+    scale: str
+    """Lanes of the same word share one scale: those of one quantity at the wheels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,7 @@ def lane_specs(bench: Bench | None, lanes: Lanes, page: int, room: int) -> list[
     whole.  `room`: most lanes.
     """
     if bench is None:
-        return [LaneSpec(name, name[:10], "", 1.0, 0.5) for name in lanes.channels[:room]]
+        return [LaneSpec(name, name[:10], "", 1.0, 0.5, name) for name in lanes.channels[:room]]
     used = [c for c in bench.channels if c.quantity is not Quantity.UNUSED]
     groups: dict[str, list[Channel]] = {}
     for channel in sorted(used, key=lambda c: c.quantity in AT_CORNER):
@@ -89,7 +91,8 @@ def _spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
     same = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]
     label = place if len(same) == 1 and place else channel.name
     least = _LEAST.get(channel.unit, 1.0) * factor
-    return LaneSpec(channel.name, label[:10], unit, factor, least)
+    scale = str(channel.quantity) if channel.corner else channel.name
+    return LaneSpec(channel.name, label[:10], unit, factor, least, scale)
 
 
 def window(status: Status | None, lanes: Lanes, span_s: float = SPAN_S) -> Window:

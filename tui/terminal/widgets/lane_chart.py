@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.segment import Segment
 from textual.geometry import Region
 from textual.strip import Strip
@@ -45,6 +46,7 @@ class LaneChart(Widget):
         if specs and columns > 8 and lanes.end:
             tall = min(height // len(specs), 3 * LANE_ROWS)
             mark = None if window.trigger is None else int(window.trigger * columns)
+            self._share_scales(lanes, specs, window)
             for spec in specs:
                 rows += self._lane(lanes, spec, window, columns, tall, mark, overloaded)
         elif height:
@@ -74,19 +76,15 @@ class LaneChart(Widget):
         mark: int | None,
         overloaded: Collection[str],
     ) -> list[str]:
-        low, high = lanes.window(spec.channel, window.first_bin, window.count)
-        middle = (low + high)[np.isfinite(low + high)] / 2.0
-        rest = self._at_rest(spec, float(np.median(middle)) if len(middle) else 0.0)
-        low, high = (low - rest) * spec.factor, (high - rest) * spec.factor
-        peak = float(max(np.nanmax(high), -np.nanmin(low))) if len(middle) else 0.0
-        scale = full_scale(peak, spec.least, self._ranges.get(spec.channel, 0.0))
-        self._ranges[spec.channel] = scale
+        low, high, peak = self._trace(lanes, spec, window)
+        scale = self._ranges[spec.scale]
         wide = self._glyphs.dots[0]
         drawn = trace(*pooled(low, high, columns * wide), scale, tall, self._glyphs)
         label, figure = [""] * tall, [""] * tall
         label[tall // 2] = spec.label
-        figure[tall // 2] = f"{peak:.{_digits(scale)}f} {spec.unit}" if len(middle) else "no data"
-        figure[0] = f"+{scale:g}"
+        seen = np.isfinite(peak)
+        figure[tall // 2] = f"{peak:.{_digits(scale)}f} {spec.unit}" if seen else "no data"
+        figure[0] = f"+{scale:g}{'' if spec.scale == spec.channel else ' all'}"
         if spec.channel in overloaded:
             label[0] = f"{self._glyphs.overload} OVERLOAD"
         rows = []
@@ -95,6 +93,27 @@ class LaneChart(Widget):
                 cells = _marked(cells, mark, self._glyphs.trigger)
             rows.append(f"{name[:_LABEL].ljust(_LABEL)}{self._glyphs.axis}{cells} {words}")
         return rows
+
+    def _share_scales(self, lanes: Lanes, specs: Sequence[LaneSpec], window: Window) -> None:
+        """Find the range of each scale from all lanes that share it."""
+        peaks: dict[str, float] = {}
+        for spec in specs:
+            peak = self._trace(lanes, spec, window)[2]
+            peaks[spec.scale] = max(peaks.get(spec.scale, 0.0), peak if np.isfinite(peak) else 0.0)
+        for spec in specs:
+            before = self._ranges.get(spec.scale, 0.0)
+            self._ranges[spec.scale] = full_scale(peaks[spec.scale], spec.least, before)
+
+    def _trace(
+        self, lanes: Lanes, spec: LaneSpec, window: Window
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Return the envelope about the value at rest, and its peak; NaN without samples."""
+        low, high = lanes.window(spec.channel, window.first_bin, window.count)
+        middle = (low + high)[np.isfinite(low + high)] / 2.0
+        rest = self._at_rest(spec, float(np.median(middle)) if len(middle) else 0.0)
+        low, high = (low - rest) * spec.factor, (high - rest) * spec.factor
+        peak = float(max(np.nanmax(high), -np.nanmin(low))) if len(middle) else float("nan")
+        return low, high, peak
 
     def _at_rest(self, spec: LaneSpec, median: float) -> float:
         """Return the value at rest; it follows slowly, or the whole trace would tremble."""

@@ -1,0 +1,91 @@
+"""Words on a mistake in bench.toml: its line, its key, and the nearest name that there is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from ..errors import InputError
+
+_HEADER = re.compile(r"\s*\[(\[?)\s*([^\[\]]+?)\s*\]")
+_KEY = re.compile(r"""\s*([\w.'"-]+)\s*=""")
+_QUOTED = re.compile(r"'([^']*)'")
+
+Place = tuple[str | int, ...]
+"""Keys and positions that lead to a value."""
+
+
+def mistake(
+    error: ValidationError, text: str, where: str, tables: Iterable[type[BaseModel]]
+) -> InputError:
+    """Return the first mistake in one line.
+
+    `text`: the file.  `where`: its name.  `tables`: the models whose fields are the known keys.
+    """
+    first = error.errors(include_url=False)[0]
+    key = ".".join(str(part) for part in first["loc"]) or "the file"
+    line = line_of(text, first["loc"])
+    place = f"{where}:{line}" if line else where
+    if first["type"] == "extra_forbidden":
+        known = sorted({name for table in tables for name in table.model_fields})
+        advice = f"remove it or correct its name{_nearest(str(first['loc'][-1]), known)}"
+        return InputError(place, f"unknown key {key}", advice)
+    what = first["msg"].removeprefix("Value error, ")  # said of checks of our own
+    known = _QUOTED.findall(str(first.get("ctx", {}).get("expected", "")))
+    given: Any = first["input"]
+    near = _nearest(given, known) if isinstance(given, str) else ""
+    return InputError(place, f"{key}: {what}", f"correct that value{near}")
+
+
+def line_of(text: str, loc: Sequence[str | int]) -> int:
+    """Return the line of a value, or of the table that it is missing in; 0 if there is none.
+
+    `loc`: keys and positions, and names of types in between, as Pydantic gives them.
+    """
+    found, deepest = 0, 0
+    table: Place = ()
+    counts: dict[Place, int] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := _HEADER.match(line):
+            table = _entered(_parts(header[2]), counts, bool(header[1]))
+            place = table
+        elif key := _KEY.match(line):
+            place = (*table, *_parts(key[1]))
+        else:
+            continue
+        if len(place) > deepest and _leads_to(place, loc):
+            found, deepest = number, len(place)
+    return found
+
+
+def _parts(name: str) -> Place:
+    return tuple(part.strip(" '\"") for part in name.split("."))
+
+
+def _entered(names: Place, counts: dict[Place, int], is_array: bool) -> Place:
+    """Return the place of a table; one of an array has its position behind its name."""
+    place: Place = ()
+    for depth, name in enumerate(names):
+        place = (*place, name)
+        if is_array and depth == len(names) - 1:
+            counts[place] = counts.get(place, -1) + 1
+        if place in counts:
+            place = (*place, counts[place])
+    return place
+
+
+def _leads_to(place: Place, loc: Sequence[str | int]) -> bool:
+    """Return True if a place is the beginning of `loc`, without the names of types in it."""
+    rest = iter(loc)
+    if not all(part in rest for part in place):
+        return False
+    return loc[:1] == place[:1]
+
+
+def _nearest(given: str, known: Sequence[str]) -> str:
+    near = get_close_matches(given, known, 1)
+    return f"; did you mean {near[0]}?" if near else ""
