@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .export import chosen_runs as chosen_runs
     from .export import export_session as export_session
     from .export import format_of as format_of
+    from .export import with_even_times as with_even_times
     from .exported import exported_session as exported_session
     from .log import Log as Log
     from .log import read_logs as read_logs

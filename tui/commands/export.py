@@ -47,12 +47,22 @@ def export(
     modes: Annotated[
         bool, typer.Option("--modes", help="Identify, and add the mode shapes (UFF).")
     ] = False,
+    rate: Annotated[
+        float | None, typer.Option(help="Even times at so many samples a second, by splines (UFF).")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
 ) -> int:
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or SEP005."""
     from daq import InputError, read_foreign_session, session_part
-    from daq.formats import CsvStyle, ExportFormat, chosen_runs, export_session, format_of
+    from daq.formats import (
+        CsvStyle,
+        ExportFormat,
+        chosen_runs,
+        export_session,
+        format_of,
+        with_even_times,
+    )
 
     from ..output import print_json, print_line
 
@@ -65,9 +75,12 @@ def export(
         place = place / session.with_suffix(wanted.suffix).name
     if modes and wanted is not ExportFormat.UFF:
         raise InputError("--modes", f"{wanted} holds no mode shapes", "use --format uff")
+    if rate is not None and wanted is not ExportFormat.UFF:
+        raise InputError("--rate", f"{wanted} takes times as they are", "use --format uff")
     style = CsvStyle(separator, decimal)
     whole = read_foreign_session(session)
     chosen = session_part(chosen_runs(whole, run or []), sensor or [], bus or [])
+    chosen = with_even_times(chosen, rate) if rate is not None else chosen
     shapes = _mode_shapes(whole) if modes else ()
     if shapes is None:
         return ExitCode.ANSWER_IS_NO

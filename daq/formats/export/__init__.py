@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .csv_files import CsvStyle
+from .even_times import with_even_times
 from .export import Exported, ExportFormat, chosen_runs, export_session, format_of
 from .sep005 import sep005_channels
 from .universal import ModeShapes
@@ -16,4 +17,5 @@ __all__ = [
     "export_session",
     "format_of",
     "sep005_channels",
+    "with_even_times",
 ]
