@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import isfinite
 
 from daq.html_tables import html_line, html_table
 
-from .document import NOT_DETERMINED, Document, unit_text
+from .document import Document, EstimateEntry, ModeEntry, unit_text
+from .numbers import interval, rounded
 
 
 def document_html(document: Document) -> str:
@@ -20,13 +22,7 @@ def document_html(document: Document) -> str:
         parts.append(html_table("Findings", ["finding", "severity"], rows))
     if document["parameters"]:
         rows = [
-            [
-                name,
-                _digits(e["value"]),
-                _interval(e["low"], e["high"]) if e["std"] else "given",
-                unit_text(e["unit"]),
-            ]
-            for name, e in document["parameters"].items()
+            [name, *_texts(e), unit_text(e["unit"])] for name, e in document["parameters"].items()
         ]
         columns = ["parameter", "estimate", "95 % interval", "unit"]
         parts.append(html_table("Parameters", columns, rows))
@@ -36,31 +32,26 @@ def document_html(document: Document) -> str:
             v = f"{at['speed_m_s']:+.2f} m/s"
             known.append((f"damper force at {v}", at["damper"]))
             known.append((f"with friction at {v}", at["with_friction"]))
-        rows = [
-            [name, _digits(e["value"]), _interval(e["low"], e["high"]), unit_text(e["unit"])]
-            for name, e in known
-        ]
+        rows = [[name, *_texts(e), unit_text(e["unit"])] for name, e in known]
         columns = ["force of one corner", "estimate", "95 % interval", "unit"]
         parts.append(html_table(f"Forces, {axle}", columns, rows))
     for state, modes in document["modes"].items():
-        rows = [
-            [
-                mode["name"],
-                _digits(mode["frequency_hz"]),
-                _interval(mode["frequency_low_hz"], mode["frequency_high_hz"]),
-                _digits(mode["damping_ratio"]),
-                _interval(mode["damping_ratio_low"], mode["damping_ratio_high"]),
-            ]
-            for mode in modes
-        ]
+        rows = [[mode["name"], *_mode_texts(mode)] for mode in modes]
         columns = ["mode", "frequency, Hz", "95 % interval", "damping ratio", "95 % interval"]
         parts.append(html_table(f"Modes, {state}", columns, rows))
     return "".join(parts)
 
 
-def _digits(value: float) -> str:
-    return f"{value:.6g}" if isfinite(value) else NOT_DETERMINED
+def _texts(e: EstimateEntry) -> tuple[str, str]:
+    """Return a value and its interval in words."""
+    ends = interval(e["value"], e["low"], e["high"])
+    return rounded(e["value"], e["low"], e["high"])[0], ends if e["std"] else "given"
 
 
-def _interval(low: float, high: float) -> str:
-    return f"{low:.6g} .. {high:.6g}" if isfinite(high) else ""
+def _mode_texts(mode: ModeEntry) -> Iterator[str]:
+    for value, low, high in (
+        (mode["frequency_hz"], mode["frequency_low_hz"], mode["frequency_high_hz"]),
+        (mode["damping_ratio"], mode["damping_ratio_low"], mode["damping_ratio_high"]),
+    ):
+        yield rounded(value, low, high)[0]
+        yield interval(value, low, high)

@@ -16,6 +16,7 @@ from identify.report import (
     largest_share,
     number,
     plain,
+    rounded,
 )
 
 from .output import print_line, print_table
@@ -56,7 +57,7 @@ def _print_beside_truth(
     columns = ["parameter", "truth", "estimate", "95 % interval", "error", "unit"]
     rows = []
     for name, e in parameters.items():
-        row = [number(e["value"]), _interval(e), _error(e, truth.get(name, 0.0)), e["unit"]]
+        row = [_value(e), _interval(e), _error(e, truth.get(name, 0.0)), e["unit"]]
         rows.append([name, number(truth.get(name, 0.0)), *row])
     absent = [name for name in truth if name not in parameters]
     rows += [[name, number(truth[name]), "-", "", "", parameter_unit(name)] for name in absent]
@@ -77,7 +78,7 @@ def _print_estimates(
     for name, e in estimates.items():
         share = half_width_percent(e["value"], e["low"], e["high"])
         unit = "" if e["unit"] == "1" else e["unit"]
-        row = [name, number(e["value"]), _interval(e), share, unit]
+        row = [name, _value(e), _interval(e), share, unit]
         rows.append([*row, rests_on.get(name, "")] if rests_on else row)
     columns = [what, "estimate", "95 % interval", "±", "unit"]
     print_table(title, [*columns, "mostly from"] if rests_on else columns, rows)
@@ -86,7 +87,7 @@ def _print_estimates(
 def _print_forces(forces: ForcesEntry) -> None:
     """Write force elements of both axles, forces at some speeds, and what else was tried."""
     rows = [
-        [f"{axle} {plain(name)}", number(e["value"]), _interval(e), e["unit"].removeprefix("1")]
+        [f"{axle} {plain(name)}", _value(e), _interval(e), e["unit"].removeprefix("1")]
         for axle, one in forces["axles"].items()
         for name, e in one["elements"].items()
     ]
@@ -106,13 +107,20 @@ def _print_forces(forces: ForcesEntry) -> None:
 
 
 def _interval(e: EstimateEntry) -> str:
-    return interval(e["low"], e["high"]) if e["std"] else "given"
+    return interval(e["value"], e["low"], e["high"]) if e["std"] else "given"
+
+
+def _value(e: EstimateEntry) -> str:
+    return rounded(e["value"], e["low"], e["high"])[0]
 
 
 def _mode(mode: ModeEntry) -> str:
     if mode["reason"]:
         return NOT_DETERMINED
-    return f"{mode['frequency_hz']:.3f} Hz {mode['damping_ratio'] * 100:.1f} %"
+    hz, *_ = rounded(mode["frequency_hz"], mode["frequency_low_hz"], mode["frequency_high_hz"])
+    ratio = (mode["damping_ratio"], mode["damping_ratio_low"], mode["damping_ratio_high"])
+    percent, *_ = rounded(*(100.0 * end for end in ratio))
+    return f"{hz} Hz {percent} %"
 
 
 def _print_modes(document: Document) -> None:

@@ -9,6 +9,12 @@ from typing import TYPE_CHECKING
 from dbc.lazy import lazy
 
 if TYPE_CHECKING:
+    from ..numbers import half_width as half_width
+    from ..numbers import half_width_percent as half_width_percent
+    from ..numbers import interval as interval
+    from ..numbers import largest_share as largest_share
+    from ..numbers import number as number
+    from ..numbers import rounded as rounded
     from .blocks import Gallery as Gallery
     from .blocks import MovingCars as MovingCars
     from .blocks import Picture as Picture
@@ -25,10 +31,6 @@ if TYPE_CHECKING:
     from .html import comparison_html as comparison_html
     from .html import drawings as drawings
     from .html import html_of as html_of
-    from .numbers import half_width_percent as half_width_percent
-    from .numbers import interval as interval
-    from .numbers import largest_share as largest_share
-    from .numbers import number as number
     from .panels import DecayPanel as DecayPanel
     from .panels import ShapePanel as ShapePanel
     from .panels import Trace as Trace

@@ -9,8 +9,8 @@ from typing import Any
 from dbc.finding import Finding
 
 from ..document import Document
+from ..numbers import number
 from ..trust.finding import Verdict
-from .numbers import number
 from .panels import Panel
 from .shapes import Shape
 

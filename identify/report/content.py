@@ -18,7 +18,7 @@ from .dampers import damper_section
 from .decays import decay_section
 from .evidence import closed_form_section, correlation_section, information_section
 from .modes import modes_section
-from .parameters import half_text, parameter_section
+from .parameters import half_text, parameter_section, value_text
 from .prediction import prediction_data, prediction_section
 from .provenance import provenance_section, run_section
 from .vehicle import vehicle_section
@@ -78,7 +78,7 @@ def _highlights(
         cards.append(("chi2/n, 1 = noise alone", chi2))
     for name, words in (("total_mass", "total mass"), ("dynamic_index", "dynamic index")):
         if name in document["derived"]:
-            value = cited(document, "derived", name, "value")
+            value = cited(document, "derived", name, form=value_text)
             e = document["derived"][name]
             unit = "" if e["reason"] else unit_text(e["unit"])
             cards.append((words, replace(value, text=f"{value.text} {unit}".strip())))

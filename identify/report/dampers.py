@@ -12,9 +12,10 @@ from ..document import (
     ForcesEntry,
     unit_text,
 )
+from ..numbers import half_width, number
 from .blocks import Block, Cell, Picture, Section, Table, cited
-from .numbers import number
 from .panels import AxleCurve, DamperPanel
+from .parameters import high_text, low_text, value_text
 from .words import plain
 
 
@@ -72,7 +73,7 @@ def element_answer(one: ElementEntry) -> str:
 def _force(e: EstimateEntry) -> str:
     if e["reason"]:
         return NOT_DETERMINED
-    return f"{e['value']:,.0f} ± {(e['high'] - e['low']) / 2.0:,.0f}"
+    return f"{value_text(e)} ± {half_width(e['value'], e['high'])}"
 
 
 def damper_picture(forces: ForcesEntry) -> Picture:
@@ -118,8 +119,7 @@ def _elements(document: Document, forces: ForcesEntry) -> Table:
     for axle, one in forces["axles"].items():
         for name, e in one["elements"].items():
             place = ("forces", "axles", axle, "elements", name)
-            ends = [cited(document, *place, end) for end in ("low", "high")]
-            cells = (cited(document, *place, "value"), *([Cell("")] * 2 if e["reason"] else ends))
+            cells = (cited(document, *place, form=f) for f in (value_text, low_text, high_text))
             rows.append((Cell(axle), Cell(plain(name)), *cells, Cell(unit_text(e["unit"]))))
     return Table(
         "Force elements of one corner",

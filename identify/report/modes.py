@@ -12,12 +12,11 @@ from ..document import NOT_DETERMINED, Document
 from ..fit.uncertainty import ModeEstimate
 from ..identification import Identification
 from ..modes.stabilisation import StabilisationDiagram
+from ..numbers import rounded
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table, cited
 from .panels import StabilisationPanel
 from .shapes import shape_of
 
-_WITH_ENDS = ("frequency_hz", "frequency_low_hz", "frequency_high_hz", "damping_ratio",
-              "damping_ratio_low", "damping_ratio_high")  # fmt: skip
 _WITH_STD = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_ratio_std")
 
 
@@ -89,17 +88,19 @@ def mode_text(mode: ModeEstimate) -> str:
     hz, ratio = mode.frequency, mode.damping_ratio
     if not (hz.determined and ratio.determined):
         return NOT_DETERMINED
-    return f"{hz.value:.3f} Hz, {ratio.value * 100:.1f} %"
+    hertz, *_ = rounded(hz.value, hz.low, hz.high)
+    percent, *_ = rounded(*(100.0 * end for end in (ratio.value, ratio.low, ratio.high)))
+    return f"{hertz} Hz, {percent} %"
 
 
 def _mode_cells(document: Document, state: str, i: int) -> tuple[Cell, ...]:
     """Return frequency and damping ratio, each with the ends of its interval."""
-    cells = []
-    for key in _WITH_ENDS:
-        cell = cited(document, "modes", state, i, key)
-        open_end = cell.text == NOT_DETERMINED and key not in ("frequency_hz", "damping_ratio")
-        cells.append(Cell("") if open_end else cell)
-    return tuple(cells)
+    mode = document["modes"][state][i]
+    texts = (
+        *rounded(mode["frequency_hz"], mode["frequency_low_hz"], mode["frequency_high_hz"]),
+        *rounded(mode["damping_ratio"], mode["damping_ratio_low"], mode["damping_ratio_high"]),
+    )
+    return tuple(Cell(text, f"modes/{state}/{i}") for text in texts)
 
 
 def _sensed(document: Document, state: str) -> Table:

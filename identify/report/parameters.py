@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 
 from ..document import Document, EstimateEntry, unit_text
+from ..numbers import by_kind, half_width_percent, largest_share, rounded
 from .blocks import Block, Cell, Picture, Section, Table, cited
-from .numbers import by_kind, half_width_percent, largest_share
 from .panels import IntervalPanel
 from .words import parameter_words, plain
 
@@ -40,11 +40,26 @@ def _estimate_cells(
         ends = (Cell(""), Cell(""), Cell(""))
     elif e["std"]:
         ends = (
-            cited(document, part, name, "low"),
-            cited(document, part, name, "high"),
+            cited(document, part, name, form=low_text),
+            cited(document, part, name, form=high_text),
             cited(document, part, name, form=half_text),
         )
-    return (cited(document, part, name, "value"), *ends, Cell(unit_text(e["unit"])))
+    return (cited(document, part, name, form=value_text), *ends, Cell(unit_text(e["unit"])))
+
+
+def value_text(e: EstimateEntry) -> str:
+    """Write a value with as many digits as its interval knows."""
+    return rounded(e["value"], e["low"], e["high"])[0]
+
+
+def low_text(e: EstimateEntry) -> str:
+    """Write the lower end of the interval."""
+    return rounded(e["value"], e["low"], e["high"])[1]
+
+
+def high_text(e: EstimateEntry) -> str:
+    """Write the upper end of the interval."""
+    return rounded(e["value"], e["low"], e["high"])[2]
 
 
 def half_text(e: EstimateEntry) -> str:

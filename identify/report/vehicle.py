@@ -8,8 +8,8 @@ from daq.sessions import Session
 from daq.vehicle import BodyWeight, MassState, Structure
 
 from ..fit.estimation import Estimation
+from ..numbers import number
 from .blocks import Block, Cell, Section, Table
-from .numbers import number
 from .words import plain
 
 

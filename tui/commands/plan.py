@@ -142,7 +142,7 @@ def _document(
 
 
 def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: str) -> None:
-    from identify.report import number
+    from identify.report import half_width, rounded
 
     from ..output import print_line, print_table
 
@@ -164,8 +164,8 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
             cells = ["given", ""]
         else:
             share = f"{now.relative[name] * 100:.2f} %" if name in now.relative else ""
-            cells = [f"± {number(e.high - e.value)}", share]
-        rows.append([name, number(e.value), *cells, e.unit])
+            cells = [f"± {half_width(e.value, e.high)}", share]
+        rows.append([name, rounded(e.value, e.low, e.high)[0], *cells, e.unit])
     columns = ["parameter", "expected", "95 % interval", "±", "unit"]
     print_table("Expected result of this campaign", columns, rows)
     print_line()
@@ -199,14 +199,15 @@ def _print(planned: Plan, advice: Advice, others: tuple[NextStep, ...], whose: s
 def _print_elements(now: Outlook) -> None:
     """Print what the campaign will know of friction, dampers and further elements."""
     from identify.plan import element_label
-    from identify.report import number
+    from identify.report import half_width, number, rounded
 
     from ..output import print_line, print_table
 
     rows = [
-        [element_label(name), number(e.value), f"± {number(e.high - e.value)}", e.unit]
+        [element_label(name), rounded(e.value, e.low, e.high)[0],
+         f"± {half_width(e.value, e.high)}", e.unit]
         for name, e in now.elements.items()
-    ]
+    ]  # fmt: skip
     print_table("Elements", ["element", "expected", "95 % interval", "unit"], rows)
     print_line()
     rows = [

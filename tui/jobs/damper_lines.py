@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from identify.document import unit_text
-from identify.report import damper_columns, damper_rows, element_answer, interval, number, plain
+from identify.report import damper_columns, damper_rows, element_answer, interval, plain, rounded
 
 if TYPE_CHECKING:
     from identify.document import ForcesEntry
@@ -24,8 +24,9 @@ def damper_lines(forces: ForcesEntry) -> Iterator[str]:
     for axle, one in forces["axles"].items():
         for name, e in one["elements"].items():
             unit = "" if e["reason"] else unit_text(e["unit"])
-            ends = interval(e["low"], e["high"])
-            yield f"{f'{axle} {plain(name)}':<30}{number(e['value']):>14} {unit:<6}{ends:>26}"
+            value, *_ = rounded(e["value"], e["low"], e["high"])
+            ends = interval(e["value"], e["low"], e["high"])
+            yield f"{f'{axle} {plain(name)}':<30}{value:>14} {unit:<6}{ends:>26}"
     for axle, one in forces["axles"].items():
         yield from (f"  {axle} {note}" for note in one["notes"])
     yield ""

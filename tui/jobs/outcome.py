@@ -22,32 +22,29 @@ class Estimated:
     """Symbol."""
     words: str
     """The quantity in words."""
-    value: float
-    low: float
-    high: float
-    """In `unit`; the ends equal the value where it was given; NaN where it is not determined."""
+    value: str
+    """In `unit`, with as many digits as its interval knows."""
+    interval: str
+    """Both ends; empty where the value was given or is not determined."""
+    half_percent: float | None
+    """Half of the interval as a share of the value, %; None where that says nothing, NaN where
+    the value is not determined."""
+    share: str
+    """The same with two digits."""
     unit: str
     rests_on: str = ""
     """Which runs or facts most of its precision comes from."""
 
-    @property
-    def half_percent(self) -> float | None:
-        """Half of the interval as a share of the value, %; None where that says nothing."""
-        half = (self.high - self.low) / 2.0
-        if not self.value or not half:
-            return None
-        return half / abs(self.value) * 100.0
-
 
 @dataclass(frozen=True, slots=True)
 class ModeRow:
-    """One mode: frequency in Hz and damping ratio with half of their 95 % intervals."""
+    """One mode: frequency in Hz and damping ratio with half of their 95 % intervals, as text."""
 
     name: str
-    frequency_hz: float
-    frequency_half_hz: float
-    damping_ratio: float
-    damping_ratio_half: float
+    frequency_hz: str
+    frequency_half_hz: str
+    damping_ratio: str
+    damping_ratio_half: str
 
 
 @dataclass(frozen=True, slots=True)

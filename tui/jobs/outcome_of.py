@@ -17,9 +17,13 @@ from identify.report import (
     Gallery,
     Trace,
     decay_section,
+    half_width,
+    half_width_percent,
+    interval,
     largest_share,
     parameter_words,
     plain,
+    rounded,
 )
 
 from .damper_lines import damper_lines
@@ -78,8 +82,13 @@ def outcome_of(
 
 
 def _estimated(name: str, words: str, e: EstimateEntry, rests_on: str) -> Estimated:
-    low, high = (e["low"], e["high"]) if e["std"] else (e["value"], e["value"])
-    return Estimated(name, words, e["value"], low, high, unit_text(e["unit"]), rests_on)
+    value, *_ = rounded(e["value"], e["low"], e["high"])
+    ends = interval(e["value"], e["low"], e["high"])
+    half = (e["high"] - e["low"]) / 2.0 / abs(e["value"]) * 100.0 if e["value"] else 0.0
+    share = half if half else None  # NaN stays
+    text = "" if e["reason"] else value
+    percent = half_width_percent(e["value"], e["low"], e["high"])
+    return Estimated(name, words, text, ends, share, percent, unit_text(e["unit"]), rests_on)
 
 
 def _states(document: Document, result: Identification) -> tuple[StateOutcome, ...]:
@@ -91,10 +100,8 @@ def _states(document: Document, result: Identification) -> tuple[StateOutcome, .
             tuple(
                 ModeRow(
                     mode["name"],
-                    mode["frequency_hz"],
-                    mode["frequency_high_hz"] - mode["frequency_hz"],
-                    mode["damping_ratio"],
-                    mode["damping_ratio_high"] - mode["damping_ratio"],
+                    *_pair(mode["frequency_hz"], mode["frequency_high_hz"]),
+                    *_pair(mode["damping_ratio"], mode["damping_ratio_high"]),
                 )
                 for mode in modes
             ),
@@ -104,6 +111,12 @@ def _states(document: Document, result: Identification) -> tuple[StateOutcome, .
         )
         for state, modes in document["modes"].items()
     )
+
+
+def _pair(value: float, high: float) -> tuple[str, str]:
+    """Return a value and half of its interval as text."""
+    text, *_ = rounded(value, 2.0 * value - high, high)
+    return text, half_width(value, high)
 
 
 def _rows(matrix: NDArray[np.float64]) -> tuple[Row, ...]:

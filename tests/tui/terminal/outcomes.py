@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from identify.report import half_width_percent, interval, rounded
 from tui.jobs.outcome import (
     Curve,
     Estimated,
@@ -54,6 +55,16 @@ DOUBTS = (
 )  # fmt: skip
 
 
+def _estimated(
+    name: str, words: str, value: float, half: float, unit: str, rests_on: str = ""
+) -> Estimated:
+    text, *_ = rounded(value, value - half, value + half)
+    ends = interval(value, value - half, value + half)
+    share = half / value * 100.0 if half else None
+    percent = half_width_percent(value, value - half, value + half)
+    return Estimated(name, words, text, ends, share, percent, unit, rests_on)
+
+
 def outcome(session: str = "/bench/session_0001.h5") -> Outcome:
     """Return the outcome of twelve good runs."""
     return Outcome(
@@ -70,14 +81,17 @@ def outcome(session: str = "/bench/session_0001.h5") -> Outcome:
         (),
         ("noise wheel_rr: lift in the next bay runs (MK)",),
         tuple(
-            Estimated(name, words, value, value - half, value + half, unit, "baseline_bounce 40 %")
+            _estimated(name, words, value, half, unit, "baseline_bounce 40 %")
             for name, words, value, half, unit in _PARAMETERS
         ),
-        (Estimated("total_mass", "total mass", 1552.0, 1527.0, 1577.0, "kg"),),
+        (_estimated("total_mass", "total mass", 1552.0, 25.0, "kg"),),
         tuple(
             StateOutcome(
                 state,
-                tuple(ModeRow(n, share * f, 0.002 * f, z, 0.0016) for n, f, z in _MODES),
+                tuple(
+                    ModeRow(n, f"{share * f:.4f}", f"{0.002 * f:.4f}", f"{z:.4f}", "0.0016")
+                    for n, f, z in _MODES
+                ),
                 _matrix(1380.0),
                 _matrix(5986.0),
                 _matrix(78043.0),

@@ -75,7 +75,9 @@ def _is_the_granada(outcome: Outcome | None) -> None:
     by_name = {row.name: row for row in outcome.parameters}
     for name in ("m_s", "k_sf", "c_sr"):
         row = by_name[name]
-        assert abs(row.value - getattr(FORD_GRANADA, name)) < 3 * (row.high - row.value)
+        value = float(row.value.replace(",", ""))
+        assert row.half_percent is not None
+        assert abs(value / getattr(FORD_GRANADA, name) - 1.0) * 100.0 < 3 * row.half_percent
     assert {state.name for state in outcome.states} == {"baseline", "added"}
     assert all(len(state.mass) == len(state.stiffness) == 7 for state in outcome.states)
     assert all(run.curves for run in outcome.runs)

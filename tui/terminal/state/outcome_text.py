@@ -77,13 +77,6 @@ def findings_lines(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
     return lines
 
 
-def number(value: float) -> str:
-    """Write a number as the report does: five significant digits; nothing for no number."""
-    if not isfinite(value):
-        return ""
-    return f"{value:#,.5g}".rstrip(".") if abs(value) < 1e5 else f"{value:,.0f}"
-
-
 def bar(half_percent: float | None, widest: float, glyphs: Glyphs) -> str:
     """Draw a 95 % interval about its value; the widest of a table fills the bar."""
     plain = glyphs.name is GlyphSet.ASCII
@@ -114,15 +107,12 @@ def parameter_lines(
     lines = [head]
     for row, half in zip(rows, halves, strict=True):
         symbol = "" if row.words == row.name.replace("_", " ") else f"{row.name:<5}"
-        interval = f"{number(row.low)} .. {number(row.high)}" if half is not None else ""
-        if half is not None and not isfinite(half):
-            interval = _OPEN
+        interval = row.interval if half is None or isfinite(half) else _OPEN
         words = (symbol + row.words)[:29]
-        text = f"{words:<30}{number(row.value):>10} {row.unit:<6}{interval:>19} "
+        text = f"{words:<30}{row.value:>10} {row.unit:<6}{interval:>19} "
         drawn = bar(half, widest, glyphs)
         if wide:
-            share = f"{half:.2f} %" if half is not None and isfinite(half) else ""
-            text += f"{share:>8}  {drawn:<18} {row.rests_on}"
+            text += f"{row.share:>8}  {drawn:<18} {row.rests_on}"
         else:
             text = f"{text:<67}{drawn}"
         lines.append(text[:width].rstrip())
@@ -146,11 +136,11 @@ def mode_lines(states: tuple[StateOutcome, ...], width: int) -> list[str]:
     return [line[:width] for line in lines]
 
 
-def _mode_cells(pair: tuple[float, float], width: int) -> str:
+def _mode_cells(pair: tuple[str, str], width: int) -> str:
     value, half = pair
-    if not isfinite(value):
-        return f"{_OPEN:>{width + 10}}"
-    return f"{value:>{width}.4f}{half:>10.4f}"
+    if not half:
+        return f"{value:>{width + 10}}"
+    return f"{value:>{width}}{half:>10}"
 
 
 def matrix_lines(states: tuple[StateOutcome, ...], width: int) -> list[str]:

@@ -1,0 +1,85 @@
+"""How results are written: the same digits in terminal, report, notebook and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import floor, isfinite, log10
+
+from .document import NOT_DETERMINED
+
+_SMALLEST_PLACE = 7
+"""Decimal place beyond which a number is written with a power of ten."""
+
+
+def number(value: float) -> str:
+    """Write a number with five significant digits, trailing zeros included."""
+    if not isfinite(value):
+        return NOT_DETERMINED
+    return f"{value:#,.5g}".rstrip(".") if abs(value) < 1e5 else f"{value:,.0f}"
+
+
+def rounded(value: float, low: float, high: float) -> tuple[str, str, str]:
+    """Write a value and both ends of its interval, all to the same place.
+
+    It is that of the second digit of half the interval: no further digit of the value means
+    anything (JCGM 100:2008, 7.2.6).  A value without an interval has five digits, and one that is
+    not determined no ends.
+    """
+    half = (high - low) / 2.0
+    if not isfinite(value) or not isfinite(half) or half <= 0.0:
+        return number(value), "", ""
+    place = _place(half)
+    if place > _SMALLEST_PLACE:  # a micrometre per newton is no number to read with zeros
+        digits = max(place + floor(log10(abs(value))), 0) if value else 1
+        return f"{value:.{digits}e}", f"{low:.{digits}e}", f"{high:.{digits}e}"
+    value_text, low_text, high_text = (_to_place(x, place) for x in (value, low, high))
+    return value_text, low_text, high_text
+
+
+def half_width(value: float, high: float) -> str:
+    """Write the distance from a value to the end of its interval, with two digits."""
+    half = high - value
+    return _to_place(half, _place(half)) if isfinite(half) and half > 0.0 else ""
+
+
+def half_width_percent(value: float, low: float, high: float) -> str:
+    """Write half of an interval as a share of the value; nothing where that says nothing."""
+    share = (high - low) / 2.0 / abs(value) * 100.0 if value and isfinite(value) else 0.0
+    return f"{_to_place(share, _place(share))} %" if isfinite(share) and share > 0.0 else ""
+
+
+def interval(value: float, low: float, high: float) -> str:
+    """Write both ends of a value's interval as `rounded` does; nothing where there is none."""
+    _, low_text, high_text = rounded(value, low, high)
+    return f"{low_text} .. {high_text}" if low_text else ""
+
+
+def _place(half: float) -> int:
+    """Return the decimal place of the second digit of a number, after rounding to it."""
+    return 1 - floor(log10(float(f"{half:.1e}"))) if half > 0.0 else 0
+
+
+def _to_place(value: float, place: int) -> str:
+    """Write a number to a decimal place; a negative place is before the point."""
+    text = f"{round(value, place):,.{max(place, 0)}f}"
+    return text.removeprefix("-") if not float(text.replace(",", "")) else text
+
+
+def by_kind(shares: Mapping[str, float]) -> dict[str, float]:
+    """Add up the shares of runs that differ only in their repeat, the largest first.
+
+    `shares`: as in `identify.fit.uncertainty.drivers`: run labels, facts, stated uncertainties.
+    """
+    kinds: dict[str, float] = {}
+    for source, share in shares.items():
+        stem, _, repeat = source.rpartition("_")
+        kind = stem if repeat.isdigit() else source
+        kinds[kind] = kinds.get(kind, 0.0) + share
+    return dict(sorted(kinds.items(), key=lambda item: -item[1]))
+
+
+def largest_share(shares: Mapping[str, float]) -> str:
+    """Say on which kind of runs, or which facts, most of a parameter's precision rests."""
+    for kind, share in by_kind(shares).items():
+        return f"{kind} {share * 100:.0f} %"
+    return ""

@@ -1,0 +1,46 @@
+"""Rounding by the uncertainty: JCGM 100:2008, 7.2.6, by hand."""
+
+from __future__ import annotations
+
+from math import inf, nan
+
+import pytest
+
+from identify.numbers import half_width, half_width_percent, interval, rounded
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "texts"),
+    [
+        (1379.9123, 7.6, ("1,379.9", "1,372.3", "1,387.5")),
+        (381.129, 2.49, ("381.1", "378.6", "383.6")),
+        (381.129, 0.0996, ("381.13", "381.03", "381.23")),  # the half width rounds to 0.10
+        (191873.4, 1849.0, ("191,900", "190,000", "193,700")),
+        (0.74, 0.0031, ("0.7400", "0.7369", "0.7431")),
+        (-9642.0, 885.0, ("-9,640", "-10,530", "-8,760")),
+        (0.00060601, 4.4e-6, ("0.0006060", "0.0006016", "0.0006104")),
+        (3.86e-7, 2.1e-8, ("3.86e-07", "3.65e-07", "4.07e-07")),
+        (0.4, 3.0, ("0.4", "-2.6", "3.4")),
+        (-0.004, 3.0, ("0.0", "-3.0", "3.0")),
+    ],
+)
+def test_a_value_has_the_digits_of_its_interval(
+    value: float, half: float, texts: tuple[str, str, str]
+) -> None:
+    assert rounded(value, value - half, value + half) == texts
+
+
+def test_without_an_interval_there_are_five_digits_and_no_ends() -> None:
+    assert rounded(1.25, 1.25, 1.25) == ("1.2500", "", "")
+    assert rounded(nan, nan, nan) == ("not determined", "", "")
+    assert rounded(3.0, -inf, inf) == ("3.0000", "", "")
+    assert interval(1.25, 1.25, 1.25) == ""
+
+
+def test_half_widths_have_two_digits() -> None:
+    assert half_width(100.0, 100.0996) == "0.10"
+    assert half_width(100.0, 112.49) == "12"
+    assert half_width(100.0, 100.0) == ""
+    assert half_width_percent(200.0, 198.9, 201.1) == "0.55 %"
+    assert half_width_percent(200.0, 175.0, 225.0) == "12 %"  # half to even
+    assert half_width_percent(0.0, -1.0, 1.0) == ""
