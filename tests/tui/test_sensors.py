@@ -75,7 +75,9 @@ def test_check_and_import_choose_a_sensor(
     assert run(["import", "--config", bench, "--out", str(out), *runs]) == 0
     capsys.readouterr()
     assert run(["export", str(out), "--format", "csv", "--sensor", "hubs"]) == 0
-    assert all("hubs" in line for line in capsys.readouterr().out.splitlines())
+    written = capsys.readouterr().out
+    assert "hubs_Accel.csv" in written
+    assert "imu_a" not in written  # a sidecar of the session stands beside the samples
 
 
 def test_import_says_that_two_sensors_are_read_as_one(
