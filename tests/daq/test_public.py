@@ -32,7 +32,7 @@ def test_the_packages_themselves_are_faces() -> None:
 
 def test_a_name_that_is_not_there_is_refused() -> None:
     module = import_module("daq.bus")
-    assert module.__all__ == ["FrameSource", "open_bus"]
+    assert module.__all__ == ["FrameSource", "open_bus", "open_buses"]
     with pytest.raises(AttributeError, match=r"module 'daq.bus' has no attribute 'open_buss'"):
         assert module.open_buss
 

@@ -23,7 +23,7 @@ def _json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]
 def test_demo(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     out = tmp_path / "demo"
     result = _json(capsys, "demo", "--seed", "11", "--out", str(out))
-    assert result["verdict"] == "ok"
+    assert result["verdict"] == "ok", result["reasons"]
     assert 0.9 < result["chi2_per_n"] < 1.1
     assert len(result["parameters"]) == 15
     for name, estimate in result["parameters"].items():

@@ -20,7 +20,7 @@ SPEED = 6.0
 SAID = {
     "double-bump": ("DOUBLE BUMP", "bump once"),
     "lost-frames": ("LOST FRAMES", "cable and plugs"),
-    "unplug": ("STALE", "plug"),
+    "unplug": ("BUS LOST", "plug the bus in"),
 }
 """What the banner says, and a word of what it tells to do."""
 

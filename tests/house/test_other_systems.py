@@ -46,7 +46,6 @@ def test_a_session_is_read_identified_and_exported(tmp_path: Path) -> None:
     [
         ("status",),
         ("record", "--interface", "udp_multicast", "--channel", "239.74.163.2"),
-        ("demo", "--out", "demo"),
     ],
 )
 def test_no_recorder_starts(arguments: tuple[str, ...], tmp_path: Path) -> None:

@@ -47,6 +47,7 @@ def test_the_suffix_tells_the_format_and_a_folder_the_place(
     assert capsys.readouterr().out.splitlines() == [
         str(tmp_path / "x_baseline_roll_1_HUB_Front.csv"),
         str(tmp_path / "x_baseline_roll_1_A_IMU.csv"),
+        str(tmp_path / "x.csv.bumpbench.json"),
         str(tmp_path / "out" / "car.parquet"),
     ]
     text = (tmp_path / "x_baseline_roll_1_A_IMU.csv").read_text()
