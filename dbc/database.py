@@ -96,8 +96,8 @@ def parse_codec(text: str, name: str) -> Codec:
     """Compile the text of a CAN database.
 
     A signal or message that cannot be decoded rightly is left out, and said so in
-    `Codec.left_out`; the others are loaded.  Messages of one name are loaded under names that tell
-    them apart (`dbc.reader.lint.with_own_names`).  Overlapping signals are legal (sensors document
+    `Codec.left_out`; the others are loaded.  Messages of one name are loaded under names of
+    their own (`dbc.reader.lint.with_own_names`).  Overlapping signals are legal (sensors document
     them): each is read from its own bits, and `Codec.notes` says so.
 
     Parameters

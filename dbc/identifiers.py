@@ -64,7 +64,7 @@ class Identifiers:
                     groups[int(key)].append(i)
             else:
                 standard[list(rows), m.can_id] = i
-        # Several messages of one group stand for several sources: only their identifiers tell.
+        # Several messages of one group stand for several sources: only their identifiers differ.
         single = {key: own[0] for key, own in groups.items() if len(own) == 1}
         return cls(row, standard.ravel(), *_sorted(extended), *_sorted(single), unknown)
 

@@ -1,4 +1,4 @@
-"""What changed between sessions: the fewest parameters whose difference explains all that differs.
+"""The change between sessions: the fewest parameters whose difference explains all that differs.
 
 One joint fit (`identify.joint`): every parameter is common to the sessions unless the data ask for
 a difference.  Of all sets of up to three parameters that one is taken whose gain in squared
@@ -55,7 +55,7 @@ class NamedChange:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What differs between sessions, by one joint fit."""
+    """A difference between sessions, by one joint fit."""
 
     outcome: str
     """`nothing` differs; `parameters`: those that are named; `other`: no few parameters explain it;

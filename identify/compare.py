@@ -96,7 +96,7 @@ class Comparison:
     open: tuple[str, ...] = ()
     """Parameters that at least one session does not determine: they are not compared."""
     change: Change | None = None
-    """What changed, by one joint fit of all sessions; None where a session has no fit."""
+    """The change, by one joint fit of all sessions; None where a session has no fit."""
 
     @property
     def quantities(self) -> tuple[Compared, ...]:

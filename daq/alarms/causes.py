@@ -42,7 +42,7 @@ _ADVICE = {
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """What carries what, as far as frames have shown it."""
+    """The bus and sensor of each message, as far as frames have shown them."""
 
     messages: Mapping[str, str]
     """Bus of each message that came, by its name."""

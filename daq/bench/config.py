@@ -125,7 +125,7 @@ class Bench:
     sensors: tuple[Sensor, ...] = ()
     """The sensors; empty on a bench whose one DBC holds for every bus."""
     origin: Origin = Origin.REAL
-    """Where the frames come from; not in bench.toml, but set by whoever opens the buses."""
+    """Where the frames come from; not in bench.toml, but set where the buses are opened."""
 
     @property
     def bus(self) -> BusConfig:

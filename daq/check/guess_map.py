@@ -41,7 +41,7 @@ _ACCELERATION = {"acc", "accel", "acceleration", "beschleunigung"}
 _RATE = {"gyro", "gyr", "rate", "omega", "angular", "drehrate"}
 _UNIT_1_G = {"g": 1.0, "m/s2": G_M_S2, "mg": 1000.0, "mm/s2": 1000.0 * G_M_S2}
 NO_UNIT = ("", "-", "none", "None", "n/a", "Unit_None")
-"""What databases write where there is no unit."""
+"""Texts that databases write where there is no unit."""
 FARTHEST_M = 1.0
 """No suspension travel reads more than this at rest."""
 _PITCH, _ROLL, _YAW = {"pitch", "nick"}, {"roll", "wank"}, {"yaw", "gier"}
@@ -60,7 +60,7 @@ class Guess:
     why: str
     """The grounds of the guess."""
     ask: str = ""
-    """What the user should be asked, because it is not sure; empty if it is."""
+    """Question to the user, because it is not sure; empty if it is."""
     unit: str = ""
     """Unit of the signal where the database states none."""
     is_proven: bool = False

@@ -49,7 +49,7 @@ class Push:
     pushes: Pushes
     """When they were."""
     traces: Traces
-    """What was decoded from it."""
+    """Samples decoded from it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -69,7 +69,7 @@ class Proposal:
     text: str
     """TOML with comments."""
     questions: tuple[str, ...]
-    """What is not sure, one line each."""
+    """Questions about guesses that are not sure, one line each."""
 
 
 def propose_bench(dbc: str, dbc_text: str, codec: Codec, frames: FrameBatch | None) -> str:

@@ -21,7 +21,7 @@ _LATE = 1000
 
 
 class LogSource:
-    """Numbers the states of a run log and tells them apart; for the recorder's side."""
+    """Numbers the states of a run log; for the recorder's side."""
 
     def __init__(self, first: int) -> None:
         self._runs: tuple[LoggedRun, ...] = ()

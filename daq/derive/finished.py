@@ -15,7 +15,7 @@ FOLDER = "finished"
 def keep_finished(session: Path) -> None:
     """Give a session file a second name in the folder `finished` next to it.
 
-    The first name is replaced by whoever builds the session again; what has the second one stays.
+    Who builds the session again replaces the first name; the file with the second one stays.
     It takes no room where the file system knows hard links.  Failing to is no error of the session:
     it is done when the session is built again.
     """

@@ -41,7 +41,7 @@ class Block:
     links: tuple[int, ...]
     """Places of other blocks in the file; 0 for none."""
     body: bytes
-    """What stands behind the links."""
+    """Bytes behind the links."""
 
 
 class BlockFile:

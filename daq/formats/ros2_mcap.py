@@ -115,7 +115,7 @@ def _unpacked(content: bytes, ledger: Ledger) -> bytes:
 
 @dataclass(slots=True)
 class _Topics:
-    """What the records before have said of channels and their messages."""
+    """Channels and their messages, as the records before describe them."""
 
     schemas: dict[int, str] = field(default_factory=dict)
     buses: dict[int, tuple[str, int]] = field(default_factory=dict)

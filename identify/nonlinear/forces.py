@@ -27,7 +27,7 @@ _SHARE = 0.01
 _SHOWN_SIGMAS = 2.0
 """Standard deviations below which a mount counts as rigid."""
 MOUNT_LABEL = "mount"
-"""What is reported of a mount: its stiffness; the unknown is its compliance."""
+"""Name of a mount in the result, which gives its stiffness; the unknown is its compliance."""
 KINDS = {
     "friction": "F_c",
     "pre_sliding_length": "d_c",

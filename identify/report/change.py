@@ -1,4 +1,4 @@
-"""What changed between sessions, as a table of the comparison's page and as a line."""
+"""The change between sessions, as a table of the comparison's page and as a line."""
 
 from __future__ import annotations
 

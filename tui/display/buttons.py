@@ -25,14 +25,14 @@ class Buttons:
     """Labels; an empty one is a button that does nothing now."""
 
     next: str = ""
-    """What the first button does."""
+    """Label of the first button."""
     reject: str = ""
-    """What the second button does."""
+    """Label of the second button."""
     reject_label: str = ""
     """Label of the run that the second button rejects: the page sends it back, so that a late
     touch rejects no other."""
     pause: str = ""
-    """What the third button does."""
+    """Label of the third button."""
 
 
 NO_BUTTONS = Buttons()

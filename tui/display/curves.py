@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 BEFORE_S, AFTER_S = 0.5, 4.0
 """Time shown before and after the bump, s: a car has swung out after four."""
 MOST_CURVES = 4
-"""Most curves: more are not told apart on a phone."""
+"""Most curves: more look alike on a phone."""
 STEPS = 1000
 """Steps from zero to the top of a picture: finer than any screen's pixels."""
 

@@ -46,7 +46,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Sketch:
-    """What to place or push at the car, seen from above."""
+    """The boards to place, or where to push, on the car seen from above."""
 
     method: Method
     wheels: tuple[bool, bool, bool, bool]
@@ -54,7 +54,7 @@ class Sketch:
     hand: tuple[int, int] | None
     """Where hands push: forward and to the left of the body's middle; None if they do not."""
     legend: str
-    """What is drawn, with its height."""
+    """Text of the sketch: the board or block, with its height."""
 
 
 def alarm_line(status: Status) -> AlarmLine | None:

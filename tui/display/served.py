@@ -1,4 +1,4 @@
-"""What a person needs to open a display."""
+"""Address, token and number by which a person opens a display."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ class View:
     mark: str = ""
     """`SIMULATED` or `REPLAYED`; empty for a real bus."""
     buttons: Buttons = NO_BUTTONS
-    """What each of the three buttons does now."""
+    """Labels of the three buttons."""
 
 
 _CONNECTING = Headline(Kind.WAIT, ("WAIT",), "waiting for the recorder")
@@ -244,7 +244,7 @@ def _again(status: Status) -> Headline:
 
 
 def _spoken_reason(run: LoggedRun | None) -> str:
-    """Return the reason of a rejection without figures, which nobody understands by ear."""
+    """Return the reason of a rejection without figures: they are hard to understand by ear."""
     if run is None:
         return ""
     if run.by:

@@ -61,7 +61,7 @@ class Field:
 
     @property
     def advice(self) -> str:
-        """What to enter, the limits, and how a choice is changed."""
+        """Advice on the entry, its limits, and how a choice is changed."""
         keys = "; left and right change it" if self.choices else ""
         return f"{self.help} ({self.limit}{keys})"
 

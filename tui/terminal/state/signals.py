@@ -25,7 +25,7 @@ UNSIGNALLED = ("unknown_id", "clock_step", "restamped")
 
 
 class Signal(Enum):
-    """What is signalled; the value is the seconds at which the bell is rung."""
+    """An event that is signalled; the value is the seconds at which the bell is rung."""
 
     ARMED = (0.0,)
     ACCEPTED = (0.0, 0.2)
