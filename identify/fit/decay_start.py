@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from daq.channels import TIME_DERIVATIVE
 
-from ..decays.decay import Record, Recording
-from .varpro import Evaluated, LinearPart, linear_part, slopes
+from ..decays.decay import FreeDecay, Record, Recording
+from .varpro import Evaluated, LinearPart, slopes
 
 _WINDOWS = (1, 2, 4, 8, 16)
 """Samples taken together; many show a small force that one does not."""
@@ -56,15 +56,21 @@ class _Early:
 
 
 def earliest_start_s(
-    at: Evaluated, covariance: NDArray[np.float64], record: Record, start_s: float, lower_s: float
+    at: Evaluated,
+    covariance: NDArray[np.float64],
+    record: Record,
+    decay: FreeDecay,
+    linear: LinearPart,
+    lower_s: float,
 ) -> float:
     """Return the earliest start from which the samples are free decay, s.
 
     `at`: the fitted model for the record's mass state.  `covariance`, (P, P) float64: of the
-    unknowns of the fit.  `start_s`: a start that is late enough.  `lower_s`: no start before this
-    time is considered.
+    unknowns of the fit.  `decay` and `linear`: from a start that is late enough, with its linear
+    part.  `lower_s`: no start before this time is considered.
     """
-    early = _early(at, covariance, record, start_s, lower_s)
+    start_s = decay.start_s
+    early = _early(at, covariance, record, decay, linear, lower_s)
     if len(early.time_s) == 0:
         return start_s
     instants, known, failed = _free_instants(early)
@@ -76,10 +82,14 @@ def earliest_start_s(
 
 
 def _early(
-    at: Evaluated, covariance: NDArray[np.float64], record: Record, start_s: float, lower_s: float
+    at: Evaluated,
+    covariance: NDArray[np.float64],
+    record: Record,
+    decay: FreeDecay,
+    linear: LinearPart,
+    lower_s: float,
 ) -> _Early:
-    decay = record.decay(start_s)
-    linear = linear_part(at, decay)
+    start_s = decay.start_s
     z = at.modes.W @ linear.solution[: len(at.modes.poles)]
     inverse_mass = _wheel_mobility(at)
     size, P = len(linear.solution), len(covariance)
@@ -119,7 +129,7 @@ def _recording(
 ) -> tuple[NDArray[np.float64], ...]:
     channels = early.group.channels
     level = np.sqrt(at.weights(early.group))[:, None]
-    basis = at.basis(early).values
+    basis = at.basis(early)
     by_unknown = np.einsum("nm,cmp->ncp", basis[:, : J.shape[1]], J, optimize=True) * level
     by_linear = np.einsum("nm,cms->ncs", basis, stack, optimize=True) * level
     error = early.values * level[:, 0] - by_linear @ linear.solution
@@ -202,22 +212,20 @@ def _is_forced(squares: list[tuple[float, int]]) -> bool:
 
 def _end_of_force_s(at: Evaluated, early: _Early, known: Known, failed_s: float) -> float:
     """Return the latest instant at which the force may have ended, s from the start."""
-    from scipy.linalg import solve_triangular
-
     away = early.time_s - failed_s
     near = (away > -_BEFORE_S) & (away <= _SPAN_S)
     rows, time = early.rows[near], early.time_s[near]
     state, covariance = known
     spread = np.eye(len(time)) + rows @ covariance @ rows.T
-    root = np.linalg.cholesky(spread)
-    error = solve_triangular(root, early.error[near] - rows @ state, lower=True)
+    whiten = np.linalg.inv(np.linalg.cholesky(spread))
+    error = whiten @ (early.error[near] - rows @ state)
     # The start itself may be the end of the force: then nothing is gained.
     instants = [
         t for t in dict.fromkeys([0.0, *time.tolist()]) if failed_s <= t <= failed_s + _SPAN_S
     ]
     costs = []
     for end in instants:
-        traces = solve_triangular(root, _ramps(at, early, near, end), lower=True)
+        traces = whiten @ _ramps(at, early, near, end)
         size = np.linalg.norm(traces, axis=0)
         traces = traces / np.where(size > 0.0, size, 1.0)
         found = np.linalg.lstsq(traces, error, rcond=1e-9)[0]

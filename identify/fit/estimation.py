@@ -13,7 +13,7 @@ from ..decays.onset import decay_start_s, difference_noise, onset_s, quiet_count
 from .decay_start import earliest_start_s
 from .grey_box import GreyBox
 from .likelihood import HOLD, Engine, Fit, LinearEngine, Residuals, fit, residuals
-from .varpro import evaluate
+from .varpro import evaluate, linear_parts
 
 _BASIN_CHI2 = 1.3
 _LIMIT_SIGMAS = 5.0
@@ -209,9 +209,11 @@ def settled(late: Estimation) -> Estimation:
         at = {s: evaluate(best.box, best.fit.eta, s, best.sigma) for s in points}
         starts = [
             earliest_start_s(
-                at[d.mass_state], best.fit.covariance, record, d.start_s, _lower_s(record)
+                at[d.mass_state], best.fit.covariance, record, d, linear, _lower_s(record)
             )
-            for record, d in zip(best.records, best.decays, strict=True)
+            for record, d, linear in zip(
+                best.records, best.decays, linear_parts(at, best.decays), strict=True
+            )
         ]
         if starts == [d.start_s for d in best.decays]:
             break

@@ -9,7 +9,7 @@ the optimum it is the Cramer-Rao bound (docs/method.md, "Maximum likelihood").
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
-from .varpro import NormalBlock, evaluate, linear_part, normal_block
+from .products import Alike, laid_out
+from .varpro import NormalBlock, evaluate, linear_parts, normal_block
 
 _MAX_STEP = 0.5  # largest change of a logarithm in one iteration
 _BAD = 2.0  # chi2/n above which a fit counts as bad
@@ -79,8 +80,8 @@ def fit(
     steps, in units of the misfit.  Without it a parameter that is far off may run to zero before
     the others have come near (`HOLD`).
     """
-    eta = start.copy()
-    parts = normal_blocks(box, decays, sigma, eta)
+    eta, layout = start.copy(), laid_out(decays)
+    parts = normal_blocks(box, decays, sigma, eta, layout)
     here = _sum(parts)
     # What rounding leaves of a difference of large sums; a cost can be compared no better.
     rounding = 1e-13 * sum(
@@ -103,7 +104,7 @@ def fit(
         downhill = here.gradient - held * (eta - start)
         step = np.linalg.solve(H + damping * np.eye(len(eta)), downhill / scale) / scale
         step *= min(1.0, _MAX_STEP / max(float(np.max(np.abs(step))), 1e-300))
-        trial_parts = normal_blocks(box, decays, sigma, eta + step)
+        trial_parts = normal_blocks(box, decays, sigma, eta + step, layout)
         trial = _sum(trial_parts)
         pull = held * float(np.sum((eta + step - start) ** 2) - np.sum((eta - start) ** 2))
         if np.isfinite(trial.cost) and trial.cost + pull <= here.cost + rounding:
@@ -128,8 +129,12 @@ def normal_blocks(
     decays: tuple[FreeDecay, ...],
     sigma: Mapping[str, float],
     eta: NDArray[np.float64],
+    layout: Sequence[Alike] | None = None,
 ) -> dict[str, NormalBlock]:
-    """Return what each decay, the facts and the stated uncertainties contribute at `eta`."""
+    """Return what each decay, the facts and the stated uncertainties contribute at `eta`.
+
+    `layout`: of the decays (`laid_out`), if there is one already.
+    """
     misfits, slopes = box.fact_misfits(eta)
     prior = box.prior_sigma**-2
     result = {
@@ -137,7 +142,11 @@ def normal_blocks(
         PRIORS: NormalBlock(float(prior @ eta**2), np.diag(prior), -prior * eta),
     }
     points = {state: evaluate(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
-    return result | {decay.label: normal_block(points[decay.mass_state], decay) for decay in decays}
+    linear = linear_parts(points, decays, layout)
+    return result | {
+        decay.label: normal_block(points[decay.mass_state], decay, one)
+        for decay, one in zip(decays, linear, strict=True)
+    }
 
 
 def _sum(parts: Mapping[str, NormalBlock]) -> NormalBlock:
@@ -170,15 +179,14 @@ def residuals(
     """Return what the model at `eta` leaves of each decay."""
     points = {state: evaluate(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
     result = []
-    for decay in decays:
+    for decay, linear in zip(decays, linear_parts(points, decays), strict=True):
         at = points[decay.mass_state]
-        linear = linear_part(at, decay)
         values: dict[str, NDArray[np.float64]] = {}
         freedom: dict[str, float] = {}
         for r, product, stack in zip(
             decay.recordings, linear.products, linear.coefficients, strict=True
         ):
-            left = r.values - at.basis(r).values @ (stack @ linear.solution).T
+            left = r.values - at.basis(r) @ (stack @ linear.solution).T
             for c, channel in enumerate(r.group.channels):
                 values[channel.name] = left[:, c]
                 used = stack[c].T @ product.gram @ stack[c] * linear.normal_inverse

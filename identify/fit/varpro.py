@@ -7,8 +7,8 @@ unknowns of the grey box are iterated (variable projection).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..model.exponentials import Change, Outputs, Spectrum, spectrum
 from ..model.low_pass import LowPass, low_pass_of
 from .grey_box import GreyBox, System
+from .products import Alike, Products, laid_out, products
 
 _N = 14  # states of the vehicle
 _RANK = 1e-12  # directions of the linear part below this, relative, are not observed
@@ -46,18 +47,6 @@ class GroupAt:
 
 
 @dataclass(frozen=True, slots=True)
-class Basis:
-    """The functions that all recordings of a group with the same times consist of."""
-
-    time_s: NDArray[np.float64]
-    """As sampled, shape (n_samples,)."""
-    values: NDArray[np.float64]
-    """The functions at these times, shape (n_samples, 28 + order + 1)."""
-    gram: NDArray[np.float64]
-    """Their products with each other, summed over the samples."""
-
-
-@dataclass(frozen=True, slots=True)
 class Evaluated:
     """A mass state at one point of the unknowns."""
 
@@ -71,8 +60,6 @@ class Evaluated:
     """Change of the state matrix with each unknown."""
     groups: tuple[GroupAt, ...]
     """As `box.groups`."""
-    _latest: dict[int, Basis] = field(default_factory=dict)
-    """The last basis of each group: runs that were sampled alike share it."""
 
     def group(self, group: ChannelGroup) -> GroupAt:
         """Return what is known of a group at this point."""
@@ -82,16 +69,8 @@ class Evaluated:
         """Return when the motion was as sampled, lateness as estimated."""
         return recording.time_s - self.group(recording.group).late_s
 
-    def basis(self, recording: Recording) -> Basis:
-        """Return the functions that the recording consists of."""
-        index = self.box.groups.index(recording.group)
-        last = self._latest.get(index)
-        if last is None or not np.array_equal(last.time_s, recording.time_s):
-            values = self._functions(recording)
-            last = self._latest[index] = Basis(recording.time_s, values, values.T @ values)
-        return last
-
-    def _functions(self, recording: Recording) -> NDArray[np.float64]:
+    def basis(self, recording: Recording) -> NDArray[np.float64]:
+        """Return the functions that the recording consists of, (n_samples, 28 + order + 1)."""
         time = self.time_s(recording)
         own = self.group(recording.group).low_pass.transients(time)
         out = self.modes.basis(time, own.shape[1] + 1)
@@ -145,18 +124,6 @@ def _group_at(
 
 
 @dataclass(frozen=True, slots=True)
-class Products:
-    """A recording seen through the basis."""
-
-    gram: NDArray[np.float64]
-    """Products of the basis functions with each other, summed over the samples, shape (m, m)."""
-    cross: NDArray[np.float64]
-    """Products with the samples, shape (m, n_channels)."""
-    power: NDArray[np.float64]
-    """Sum of squares of the samples, shape (n_channels,)."""
-
-
-@dataclass(frozen=True, slots=True)
 class LinearPart:
     """The linear part of one decay, fitted."""
 
@@ -171,25 +138,45 @@ class LinearPart:
     """Initial state, then what is the channels' own, shape (n_linear,)."""
 
 
+def linear_parts(
+    points: Mapping[str, Evaluated],
+    decays: Sequence[FreeDecay],
+    layout: Sequence[Alike] | None = None,
+) -> tuple[LinearPart, ...]:
+    """Fit the linear part of some decays.
+
+    `points`: the model, for each mass state.  `layout`: of the decays (`laid_out`), for those who
+    come back with other points.
+    """
+    seen: list[dict[int, Products]] = [{} for _ in decays]
+    for alike in layout or laid_out(decays):
+        at = points[alike.mass_state]
+        group = at.group(alike.group)
+        found = products(alike, at.modes.poles, group.low_pass, group.late_s)
+        for (d, r), one in zip(alike.places, found, strict=True):
+            seen[d][r] = one
+    return tuple(
+        _linear_part(points[decay.mass_state], decay, [one[r] for r in range(len(one))])
+        for decay, one in zip(decays, seen, strict=True)
+    )
+
+
 def linear_part(at: Evaluated, decay: FreeDecay) -> LinearPart:
     """Fit the linear part of a decay."""
-    seen = tuple(_products(at.basis(r), r.values) for r in decay.recordings)
+    return linear_parts({decay.mass_state: at}, [decay])[0]
+
+
+def _linear_part(at: Evaluated, decay: FreeDecay, seen: Sequence[Products]) -> LinearPart:
     coefficients = linear_coefficients(at, decay)
     size = coefficients[0].shape[-1]
     normal, right = np.zeros((size, size)), np.zeros(size)
     for recording, product, stack in zip(decay.recordings, seen, coefficients, strict=True):
         weight = at.weights(recording.group)
         weighted = stack * weight[:, None, None]
-        normal += _over_channels(weighted, product.gram @ stack)
+        normal += over_two(weighted, product.gram @ stack)
         right += np.einsum("cms,mc->s", weighted, product.cross)
     inverse = pseudo_inverse(normal)
-    return LinearPart(seen, coefficients, inverse, inverse @ right)
-
-
-def _products(basis: Basis, values: NDArray[np.float64]) -> Products:
-    """Multiply a basis with itself and with samples, (n_samples, n_channels)."""
-    power = np.einsum("ij,ij->j", values, values)
-    return Products(basis.gram, basis.values.T @ values, power)
+    return LinearPart(tuple(seen), coefficients, inverse, inverse @ right)
 
 
 def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.float64], ...]:
@@ -249,9 +236,8 @@ class NormalBlock:
     """Right-hand side, shape (P,)."""
 
 
-def normal_block(at: Evaluated, decay: FreeDecay) -> NormalBlock:
-    """Return the share of one decay in cost, normal matrix and right-hand side."""
-    linear = linear_part(at, decay)
+def normal_block(at: Evaluated, decay: FreeDecay, linear: LinearPart) -> NormalBlock:
+    """Return the share of one decay, with its linear part, in cost and normal equations."""
     P = len(at.box.prior_sigma)
     H, g = np.zeros((P, P)), np.zeros(P)
     mixed = np.zeros((len(linear.solution), P))
@@ -267,8 +253,8 @@ def normal_block(at: Evaluated, decay: FreeDecay) -> NormalBlock:
         left = product.cross.T - fitted @ product.gram
         cost += _squares(product, fitted, weight)
         weighted = J * weight[:, None, None]
-        H += _over_channels(weighted, GJ[:, : 2 * _N])
-        mixed += _over_channels(stack * weight[:, None, None], GJ)
+        H += over_two(weighted, GJ[:, : 2 * _N])
+        mixed += over_two(stack * weight[:, None, None], GJ)
         g += np.einsum("cmp,cm->p", weighted, left[:, : 2 * _N])
     return NormalBlock(cost, H - mixed.T @ linear.normal_inverse @ mixed, g)
 
@@ -315,8 +301,8 @@ def motion(
     return np.asarray((on_exp @ modes.to_real[:, :_N].T).real)
 
 
-def _over_channels(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Multiply (n_channels, m, p) with (n_channels, m, q), summed over channels and functions."""
+def over_two(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Multiply (n, m, p) with (n, m, q), summed over the first two axes."""
     return np.asarray(left.reshape(-1, left.shape[-1]).T @ right.reshape(-1, right.shape[-1]))
 
 

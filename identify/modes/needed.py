@@ -36,9 +36,11 @@ def likelihood_at_most(
     """
     m = len(poles)
     count = np.zeros(n_channels)
-    least = np.zeros((m, n_channels))
+    least = np.zeros((n_channels, m))
     turning = np.flatnonzero(poles.imag > 0.0)
-    owner = np.concatenate([np.arange(m), turning])
+    # Columns of each mode; a real pole has none for its imaginary part, but one of zeros.
+    mine = np.column_stack([np.arange(m), np.full(m, m + len(turning))])
+    mine[turning, 1] = m + np.arange(len(turning))
     for block in blocks:
         wave = exponentials.waves(block.time_s, poles)
         table = np.hstack([wave.real, wave.imag[:, turning]])
@@ -47,16 +49,14 @@ def likelihood_at_most(
         basis, triangle = np.linalg.qr(table)
         within = basis.T @ block.deviations
         power = np.sum(block.deviations**2, axis=0)
-        inverse = np.linalg.pinv(triangle)
-        found = inverse @ within
+        inverse = np.vstack([np.linalg.pinv(triangle), np.zeros(len(triangle))])
+        found = (inverse @ within)[mine]  # (m, 2, n_series)
         covariance = inverse @ inverse.T
         left = np.sum((block.deviations - basis @ within) ** 2, axis=0)
         np.add.at(count, block.channel, len(block.time_s))
-        for mode in range(m):
-            mine = np.flatnonzero(owner == mode)
-            own = covariance[np.ix_(mine, mine)]
-            lost = np.einsum("ik,ik->k", found[mine], np.linalg.pinv(own) @ found[mine])
-            np.add.at(least[mode], block.channel, left + np.maximum(lost, 0.0) * (1.0 - 1e-6))
-        np.add.at(least.T, block.channel, -_ROUNDING * power[:, None])
+        own = np.linalg.pinv(covariance[mine[:, :, None], mine[:, None]])
+        lost = np.sum(found * (own @ found), axis=1)
+        loss = left + np.maximum(lost, 0.0) * (1.0 - 1e-6) - _ROUNDING * power
+        np.add.at(least, block.channel, loss.T)
     floor = np.finfo(float).tiny
-    return np.asarray(-np.sum(count * np.log(np.maximum(least, floor) / count), axis=1))
+    return np.asarray(-np.sum(count * np.log(np.maximum(least.T, floor) / count), axis=1))

@@ -17,7 +17,7 @@ from dbc.frames import read_only
 
 from .arrow import System, solve
 from .block_products import Products
-from .waves import Block, Waves, real_gradient, waves
+from .waves import Block, Layout, Waves, laid_out, real_gradient, waves
 
 _MAX_GROWTH = 30.0
 """Nepers within the longest series; what grows faster is an overflow to come."""
@@ -72,7 +72,7 @@ class Problem:
     are zero.
     """
 
-    blocks: tuple[Block, ...]
+    layout: Layout
     ties: Ties
     turning: NDArray[np.bool_]
     place: NDArray[np.intp]
@@ -85,15 +85,13 @@ class Problem:
 
     def start(self, poles: NDArray[np.complex128], shapes: NDArray[np.complex128]) -> Point:
         """Return the point at given poles and shapes, amplitudes by least squares."""
-        at = waves(self.blocks, poles)
+        at = waves(self.layout, poles)
         own = self._owned(shapes)
         spread = self.spread(own)
         m = len(poles)
         weight = self.count / self.power
         normal = self._products(at, weight).run_run(spread)
-        target = np.zeros((*self.place.shape, 2 * m), dtype=complex)
-        for block, table in zip(self.blocks, at.functions, strict=True):
-            target[block.run, block.channel] = _complex(table.T @ block.deviations).T
+        target = at.with_samples(*self.place.shape)
         gradient = np.einsum("c,rcj->rj", weight, real_gradient(spread, target[..., :m]))
         amplitudes = _complex(solve(normal, gradient[..., None])[..., 0].T).T
         return self.point(at, amplitudes, own, weight)
@@ -155,7 +153,7 @@ class Problem:
         shapes = point.shapes + by_shapes[:, :m] + 1j * by_shapes[:, m:]
         amplitudes = point.amplitudes + by_runs[:, :m] + 1j * by_runs[:, m:]
         weight = self.count / point.squares
-        trial = self.point(waves(self.blocks, poles), amplitudes, shapes, weight)
+        trial = self.point(waves(self.layout, poles), amplitudes, shapes, weight)
         return trial if trial.objective <= point.objective else None
 
     def log_likelihood(self, point: Point) -> float:
@@ -166,17 +164,8 @@ class Problem:
         self, at: Waves, amplitudes: NDArray[np.complex128], shapes: NDArray[np.complex128]
     ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """Return the squares left in each channel, and the functions times the residuals."""
-        m = len(at.poles)
-        squares = _TINY * self.power
-        products = np.zeros((*self.place.shape, 2 * m), dtype=complex)
-        residue = amplitudes[:, None] * self.spread(shapes)
-        for block, table in zip(self.blocks, at.functions, strict=True):
-            mine = residue[block.run, block.channel]
-            left = block.deviations - table[:, :m] @ mine.real.T
-            left += table[:, 2 * m : 3 * m] @ mine.imag.T
-            np.add.at(squares, block.channel, np.einsum("ij,ij->j", left, left))
-            products[block.run, block.channel] = _complex(table.T @ left).T
-        return squares, products
+        squares, products = at.left_by(amplitudes[:, None] * self.spread(shapes))
+        return _TINY * self.power + squares, products
 
     def _products(self, at: Waves, weight: NDArray[np.float64]) -> Products:
         run, block, series = self.rows
@@ -249,7 +238,9 @@ def problem_of(blocks: Sequence[Block], ties: Ties, turning: NDArray[np.bool_]) 
     seen = place[:, None] == np.arange(len(blocks))[:, None]  # (n_runs, n_blocks, n_channels)
     run, of_block = np.nonzero(seen.any(axis=2))
     rows = run, of_block, seen[run, of_block]
-    return Problem(tuple(blocks), ties, turning, place, rows, count, power, known, member, longest)
+    return Problem(
+        laid_out(blocks), ties, turning, place, rows, count, power, known, member, longest
+    )
 
 
 def _complex(parts: NDArray[np.float64]) -> NDArray[np.complex128]:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from dbc.frames import read_only
 
-from ..model import exponentials
+from ..model import exponential_sums
+from ..model.exponential_sums import Series, series_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,40 +61,111 @@ def even_blocks(decays: Sequence[NDArray[np.float64]], rate_hz: float) -> tuple[
 
 
 @dataclass(frozen=True, slots=True)
+class Layout:
+    """Blocks laid out for sums with any poles."""
+
+    series: tuple[Series, ...]
+    """Deviations of the blocks, those that are sampled alike together."""
+    run: tuple[NDArray[np.intp], ...]
+    channel: tuple[NDArray[np.intp], ...]
+    """`run`, `channel`: of each series of the blocks, for each entry of `series`, (r, k)."""
+    floating: tuple[NDArray[np.float64], ...]
+    """1 for each block whose levels are unknown, else 0, (r,)."""
+    n_blocks: int
+    """Blocks in all."""
+
+
+def laid_out(blocks: Sequence[Block]) -> Layout:
+    """Lay out some blocks: once for all poles at which their sums are wanted."""
+    series = series_of([b.time_s for b in blocks], [b.deviations for b in blocks])
+    mine = [[blocks[member] for member in one.members] for one in series]
+    return Layout(
+        series,
+        tuple(np.array([b.run for b in some]) for some in mine),
+        tuple(np.array([b.channel for b in some]) for some in mine),
+        tuple(np.array([float(b.free_level) for b in some]) for some in mine),
+        len(blocks),
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class Waves:
-    """The functions ``exp(pole t)`` and ``t exp(pole t)`` at the samples of all blocks."""
+    """The functions ``exp(pole t)`` and ``t exp(pole t)`` at the samples of all blocks.
+
+    Where levels are unknown, each from its mean: what a constant can follow says nothing of modes.
+    """
 
     poles: NDArray[np.complex128]
     """rad/s, shape (m,)."""
-    functions: tuple[NDArray[np.float64], ...]
-    """For each block the real parts and then the imaginary parts of the 2 m functions, each shape
-    (n, 4 m)."""
+    layout: Layout
+    """The blocks."""
+    at: tuple[exponential_sums.Waves, ...]
+    """The exponentials, as `layout.series`."""
     mixed: NDArray[np.complex128]
     plain: NDArray[np.complex128]
     """`mixed`, `plain`: sums of ``conj(f) g`` and of ``f g`` over the samples of each block, shape
     (n_blocks, 2 m, 2 m)."""
 
+    def with_samples(self, n_runs: int, n_channels: int) -> NDArray[np.complex128]:
+        """Return the sums of the functions times the samples, (n_runs, n_channels, 2 m)."""
+        sums = np.zeros((n_runs, n_channels, 2 * len(self.poles)), dtype=complex)
+        for at, run, channel in zip(self.at, self.layout.run, self.layout.channel, strict=True):
+            sums[run, channel] = at.with_samples()
+        return sums
 
-def waves(blocks: Sequence[Block], poles: NDArray[np.complex128]) -> Waves:
+    def left_by(
+        self, residues: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+        """Return what sums of exponentials leave of the samples.
+
+        Parameters
+        ----------
+        residues : (n_runs, n_channels, m) complex128
+            Amplitude of each exponential in each series.
+
+        Returns
+        -------
+        squares : (n_channels,) float64
+            Squares that are left in each channel.
+        products : (n_runs, n_channels, 2 m) complex128
+            Sums of the functions times what is left.
+        """
+        squares = np.zeros(residues.shape[1])
+        products = np.zeros((*residues.shape[:2], 2 * len(self.poles)), dtype=complex)
+        layout = self.layout
+        for at, run, channel, floating in zip(
+            self.at, layout.run, layout.channel, layout.floating, strict=True
+        ):
+            series = at.series
+            steps, rest = at.values(residues[run, channel])
+            steps, rest = series.steps - steps, series.rest - rest
+            # The samples have no mean where their level is unknown, so this is that of the rest.
+            mean = (steps.sum(axis=(1, 3)) + rest.sum(axis=1)) / series.count[:, None]
+            mean *= floating[:, None]
+            steps -= mean[:, None, :, None]
+            rest -= mean[:, None] * series.present[..., None]
+            total = np.einsum("rnkw,rnkw->rk", steps, steps) + np.einsum("rqk,rqk->rk", rest, rest)
+            np.add.at(squares, channel, total)
+            products[run, channel] = at.with_values(steps, rest)
+        return squares, products
+
+
+def waves(layout: Layout, poles: NDArray[np.complex128]) -> Waves:
     """Evaluate the functions of some poles."""
-    k = 2 * len(poles)
-    functions = []
-    mixed = np.zeros((len(blocks), k, k), dtype=complex)
+    m = len(poles)
+    mixed = np.zeros((layout.n_blocks, 2 * m, 2 * m), dtype=complex)
     plain = np.zeros_like(mixed)
-    for number, block in enumerate(blocks):
-        wave = exponentials.waves(block.time_s, poles)
-        table = np.empty((len(wave), 2 * k))
-        table[:, : len(poles)], table[:, k : k + len(poles)] = wave.real, wave.imag
-        wave *= block.time_s[:, None]
-        table[:, len(poles) : k], table[:, k + len(poles) :] = wave.real, wave.imag
-        if block.free_level:  # what a constant can follow says nothing of the modes
-            table -= table.mean(axis=0)
-        gram = table.T @ table
-        rr, ri, ii = gram[:k, :k], gram[:k, k:], gram[k:, k:]
-        mixed[number] = rr + ii + 1j * (ri - ri.T)
-        plain[number] = rr - ii + 1j * (ri + ri.T)
-        functions.append(table)
-    return Waves(poles, tuple(functions), mixed, plain)
+    evaluated = []
+    for series, floating in zip(layout.series, layout.floating, strict=True):
+        at = exponential_sums.waves(series, poles)
+        members = list(series.members)
+        mixed[members], plain[members] = at.grams()
+        sums = at.sums()
+        share = (floating / series.count)[:, None, None]
+        mixed[members] -= share * sums.conj()[:, :, None] * sums[:, None]
+        plain[members] -= share * sums[:, :, None] * sums[:, None]
+        evaluated.append(at)
+    return Waves(poles, layout, tuple(evaluated), mixed, plain)
 
 
 def real_block(

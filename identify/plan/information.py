@@ -24,7 +24,7 @@ from daq.vehicle import MassState
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..fit.grey_box import GreyBox, weight_sigmas
 from ..fit.likelihood import normal_blocks
-from ..fit.varpro import Evaluated, evaluate, linear_coefficients, normal_block
+from ..fit.varpro import Evaluated, evaluate, linear_coefficients, linear_part, normal_block
 from ..model.facts import CORNERS
 from ..model.matrices import loaded_model
 from ..model.response import Bump, exact_response
@@ -76,7 +76,7 @@ class KnownRuns:
                     at = at or evaluate(box, eta, state.name, sigma)
                     start = _start(at, eta, state, runs.excitation, plan.bump.duration_s)
                     decay = _decay(at, start, state.name, rates, plan.decay_s)
-                    self._known[key] = normal_block(at, decay).information
+                    self._known[key] = normal_block(at, decay, linear_part(at, decay)).information
                 total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
 
@@ -175,7 +175,7 @@ def _decay(
         empty.append(Recording(group, time, np.zeros((len(time), len(group.channels)))))
     silent = FreeDecay("planned", mass_state, 0.0, tuple(empty))
     filled = tuple(
-        Recording(r.group, r.time_s, at.basis(r).values @ (stack[..., : len(start)] @ start).T)
+        Recording(r.group, r.time_s, at.basis(r) @ (stack[..., : len(start)] @ start).T)
         for r, stack in zip(empty, linear_coefficients(at, silent), strict=True)
     )
     return FreeDecay("planned", mass_state, 0.0, filled)

@@ -19,7 +19,7 @@ from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
-from ..fit.varpro import Evaluated, evaluate, linear_part, pseudo_inverse
+from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_parts, pseudo_inverse
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from ..modes.modal_model import modes_of
 from ..modes.mode_names import mode_names
@@ -42,9 +42,12 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
     Returns dB, in the order of `identify.modes.modal_model.modes_of` for the run's mass state.
     """
     points = _points(estimation)
+    linear = linear_parts(points, estimation.decays)
     return {
-        decay.label: tuple((10.0 * np.log10(_energies(points[decay.mass_state], decay))).tolist())
-        for decay in estimation.decays
+        decay.label: tuple(
+            (10.0 * np.log10(_energies(points[decay.mass_state], decay, one))).tolist()
+        )
+        for decay, one in zip(estimation.decays, linear, strict=True)
     }
 
 
@@ -110,9 +113,8 @@ def _points(estimation: Estimation) -> dict[str, Evaluated]:
     return {s: evaluate(estimation.box, estimation.fit.eta, s, noise) for s in states}
 
 
-def _energies(at: Evaluated, decay: FreeDecay) -> NDArray[np.float64]:
+def _energies(at: Evaluated, decay: FreeDecay, linear: LinearPart) -> NDArray[np.float64]:
     """Return the energy of each oscillating mode in units of the noise, in order of frequency."""
-    linear = linear_part(at, decay)
     size = len(linear.solution)
     normal = np.zeros((size, size))
     for recording, product, stack in zip(

@@ -133,8 +133,9 @@ def lateness(estimation: Estimation) -> Effects:
     def trace_of(one: FittedDecay) -> Trace:
         z = modal_start(one)
         traces = []
-        for r in one.decay.recordings:
-            rate = one.at.modes.basis(one.at.time_s(r)) @ motion(one.at, r.group, z, 1).T
+        for r, basis in zip(one.decay.recordings, one.basis, strict=True):
+            on_basis = motion(one.at, r.group, z, 1)
+            rate = basis[:, : on_basis.shape[1]] @ on_basis.T
             mine = np.array([r.group.name in members for members in groups.values()], dtype=float)
             traces.append(-_LATE_S * rate[..., None] * mine)
         return tuple(traces)
@@ -151,8 +152,9 @@ def gains(estimation: Estimation) -> Effects:
     def trace_of(one: FittedDecay) -> Trace:
         z = modal_start(one)
         traces = []
-        for r in one.decay.recordings:
-            moved = one.at.modes.basis(one.at.time_s(r)) @ motion(one.at, r.group, z, 0).T
+        for r, basis in zip(one.decay.recordings, one.basis, strict=True):
+            on_basis = motion(one.at, r.group, z, 0)
+            moved = basis[:, : on_basis.shape[1]] @ on_basis.T
             own = np.array([[c.name == name for name in names] for c in r.group.channels], float)
             traces.append(moved[..., None] * own)
         return tuple(traces)

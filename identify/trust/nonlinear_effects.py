@@ -7,6 +7,7 @@ fitted vehicle with them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,10 +90,27 @@ def _drives(at: Evaluated, force: NDArray[np.float64], push: NDArray[np.float64]
     now, before = (step - 1.0 - s) / s**2 * _GRID_S, (step * (s - 1.0) + 1.0) / s**2 * _GRID_S
     gained = now * inward
     gained[1:] += before * inward[:-1]
-    z = np.zeros_like(gained)
-    for k in range(1, len(z)):
-        z[k] = step * z[k - 1] + gained[k]
+    gained[0] = 0.0
+    z = _driven(gained, step)
     return _Drives(force, push, (z @ modes.V.T).real)
+
+
+def _driven(gained: NDArray[np.complex128], step: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return ``z[k] = step z[k - 1] + gained[k]``, (n, q, 14), from rest.
+
+    Stretches of the grid are driven from rest side by side, then each carries on the last.
+    """
+    n, width = len(gained), isqrt(len(gained))
+    stretches = -(-n // width)
+    z = np.zeros((stretches * width, *gained.shape[1:]), dtype=complex)
+    z[:n] = gained
+    z = z.reshape(stretches, width, *gained.shape[1:])
+    for k in range(1, width):
+        z[:, k] += step * z[:, k - 1]
+    carried = step ** np.arange(1, width + 1)[:, None]  # (width, 14)
+    for i in range(1, stretches):
+        z[i] += carried[:, None] * z[i - 1, -1]
+    return z.reshape(stretches * width, *gained.shape[1:])[:n]
 
 
 def _seen(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
-from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_part, slopes
+from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_parts, over_two, slopes
 
 Trace = tuple[NDArray[np.float64], ...]
 """Change of the channels of each recording by each effect, (n_samples, n_channels, q)."""
@@ -31,6 +31,8 @@ class FittedDecay:
     """The samples."""
     linear: LinearPart
     """Initial state and constants."""
+    basis: tuple[NDArray[np.float64], ...]
+    """The functions that each recording consists of (`Evaluated.basis`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +89,12 @@ def fitted_decays(estimation: Estimation, rate_hz: float) -> tuple[FittedDecay, 
     fit, sigma = estimation.fit, estimation.noise
     states = {decay.mass_state for decay in estimation.decays}
     points = {state: evaluate(estimation.box, fit.eta, state, sigma) for state in states}
-    result = []
-    for decay in estimation.decays:
-        at, thin = points[decay.mass_state], decay.thinned(rate_hz)
-        result.append(FittedDecay(at, thin, linear_part(at, thin)))
-    return tuple(result)
+    thin = [decay.thinned(rate_hz) for decay in estimation.decays]
+    linear = linear_parts(points, thin)
+    return tuple(
+        FittedDecay(at, decay, one, tuple(at.basis(r) for r in decay.recordings))
+        for at, decay, one in zip([points[d.mass_state] for d in thin], thin, linear, strict=True)
+    )
 
 
 def scores(
@@ -115,23 +118,28 @@ def scores(
         size = len(linear.solution)
         with_linear, between = np.zeros((q, size)), np.zeros((size, P))
         z = one.at.modes.W @ linear.solution[: len(one.at.modes.poles)]
-        for r, R, product, stack in zip(
-            one.decay.recordings, trace_of(one), linear.products, linear.coefficients, strict=True
+        for r, R, basis, product, stack in zip(
+            one.decay.recordings,
+            trace_of(one),
+            one.basis,
+            linear.products,
+            linear.coefficients,
+            strict=True,
         ):
-            basis, weight = one.at.basis(r).values, one.at.weights(r.group)[:, None]
+            weight = one.at.weights(r.group)[:, None]
             J = slopes(one.at, r.group, z)
             m = J.shape[1]
             left = r.values - basis @ (stack @ linear.solution).T
-            RB = np.einsum("ncq,nm->cqm", R * weight, basis, optimize=True)
             GJ = product.gram[:, :m] @ J
-            weighted = stack * weight[:, None]
-            gradient += np.einsum("ncq,nc->q", R * weight, left, optimize=True)
-            information += np.einsum("ncq,ncr->qr", R * weight, R, optimize=True)
-            mixed += np.einsum("cqm,cmp->qp", RB[..., :m], J, optimize=True)
-            unknown += np.einsum("cmp,cmr->pr", J * weight[:, None], GJ[:, :m], optimize=True)
-            downhill += np.einsum("cmp,cm->p", J * weight[:, None], (left.T @ basis)[:, :m])
-            with_linear += np.einsum("cqm,cms->qs", RB, stack, optimize=True)
-            between += np.einsum("cms,cmp->sp", weighted, GJ, optimize=True)
+            WR = R * weight
+            WRB = basis.T @ WR.swapaxes(0, 1)  # (n_channels, 28 + .., q)
+            gradient += over_two(WR, left[..., None])[:, 0]
+            information += over_two(WR, R)
+            mixed += over_two(WRB[:, :m], J)
+            unknown += over_two(J * weight[:, None], GJ[:, :m])
+            downhill += over_two(J * weight[:, None], (left.T @ basis)[:, :m, None])[:, 0]
+            with_linear += over_two(WRB, stack)
+            between += over_two(stack * weight[:, None], GJ)
         information -= with_linear @ linear.normal_inverse @ with_linear.T
         mixed -= with_linear @ linear.normal_inverse @ between
         unknown -= between.T @ linear.normal_inverse @ between

@@ -26,7 +26,6 @@ def identify(
     import identify as method
 
     from ..damper_table import write_damper_table
-    from ..jobs.helpers import helpers
     from ..model_file import write_model
     from ..output import print_json, progress
     from ..result import print_identification
@@ -34,8 +33,7 @@ def identify(
     with progress("identify") as stage:
         stage(0.05, "reading")
         recorded = daq.read_foreign_session(session)
-        with helpers(("identify",)) as pool:
-            result = method.identify(recorded, stage, pool)
+        result = method.identify(recorded, stage)
     document = result.document()
     if dampers is not None:
         write_damper_table(document, dampers)

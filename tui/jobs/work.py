@@ -95,13 +95,11 @@ def _identify(task: IdentifyTask, send: Send) -> dict[str, Any]:
     from daq import read_foreign_session
     from identify import identify
 
-    from .helpers import helpers
     from .outcome_of import outcome_of, without
 
     send(Progress(_READ, "reading"))
     session = without(read_foreign_session(task.session), task.without)
-    with helpers(("identify",)) as pool:
-        result = identify(session, lambda share, text: send(Progress(share, text)), pool)
+    result = identify(session, lambda share, text: send(Progress(share, text)))
     send(Progress(0.95, "drawing"))
     return asdict(outcome_of(task.session, session, result, task.without))
 

@@ -1,0 +1,204 @@
+"""Products of exponentials with each other and with samples, without a table of either.
+
+Even times are a coarse and a fine step each, ``t = T + d``, so that ``exp(l t) = exp(l T) exp(l
+d)``: a sum over n samples becomes one over some sqrt(n) coarse and one over as many fine steps,
+exact to rounding.  What is left over behind the last whole coarse step is summed as it is, and so
+are all times that are not even.  Recordings that are laid out alike are handled together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+_FEW = 64  # samples for which steps would save nothing
+_EVEN = 8.0  # spacings of float64 by which even times may depart from their line
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Samples of r recordings that are laid out alike, each with k channels."""
+
+    members: tuple[int, ...]
+    """Their numbers among those that were laid out."""
+    count: NDArray[np.intp]
+    """Samples of each, shape (r,)."""
+    coarse_s: _Real
+    """Coarse steps, shape (r, n)."""
+    fine_s: _Real
+    """Fine steps, shape (r, w)."""
+    rest_s: _Real
+    """Times of the samples left over, shape (r, q)."""
+    present: _Real
+    """1 where there is such a sample, else 0, shape (r, q)."""
+    steps: _Real
+    """Samples at the steps, shape (r, n, k, w)."""
+    rest: _Real
+    """Samples left over, zero where there is none, shape (r, q, k)."""
+    power: _Real
+    """Sum of the squares of the samples, shape (r, k)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waves:
+    """``exp(rate t)`` of p rates at the times of some series."""
+
+    series: Series
+    """Where."""
+    coarse_s: _Real
+    rest_s: _Real
+    """`coarse_s`, `rest_s`: those of the series, less the lateness."""
+    coarse: _Complex
+    """At the coarse steps, shape (r, n, p)."""
+    fine: _Complex
+    """At the fine steps, shape (r, w, p)."""
+    rest: _Complex
+    """At the samples left over, zero where there is none, shape (r, q, p)."""
+
+    def grams(self) -> tuple[_Complex, _Complex]:
+        """Return the sums of ``conj(f) g`` and of ``f g``, each (r, 2 p, 2 p).
+
+        The functions are ``exp(rate t)`` and then ``t exp(rate t)``.
+        """
+        c0, c1, c2 = _moments(self.coarse, self.coarse_s)
+        f0, f1, f2 = _moments(self.fine, self.series.fine_s)
+        q0, q1, q2 = _moments(self.rest, self.rest_s)
+        p = self.fine.shape[2]
+        out = np.empty((2, len(self.fine), 2 * p, 2 * p), dtype=complex)
+        out[..., :p, :p] = c0 * f0 + q0
+        out[..., :p, p:] = out[..., p:, :p] = c1 * f0 + c0 * f1 + q1
+        out[..., p:, p:] = c2 * f0 + 2.0 * c1 * f1 + c0 * f2 + q2
+        return out[0], out[1]
+
+    def sums(self) -> _Complex:
+        """Return the sums of ``exp(rate t)`` and of ``t exp(rate t)``, (r, 2 p)."""
+        fine = _with_time(self.fine, self.series.fine_s).sum(axis=1)
+        coarse = _with_time(self.coarse, self.coarse_s).sum(axis=1)
+        p = self.fine.shape[2]
+        plain = coarse[:, :p] * fine[:, :p]
+        timed = coarse[:, p:] * fine[:, :p] + coarse[:, :p] * fine[:, p:]
+        rest = _with_time(self.rest, self.rest_s).sum(axis=1)
+        return np.asarray(np.concatenate([plain, timed], axis=1) + rest)
+
+    def with_samples(self) -> _Complex:
+        """Return the sums of the samples times ``exp(rate t)``, ``t exp(rate t)``, (r, k, 2 p)."""
+        return self.with_values(self.series.steps, self.series.rest)
+
+    def with_values(self, steps: _Real, rest: _Real) -> _Complex:
+        """Return the same of other values, laid out like the samples."""
+        r, n, k, w = steps.shape
+        fine = _with_time(self.fine, self.series.fine_s)
+        inner = steps.reshape(r, n * k, w) @ fine.view(np.float64)
+        inner = inner.view(np.complex128).reshape(r, n, k, 2, -1)
+        plain, timed = inner[..., 0, :], inner[..., 1, :]
+        coarse = self.coarse[:, :, None]
+        sums = np.empty((r, k, 2, fine.shape[2] // 2), dtype=complex)
+        sums[:, :, 0] = np.sum(coarse * plain, axis=1)
+        later = self.coarse_s[:, :, None, None] * plain + timed
+        sums[:, :, 1] = np.sum(coarse * later, axis=1)
+        left = _with_time(self.rest, self.rest_s).view(np.float64)
+        behind = (rest.swapaxes(1, 2) @ left).view(np.complex128)
+        return np.asarray(sums.reshape(r, k, -1) + behind)
+
+    def values(self, amplitudes: _Complex) -> tuple[_Real, _Real]:
+        """Return the real parts of sums of exponentials, laid out like the samples.
+
+        `amplitudes`: of each rate in each channel, shape (r, k, p).
+        """
+        r, n, k, w = self.series.steps.shape
+        outer = self.coarse[:, :, None] * amplitudes[:, None]
+        outer = outer.reshape(r, n * k, -1).conj().view(np.float64)
+        steps = outer @ self.fine.view(np.float64).swapaxes(1, 2)
+        rest = self.rest.view(np.float64) @ amplitudes.conj().view(np.float64).swapaxes(1, 2)
+        return steps.reshape(r, n, k, w), rest
+
+
+def series_of(times_s: Sequence[_Real], samples: Sequence[_Real]) -> tuple[Series, ...]:
+    """Lay out recordings, those that are alike together.
+
+    Parameters
+    ----------
+    times_s : sequence of (n_i,) float64
+        Times of the samples of each recording.
+    samples : sequence of (n_i, k_i) float64
+        Samples of each.
+    """
+    alike: dict[tuple[int, int, int], list[int]] = {}
+    for number, (time, values) in enumerate(zip(times_s, samples, strict=True)):
+        width = _width(time)
+        alike.setdefault((width, len(time) // width, values.shape[1]), []).append(number)
+    return tuple(
+        _together([(number, times_s[number], samples[number]) for number in numbers], width)
+        for (width, _, _), numbers in alike.items()
+    )
+
+
+def waves(series: Series, rates: _Complex, late_s: float = 0.0) -> Waves:
+    """Evaluate ``exp(rate t)`` at the times of some series, less `late_s`."""
+    coarse_s, rest_s = series.coarse_s - late_s, series.rest_s - late_s
+    return Waves(
+        series,
+        coarse_s,
+        rest_s,
+        np.exp(np.multiply.outer(coarse_s, rates)),
+        np.exp(np.multiply.outer(series.fine_s, rates)),
+        np.exp(np.multiply.outer(rest_s, rates)) * series.present[..., None],
+    )
+
+
+def _width(time_s: _Real) -> int:
+    """Return how many fine steps a coarse one has; 1 where times are few or not even."""
+    n = len(time_s)
+    if n < _FEW:
+        return 1
+    line = time_s[0] + float(time_s[-1] - time_s[0]) / (n - 1) * np.arange(n)
+    even = np.abs(time_s - line).max() <= _EVEN * np.spacing(np.abs(time_s).max())
+    return int(2 ** round(np.log2(n) / 2.0)) if even else 1
+
+
+def _together(recordings: Sequence[tuple[int, _Real, _Real]], width: int) -> Series:
+    """Lay out recordings, (number, times, samples), with the same number of whole steps."""
+    members, times, samples = zip(*recordings, strict=True)
+    n, k = len(times[0]) // width, samples[0].shape[1]
+    whole, q = n * width, max(len(time) for time in times) - n * width
+    rest_s, present = np.zeros((len(times), q)), np.zeros((len(times), q))
+    rest = np.zeros((len(times), q, k))
+    for i, (time, values) in enumerate(zip(times, samples, strict=True)):
+        left = len(time) - whole
+        rest_s[i, :left], present[i, :left], rest[i, :left] = time[whole:], 1.0, values[whole:]
+    steps = np.stack([values[:whole].reshape(n, width, k) for values in samples])
+    duration = np.array([time[-1] - time[0] for time in times])
+    count = np.array([len(time) for time in times])
+    step_s = duration / np.maximum(count - 1, 1)
+    return Series(
+        members,
+        count,
+        np.stack([time[:whole:width] for time in times]),
+        np.multiply.outer(step_s, np.arange(width)),
+        rest_s,
+        present,
+        np.ascontiguousarray(steps.swapaxes(2, 3)),
+        rest,
+        np.array([np.einsum("ij,ij->j", values, values) for values in samples]),
+    )
+
+
+def _with_time(wave: _Complex, time_s: _Real) -> _Complex:
+    return np.concatenate([wave, time_s[..., None] * wave], axis=-1)
+
+
+def _moments(wave: _Complex, time_s: _Real) -> tuple[_Complex, ...]:
+    """Return the sums of ``conj(f) g`` and ``f g``, times 1, t and t squared, each (2, r, p, p)."""
+    r, _, p = wave.shape
+    time = time_s[..., None]
+    timed = time * wave
+    right = np.concatenate([wave, timed, time * timed], axis=2)
+    left = np.concatenate([wave.conj(), wave], axis=2).swapaxes(1, 2)
+    sums = (left @ right).reshape(r, 2, p, 3, p)
+    return tuple(sums[:, :, :, power].swapaxes(0, 1) for power in range(3))
