@@ -23,6 +23,7 @@ from .fit.estimation import Estimation
 from .fit.grey_box import SIGNED
 from .fit.uncertainty import COVERAGE_95, Estimate
 from .joint import Differences, Model, Share, differences, first_share, share_at
+from .numbers import plus_minus
 
 LEVEL = 0.05
 """Chance of naming any parameter where nothing differs."""
@@ -89,12 +90,12 @@ class Change:
 
 
 def _amount(change: NamedChange) -> str:
-    low = [f"{100 * share:+.2f} %" for share in change.shares[:3]]
-    std = [
-        f" ± {100 * COVERAGE_95 * abs(e.std / e.value * share):.2f}" if e.value else ""
+    text = ", ".join(
+        plus_minus(100.0 * share, 100.0 * COVERAGE_95 * abs(e.std / e.value * share)) + " %"
+        if e.value
+        else f"{100.0 * share:+.2f} %"
         for e, share in zip(change.changes[:3], change.shares[:3], strict=True)
-    ]
-    text = ", ".join(a.replace(" %", f"{b} %") for a, b in zip(low, std, strict=True))
+    )
     each = {"differs": "", "drifts": " a session", "varies": " from the first"}[change.kind]
     return text + (" .." if len(change.changes) > 3 else "") + each
 

@@ -19,7 +19,7 @@ from dbc.errors import InputError
 
 from .change import Change, change_of
 from .fit.grey_box import weight_sigmas
-from .fit.uncertainty import Estimate
+from .fit.uncertainty import COVERAGE_95, Estimate
 from .identification import Identification
 from .nonlinear.at_speeds import force_quantities
 
@@ -42,6 +42,11 @@ class Difference:
     significant: bool
     """True if it stands at 95 % among all differences (Holm 1979)."""
 
+    @property
+    def half(self) -> float:
+        """Half of the 95 % interval of the difference by itself."""
+        return COVERAGE_95 * self.std
+
 
 @dataclass(frozen=True, slots=True)
 class Trend:
@@ -61,6 +66,11 @@ class Trend:
     varies: bool
     """`drifts`, `varies`: whether slope and misfit stand at 95 % among all quantities (Holm
     1979)."""
+
+    @property
+    def half(self) -> float:
+        """Half of the 95 % interval of the slope."""
+        return COVERAGE_95 * self.slope_std
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,19 @@ def half_width(value: float, high: float) -> str:
     return _to_place(half, _place(half)) if isfinite(half) and half > 0.0 else ""
 
 
+def plus_minus(value: float, half: float) -> str:
+    """Write a difference with its sign and half of its interval, both to the same place."""
+    text, _, _ = rounded(value, value - half, value + half)
+    signed = text if text.startswith("-") or not isfinite(value) else f"+{text}"
+    width = half_width(0.0, half)
+    return f"{signed} ± {width}" if width else signed
+
+
+def plus_minus_percent(value: float, half: float, of: float) -> str:
+    """Write a difference as a share of a value; nothing where that is zero."""
+    return f"{plus_minus(value / abs(of) * 100.0, half / abs(of) * 100.0)} %" if of else ""
+
+
 def half_width_percent(value: float, low: float, high: float) -> str:
     """Write half of an interval as a share of the value; nothing where that says nothing."""
     share = (high - low) / 2.0 / abs(value) * 100.0 if value and isfinite(value) else 0.0

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from ..numbers import interval as interval
     from ..numbers import largest_share as largest_share
     from ..numbers import number as number
+    from ..numbers import plus_minus as plus_minus
+    from ..numbers import plus_minus_percent as plus_minus_percent
     from ..numbers import rounded as rounded
     from .blocks import Gallery as Gallery
     from .blocks import MovingCars as MovingCars

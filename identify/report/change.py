@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from ..change import Change
-from ..document import unit_text
+from ..document import EstimateEntry, unit_text
+from ..fit.uncertainty import Estimate
+from ..numbers import plus_minus
 from .blocks import Cell, Table, cited
+from .parameters import high_text, low_text
 
 
 def unchanged_line(change: Change) -> str:
@@ -32,11 +36,19 @@ def change_table(change: Change, document: Mapping[str, Any]) -> Table:
                 (
                     Cell(one.name if len(one.changes) == 1 else f"{one.name}, session {k + 2}"),
                     Cell(one.kind),
-                    cited(document, *here, "value"),
-                    cited(document, *here, "low"),
-                    cited(document, *here, "high"),
+                    cited(document, *here, form=_amount_text),
+                    cited(document, *here, form=low_text),
+                    cited(document, *here, form=high_text),
                     Cell(unit_text(estimate.unit)),
-                    cited(document, "change", "named", i, "shares", k, form=_percent)
+                    cited(
+                        document,
+                        "change",
+                        "named",
+                        i,
+                        "shares",
+                        k,
+                        form=partial(_percent, change=estimate),
+                    )
                     if part == part
                     else Cell(""),
                     cited(document, "change", "named", i, "p", form="{:.1g}".format),
@@ -48,5 +60,12 @@ def change_table(change: Change, document: Mapping[str, Any]) -> Table:
     return Table("What changed, by one joint fit", columns, tuple(rows), unchanged_line(change))
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:+.2f} %"
+def _amount_text(change: EstimateEntry) -> str:
+    """Write a change with its sign and as many digits as its interval knows."""
+    return plus_minus(change["value"], change["high"] - change["value"]).partition(" ± ")[0]
+
+
+def _percent(share: float, change: Estimate) -> str:
+    """Write the change as a share, with the digits of its interval."""
+    half = abs(change.high - change.value) / abs(change.value) if change.value else 0.0
+    return plus_minus(100.0 * share, 100.0 * half * abs(share)).partition(" ± ")[0] + " %"

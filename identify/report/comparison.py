@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,10 +10,13 @@ import numpy as np
 from ..compare import Compared, Comparison
 from ..document import NOT_DETERMINED, unit_text
 from ..fit.estimation import Estimation
+from ..fit.uncertainty import COVERAGE_95
+from ..numbers import half_width, plus_minus
 from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
 from .change import change_table
 from .overlay import overlay_gallery
 from .panels import DifferencePanel, TrendPanel
+from .parameters import value_text
 
 _DRAWN = 24
 """Trends that get a figure, the parameters first."""
@@ -84,17 +87,28 @@ def _differences(
         cells.append(
             (
                 cited(document, part, i, "name", form=str),
-                cited(document, part, i, "estimates", 0, "value"),
-                cited(document, part, i, "estimates", which + 1, "value"),
-                cited(document, *here, "value"),
-                cited(document, *here, "std"),
+                cited(document, part, i, "estimates", 0, form=value_text),
+                cited(document, part, i, "estimates", which + 1, form=value_text),
+                cited(document, *here, form=_difference_text),
+                cited(document, *here, form=_half_text),
                 cited(document, *here, "z", form="{:+.2f}".format),
                 Cell("✓ differs" if row.differences[which].significant else "· within chance"),
                 Cell(unit_text(row.estimates[0].unit)),
             )
         )
-    columns = ("", "#first", "#this", "#difference", "#sigma", "#z", "at 95 %", "unit")
+    columns = ("", "#first", "#this", "#difference", "#±", "#z", "at 95 %", "unit")
     return Table(title, columns, tuple(cells))
+
+
+def _difference_text(difference: Mapping[str, float]) -> str:
+    """Write a difference with as many digits as its interval knows."""
+    half = COVERAGE_95 * difference["std"]
+    return plus_minus(difference["value"], half).partition(" ± ")[0]
+
+
+def _half_text(difference: Mapping[str, float]) -> str:
+    """Write half of its 95 % interval."""
+    return half_width(0.0, COVERAGE_95 * difference["std"])
 
 
 def _picture(comparison: Comparison, which: int) -> Picture:
@@ -108,10 +122,18 @@ def _picture(comparison: Comparison, which: int) -> Picture:
         DifferencePanel(
             tuple(row.name for row in rows),
             np.array([row.differences[which].value for row in rows]) / np.abs(value) * 100.0,
-            np.array([row.differences[which].std for row in rows]) / np.abs(value) * 196.0,
+            np.array([row.differences[which].std for row in rows])
+            / np.abs(value)
+            * COVERAGE_95
+            * 100.0,
             np.array([row.differences[which].significant for row in rows]),
         ),
     )
+
+
+def _slope_text(trend: Mapping[str, float]) -> str:
+    """Write a slope with its 95 % interval."""
+    return plus_minus(trend["slope"], COVERAGE_95 * trend["slope_std"])
 
 
 def _trends(comparison: Comparison, document: dict[str, Any]) -> Section:
@@ -129,8 +151,7 @@ def _trends(comparison: Comparison, document: dict[str, Any]) -> Section:
             cells.append(
                 (
                     Cell(row.name),
-                    cited(document, part, i, "trend", "slope"),
-                    cited(document, part, i, "trend", "slope_std"),
+                    cited(document, part, i, "trend", form=_slope_text),
                     Cell("✓ drifts" if t.drifts else "· none"),
                     Cell(f"{t.chi2:.1f} / {t.freedom}", f"{part}/{i}/trend/chi2"),
                     Cell("✓ varies" if t.varies else "· constant"),
@@ -141,7 +162,7 @@ def _trends(comparison: Comparison, document: dict[str, Any]) -> Section:
                 half = np.array([(e.high - e.low) / 2.0 for e in row.estimates])
                 panel = TrendPanel(value, half, t.slope, unit_text(row.estimates[0].unit))
                 pictures.append(Picture(f"trend_{part}_{i}", row.name, "", panel))
-    columns = ("", "#per session", "#sigma", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
+    columns = ("", "#per session", "slope at 95 %", "#chi2 / n", "constancy at 95 %")
     return Section(
         "trend",
         "Trend over the sessions",

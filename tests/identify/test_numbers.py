@@ -6,7 +6,14 @@ from math import inf, nan
 
 import pytest
 
-from identify.numbers import half_width, half_width_percent, interval, rounded
+from identify.numbers import (
+    half_width,
+    half_width_percent,
+    interval,
+    plus_minus,
+    plus_minus_percent,
+    rounded,
+)
 
 
 @pytest.mark.parametrize(
@@ -44,3 +51,12 @@ def test_half_widths_have_two_digits() -> None:
     assert half_width_percent(200.0, 198.9, 201.1) == "0.55 %"
     assert half_width_percent(200.0, 175.0, 225.0) == "12 %"  # half to even
     assert half_width_percent(0.0, -1.0, 1.0) == ""
+
+
+def test_a_difference_has_its_sign_and_the_digits_of_its_interval() -> None:
+    assert plus_minus(43.865, 4.61) == "+43.9 ± 4.6"
+    assert plus_minus(-0.00412, 0.0311) == "-0.004 ± 0.031"
+    assert plus_minus(2.5, 0.0) == "+2.5000"
+    assert plus_minus(nan, inf) == "not determined"
+    assert plus_minus_percent(43.865, 4.61, -1500.0) == "+2.92 ± 0.31 %"
+    assert plus_minus_percent(1.0, 0.1, 0.0) == ""

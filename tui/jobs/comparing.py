@@ -9,7 +9,7 @@ from dataclasses import replace
 from daq import read_foreign_session
 from identify import Identification, identify_parameters
 from identify.compare import Compared, Comparison
-from identify.report import number, unchanged_line
+from identify.report import plus_minus, plus_minus_percent, rounded, unchanged_line
 
 from ..output import Stage, print_line, print_table
 from .spread import over_all
@@ -67,11 +67,10 @@ def _print_differences(title: str, quantities: tuple[Compared, ...], which: int)
     rows = []
     for row in quantities:
         a, b, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
-        share = f"{d.value / abs(a.value) * 100:+.2f} %" if a.value else ""
+        values = [rounded(e.value, e.low, e.high)[0] for e in (a, b)]
+        share = plus_minus_percent(d.value, d.half, a.value)
         found = "differs" if d.significant else ""
-        rows.append(
-            [row.name, number(a.value), number(b.value), share, f"{d.z:+.2f}", found]
-        )  # fmt: skip
+        rows.append([row.name, *values, share, f"{d.z:+.2f}", found])
     print_table(title, ["", "first", "this", "difference", "z", "at 95 %"], rows)
 
 
@@ -81,6 +80,6 @@ def _print_trends(comparison: Comparison) -> None:
         t = row.trend
         if t is not None:
             found = " ".join(["drifts"] * t.drifts + ["varies"] * t.varies)
-            slope = f"{number(t.slope)} ± {number(1.96 * t.slope_std)}"
+            slope = plus_minus(t.slope, t.half)
             rows.append([row.name, slope, f"{t.chi2:.1f} / {t.freedom}", found])
     print_table("Trend", ["", "per session", "chi2 / n", "at 95 %"], rows)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from textwrap import wrap
 
 from identify.compare import Compared, Comparison
-from identify.report import number, unchanged_line
+from identify.report import plus_minus_percent, rounded, unchanged_line
 
 
 def comparison_lines(comparison: Comparison) -> Iterator[str]:
@@ -33,7 +33,7 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
         if not rows:
             continue
         yield ""
-        yield f"{title:<26}{'1':>12}{'2':>12}{'2 less 1':>11}{'z':>8}"
+        yield f"{title:<26}{'1':>10}{'2':>10}{'2 less 1':>17}{'z':>8}"
         yield from (_row(row) for row in rows)
     yield ""
     if comparison.open:
@@ -43,8 +43,8 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
 
 
 def _row(row: Compared) -> str:
-    a, b = (number(e.value) for e in row.estimates[:2])
-    value, difference = row.estimates[0].value, row.differences[0]
-    share = f"{difference.value / abs(value) * 100:+.2f} %" if value else ""
+    a, b = (rounded(e.value, e.low, e.high)[0] for e in row.estimates[:2])
+    difference = row.differences[0]
+    share = plus_minus_percent(difference.value, difference.half, row.estimates[0].value)
     word = "  differs" if difference.significant else ""
-    return f"{row.name:<26}{a:>12}{b:>12}{share:>11}{difference.z:>+8.2f}{word}"
+    return f"{row.name:<26}{a:>10}{b:>10}{share:>17}{difference.z:>+8.2f}{word}"

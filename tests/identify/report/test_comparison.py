@@ -40,7 +40,7 @@ def test_the_table_and_the_document_name_the_change(fits: list[Estimation]) -> N
     table = next(b for b in first.blocks if isinstance(b, Table) and "joint" in b.title)
     ((name, kind, by, *_, share, _),) = table.rows
     assert (name.text, kind.text, share.text) == ("c_sf", "differs", "+2.85 %")
-    assert by.source == "change/named/0/changes/0/value"
+    assert by.source == "change/named/0/changes/0"
     assert document["change"]["named"][0]["changes"][0]["value"] == pytest.approx(43.865, abs=1e-2)
     assert "all else is unchanged: chi2 19.6 on 14" in table.note
     assert "c_sf (+2.85 ± 0.30 %)" in comparison_html(comparison)
