@@ -12,7 +12,8 @@ from typing import TypedDict
 
 from dbc.finding import Finding
 
-from .fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Correlation, Estimate, ModeEstimate
+from .document_model import CorrelationEntry, MatricesEntry, ShapeEntry, SourceEntry
+from .fit.uncertainty import COVERAGE_95, LARGEST_SHARE, Estimate, ModeEstimate
 from .modes.modal_model import ModalModel
 from .modes.pairing import Pairing
 from .nonlinear.at_speeds import forces_at_speeds
@@ -53,13 +54,6 @@ class LossEntry(TypedDict):
     cause: str
     shift: float
     """By how much the cause would move it, as a share of it; NaN where that is not known."""
-
-
-class CorrelationEntry(TypedDict):
-    """Correlation coefficients of the parameters' errors."""
-
-    names: list[str]
-    matrix: list[list[float]]
 
 
 class SensedModeEntry(TypedDict):
@@ -157,6 +151,7 @@ class ForcesEntry(TypedDict):
 class Document(TypedDict):
     """An identification as JSON, SI units; its parts are those of `Identification`."""
 
+    source: SourceEntry
     verdict: str
     reasons: list[str]
     findings: list[FindingEntry]
@@ -171,10 +166,16 @@ class Document(TypedDict):
     parameters: dict[str, EstimateEntry]
     derived: dict[str, EstimateEntry]
     correlation: CorrelationEntry
+    covariance: CorrelationEntry
+    """The same in units of the parameters; null for those that are not determined."""
     drivers: dict[str, dict[str, float]]
     """By parameter and source."""
     modes: dict[str, list[ModeEntry]]
     """By mass state, in order of frequency."""
+    shapes: dict[str, list[ShapeEntry]]
+    """By mass state, of these modes."""
+    matrices: dict[str, MatricesEntry]
+    """By mass state; empty where a parameter is not determined."""
     paired: dict[str, list[PairEntry]]
     """By further mass state, in the order of the first."""
     swapped: dict[str, list[list[int]]]
@@ -245,11 +246,6 @@ def _open(e: Estimate) -> str:
 def loss_entries(lost: Mapping[str, Loss]) -> dict[str, LossEntry]:
     """Return the lost parameters."""
     return {name: {"cause": one.cause, "shift": one.shift} for name, one in lost.items()}
-
-
-def correlation_entry(correlation: Correlation) -> CorrelationEntry:
-    """Return names and coefficients."""
-    return {"names": list(correlation.names), "matrix": correlation.matrix.tolist()}
 
 
 def mode_entries(names: Sequence[str], modes: Sequence[ModeEstimate]) -> list[ModeEntry]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from .document import (
     Document,
-    correlation_entry,
     estimate_entries,
     finding_entries,
     forces_entry,
@@ -20,6 +19,13 @@ from .document import (
     swapped_entries,
 )
 from .document_html import document_html
+from .document_model import (
+    correlation_entry,
+    covariance_entry,
+    matrices_entry,
+    shape_entries,
+    source_entry,
+)
 from .fit.estimation import Estimation
 from .fit.likelihood import Residuals
 from .fit.uncertainty import Correlation, Estimate, ModeEstimate
@@ -79,6 +85,7 @@ class Identification:
         quality = self.quality
         lost = {name for name, e in self.parameters.items() if not e.determined}
         return {
+            "source": source_entry(self.provenance),
             "verdict": str(quality.verdict),
             "reasons": list(quality.reasons),
             "findings": finding_entries(quality.findings),
@@ -89,12 +96,17 @@ class Identification:
             "parameters": estimate_entries(self.parameters),
             "derived": estimate_entries(self.derived),
             "correlation": correlation_entry(self.correlation),
+            "covariance": covariance_entry(self.correlation, self.parameters),
             "drivers": {
                 name: {} if name in lost else dict(shares) for name, shares in self.drivers.items()
             },
             "modes": {
                 state: mode_entries(self.mode_names[state], modes)
                 for state, modes in self.modes.items()
+            },
+            "shapes": {state: shape_entries(model) for state, model in self.modal.items()},
+            "matrices": {
+                state: matrices_entry(model) for state, model in self.physical.items() if not lost
             },
             "paired": {state: pair_entries(p) for state, p in self.pairings.items()},
             "swapped": {state: swapped_entries(p) for state, p in self.pairings.items()},

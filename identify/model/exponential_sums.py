@@ -94,8 +94,8 @@ class Waves:
         """Return the same of other values, laid out like the samples."""
         r, n, k, w = steps.shape
         fine = _with_time(self.fine, self.series.fine_s)
-        inner = steps.reshape(r, n * k, w) @ fine.view(np.float64)
-        inner = inner.view(np.complex128).reshape(r, n, k, 2, -1)
+        parts = steps.reshape(r, n * k, w) @ fine.view(np.float64)
+        inner = parts.view(np.complex128).reshape(r, n, k, 2, -1)
         plain, timed = inner[..., 0, :], inner[..., 1, :]
         coarse = self.coarse[:, :, None]
         sums = np.empty((r, k, 2, fine.shape[2] // 2), dtype=complex)
@@ -112,9 +112,8 @@ class Waves:
         `amplitudes`: of each rate in each channel, shape (r, k, p).
         """
         r, n, k, w = self.series.steps.shape
-        outer = self.coarse[:, :, None] * amplitudes[:, None]
-        outer = outer.reshape(r, n * k, -1).conj().view(np.float64)
-        steps = outer @ self.fine.view(np.float64).swapaxes(1, 2)
+        outer = (self.coarse[:, :, None] * amplitudes[:, None]).reshape(r, n * k, -1)
+        steps = outer.conj().view(np.float64) @ self.fine.view(np.float64).swapaxes(1, 2)
         rest = self.rest.view(np.float64) @ amplitudes.conj().view(np.float64).swapaxes(1, 2)
         return steps.reshape(r, n, k, w), rest
 
@@ -142,13 +141,15 @@ def series_of(times_s: Sequence[_Real], samples: Sequence[_Real]) -> tuple[Serie
 def waves(series: Series, rates: _Complex, late_s: float = 0.0) -> Waves:
     """Evaluate ``exp(rate t)`` at the times of some series, less `late_s`."""
     coarse_s, rest_s = series.coarse_s - late_s, series.rest_s - late_s
+    rest: _Complex = np.exp(np.multiply.outer(rest_s, rates))
+    rest *= series.present[..., None]
     return Waves(
         series,
         coarse_s,
         rest_s,
         np.exp(np.multiply.outer(coarse_s, rates)),
         np.exp(np.multiply.outer(series.fine_s, rates)),
-        np.exp(np.multiply.outer(rest_s, rates)) * series.present[..., None],
+        rest,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from .shapes import Outline, Shape, at_rest, outline
@@ -39,7 +39,8 @@ def moving_car(shape: Shape) -> Markup:
             f'repeatCount="indefinite" values="{steps}"/></g>'
         )
     parts.append(f'</g><g class="car still">{_still(frames[0])}</g>')
-    return Markup(f'<svg viewBox="{_BOX}" role="img">{"".join(parts)}</svg>')
+    name = escape(shape.title)
+    return Markup(f'<svg viewBox="{_BOX}" role="img" aria-label="{name}">{"".join(parts)}</svg>')
 
 
 def _still(car: Outline) -> str:

@@ -122,6 +122,11 @@ class Source:
     """Version of the program that identified it."""
     libraries: Mapping[str, str]
     """Versions of what it computes with."""
+    issued: str = ""
+    """Day on which the report is made, ISO 8601."""
+    operator: str = ""
+    approver: str = ""
+    """`operator`, `approver`: names of who measured and of who answers for the result."""
 
 
 @dataclass(frozen=True, slots=True)

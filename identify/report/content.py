@@ -13,7 +13,9 @@ from ..document import NOT_DETERMINED, Document, survival_lines, unit_text
 from ..fit.cross_validation import Prediction
 from ..fit.grey_box import SIGNED
 from ..identification import Identification
+from ..trust.finding import Verdict
 from .blocks import Cell, Report, Section, Source, cited
+from .certificate import REFUSED, certificate_section, marked
 from .dampers import damper_section
 from .decays import decay_section
 from .evidence import closed_form_section, correlation_section, information_section
@@ -46,6 +48,9 @@ def report_of(
             correlation_section(document),
             closed_form_section(document),
         ]
+    if result.quality.verdict == Verdict.REFUSED:
+        sections = [marked(section) for section in sections]
+    sections += [certificate_section(session, document, source)]
     sections += [run_section(session, result), provenance_section(session, document, source)]
     return Report(
         vehicle=_title(session),
@@ -99,4 +104,6 @@ def _highlights(
         predicted = any(isfinite(p.predicted) for p in predictions)
         text = f"{good} of {len(predictions)}" if predicted else NOT_DETERMINED
         cards.append(("left-out runs at noise", Cell(text)))
+    if document["verdict"] == Verdict.REFUSED:
+        cards = [(f"{name} ({REFUSED})", cell) for name, cell in cards]
     return tuple(cards)

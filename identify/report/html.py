@@ -10,7 +10,7 @@ from importlib.resources import files
 from types import MappingProxyType
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from daq.strict_json import strict
 
@@ -24,6 +24,10 @@ from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 
 _WIDE = 9
 """Columns beyond which a table is set small."""
+_MANY = 12
+"""Pictures of a gallery beyond which it is folded."""
+_PX_AN_INCH = 100.0
+"""Least width of a picture, CSS pixels an inch: its smallest text, 6.5 points, then has 9."""
 
 
 def drawings(pictures: Iterable[Picture], executor: Executor) -> dict[str, Future[Markup]]:
@@ -87,6 +91,7 @@ def _page(name: str, documents: Mapping[str, Mapping[str, object]], **content: o
         kind=_kind,
         moving=moving_car,
         small=lambda table: len(table.columns) > _WIDE,
+        many=_MANY,
         **content,
     )
 
@@ -111,13 +116,15 @@ def _kind(block: Block) -> str:
 
 def drawing(picture: Picture) -> Markup:
     """Draw a picture for a page that holds others: no prologue, no rule for all, own names."""
-    from .figures.panels import panel_svg  # matplotlib, which others may have loaded instead
+    from .figures.panels import panel_svg, size_in  # matplotlib, which others may have loaded
 
     svg = panel_svg(picture.panel, picture.title)
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
-    svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1 role='img'", svg, count=1)
+    named = f"role='img' aria-label='{escape(picture.title)}'"
+    least = f"style='min-width:{size_in(picture.panel)[0] * _PX_AN_INCH:.0f}px'"
+    svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', lambda m: f"{m[1]} {named} {least}", svg, count=1)
     svg = re.sub(r'<g id="[^"]*">', "<g>", svg)
     key = re.sub(r"\W", "_", picture.key)
     svg = re.sub(r'((?: id="|href="#|url\(#))', rf"\g<1>{key}_", svg)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from datetime import UTC, datetime
 from io import BytesIO
 
 import matplotlib
@@ -33,7 +34,7 @@ _GAP_EM = 1.5
 def pdf_of(report: Report) -> bytes:
     """Set a report as PDF."""
     data = BytesIO()
-    about = {"Title": f"{report.vehicle}: {report.verdict}", "CreationDate": None}
+    about = {"Title": f"{report.vehicle}: {report.verdict}", "CreationDate": _issued(report)}
     with (
         matplotlib.rc_context({**look(), "pdf.fonttype": 42}),
         PdfPages(data, metadata=about) as file,
@@ -44,6 +45,12 @@ def pdf_of(report: Report) -> bytes:
             _section(sheets, section)
         sheets.close()
     return data.getvalue()
+
+
+def _issued(report: Report) -> datetime | None:
+    """Return the day on which the report is made, as a PDF has it."""
+    day = report.source.issued
+    return datetime.fromisoformat(day).replace(tzinfo=UTC) if day else None
 
 
 def _front(sheets: Sheets, report: Report) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from importlib.metadata import version
 from math import inf, isnan
 from typing import get_type_hints
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from daq.strict_json import strict
 from dbc.finding import Finding, Severity
-from identify import Document, Estimate, Identification, ModalModel, Quality
+from identify import Document, Estimate, Identification, ModalModel, PhysicalModel, Quality
 from identify.document import EstimateEntry, survival_lines
 from identify.document_html import document_html
 from identify.fit.uncertainty import Correlation, ModeEstimate
@@ -19,9 +20,10 @@ from identify.modes.pairing import Pairing
 from identify.trust.survival import Loss, Survival
 
 KEYS = (
-    "verdict", "reasons", "findings", "surviving", "lost", "chi2_per_n", "chi2_by_run",
-    "parameters", "derived", "correlation", "drivers", "modes", "paired", "swapped", "snr_db",
-    "sensed_modes", "closed_form", "closed_form_damping", "noise", "forces",
+    "source", "verdict", "reasons", "findings", "surviving", "lost", "chi2_per_n", "chi2_by_run",
+    "parameters", "derived", "correlation", "covariance", "drivers", "modes", "shapes", "matrices",
+    "paired", "swapped", "snr_db", "sensed_modes", "closed_form", "closed_form_damping",
+    "noise", "forces",
 )  # fmt: skip
 
 
@@ -39,12 +41,14 @@ def _made() -> Identification:
     swap = Pairing(np.array([0, 1]), np.array([1, 0]), np.array([0.9, 0.8]), one, ((0, 1),))
     return Identification(
         quality,
-        {},
+        {"uuid": "one", "origin": "replayed"},
         parameters={"m_s": Estimate(1380.0, 5.0, 1370.2, 1389.8, "kg")},
         derived={"dynamic_index": Estimate(0.94, 0.0, 0.94, 0.94, "1")},
         correlation=Correlation(("m_s",), np.eye(1)),
         drivers={"m_s": {"facts": 1.0}},
+        modal={"baseline": model},
         modes={"baseline": (ModeEstimate(hz, ratio),)},
+        physical={"baseline": PhysicalModel(np.eye(7), 2.0 * np.eye(7), 3.0 * np.eye(7))},
         mode_names={"baseline": ("body bounce",)},
         pairings={"added": swap},
         sensed={"baseline": model},
@@ -81,6 +85,12 @@ def test_each_entry_is_that_of_the_result() -> None:
     }  # fmt: skip
     assert document["derived"]["dynamic_index"]["unit"] == "1"
     assert document["correlation"] == {"names": ["m_s"], "matrix": [[1.0]]}
+    assert document["covariance"] == {"names": ["m_s"], "matrix": [[25.0]]}
+    assert document["shapes"] == {"baseline": [{"real": [1.0], "imag": [0.0]}]}
+    assert document["matrices"]["baseline"]["K"][1][:3] == [0.0, 3.0, 0.0]
+    source = document["source"]
+    assert source["software"] == f"bumpbench {version('bumpbench')}"
+    assert (source["session"], source["origin"], source["created"]) == ("one", "replayed", "")
     assert document["drivers"] == {"m_s": {"facts": 1.0}}
     (mode,) = document["modes"]["baseline"]
     assert mode == {

@@ -30,6 +30,8 @@ def report(
     figure_format: Annotated[
         FigureFormat, typer.Option("--format", help="Format of the single figures.")
     ] = FigureFormat.SVG,
+    operator: Annotated[str, typer.Option(help="Name of who measured, for the certificate.")] = "",
+    approver: Annotated[str, typer.Option(help="Name of who answers for the result.")] = "",
     json: Annotated[bool, typer.Option("--json", help="Print files and verdict as JSON.")] = False,
 ) -> int:
     """Identify a session and write its report as one HTML page."""
@@ -45,7 +47,7 @@ def report(
 
     out = session.with_suffix(".html") if out is None else out
     with progress("report") as stage:
-        page, quality = write_report(session, out, pdf, stage, wrote)
+        page, quality = write_report(session, out, pdf, stage, wrote, (operator, approver))
         if figures is not None:
             stage(0.95, "figures")
             for path in write_figures(page, figures, figure_format.value):

@@ -6,6 +6,7 @@ import gc
 import hashlib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,14 +28,15 @@ _HEAVY = (
 _LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
 
 
-def source_of(path: Path) -> Source:
-    """Return where the numbers of a session file come from."""
+def source_of(path: Path, operator: str = "", approver: str = "") -> Source:
+    """Return where the numbers of a session file come from, and who answers for them."""
     from identify.report import Source
 
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     libraries = {name: version(name) for name in _LIBRARIES}
-    return Source(path.name, digest, version("bumpbench"), libraries)
+    today = datetime.now(UTC).date().isoformat()
+    return Source(path.name, digest, version("bumpbench"), libraries, today, operator, approver)
 
 
 def write_report(
@@ -43,12 +45,14 @@ def write_report(
     pdf: Path | None,
     stage: Callable[[float, str], None],
     written: Callable[[Path], None],
+    signed: tuple[str, str] = ("", ""),
 ) -> tuple[Report, Quality]:
     """Identify a session and write its report.
 
     `html` and `pdf`: what to write; no PDF if None.  `stage`: called with the share done, 0..1, and
-    the present stage.  `written`: called with each finished file.  Raises InputError if the session
-    cannot be read or a file cannot be written.
+    the present stage.  `written`: called with each finished file.  `signed`: names of the operator
+    and of who approves.  Raises InputError if the session cannot be read or a file cannot be
+    written.
     """
     stage(0.02, "reading")
     with ThreadPoolExecutor(1) as reader:
@@ -75,7 +79,7 @@ def write_report(
 
         result = method.identify(recorded, lambda done, text: stage(0.6 * done, text), pool, fitted)
         stage(0.6, "gathering")
-        page = report_of(recorded, result, checks, source_of(session))
+        page = report_of(recorded, result, checks, source_of(session, *signed))
         stage(0.7, "drawing")
         # The PDF takes longest: it is begun first.
         sheets = None if pdf is None else pool.submit(_pdf_of, page)
