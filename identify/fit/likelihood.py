@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from ..decays.decay import FreeDecay
 from .grey_box import GreyBox
+from .normal_blocks import blocks_of
 from .products import Alike, laid_out
-from .varpro import NormalBlock, evaluate, linear_parts, normal_block
+from .varpro import NormalBlock, evaluate, linear_parts
 
 _MAX_STEP = 0.5  # largest change of a logarithm in one iteration
 _BAD = 2.0  # chi2/n above which a fit counts as bad
@@ -142,11 +143,8 @@ def normal_blocks(
         PRIORS: NormalBlock(float(prior @ eta**2), np.diag(prior), -prior * eta),
     }
     points = {state: evaluate(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
-    linear = linear_parts(points, decays, layout)
-    return result | {
-        decay.label: normal_block(points[decay.mass_state], decay, one)
-        for decay, one in zip(decays, linear, strict=True)
-    }
+    blocks = blocks_of(points, decays, layout)
+    return result | {decay.label: one for decay, one in zip(decays, blocks, strict=True)}
 
 
 def _sum(parts: Mapping[str, NormalBlock]) -> NormalBlock:

@@ -148,6 +148,19 @@ def linear_parts(
     `points`: the model, for each mass state.  `layout`: of the decays (`laid_out`), for those who
     come back with other points.
     """
+    seen = products_of(points, decays, layout)
+    return tuple(
+        _linear_part(points[decay.mass_state], decay, one)
+        for decay, one in zip(decays, seen, strict=True)
+    )
+
+
+def products_of(
+    points: Mapping[str, Evaluated],
+    decays: Sequence[FreeDecay],
+    layout: Sequence[Alike] | None = None,
+) -> list[list[Products]]:
+    """Return the products of each recording of some decays; parameters as of `linear_parts`."""
     seen: list[dict[int, Products]] = [{} for _ in decays]
     for alike in layout or laid_out(decays):
         at = points[alike.mass_state]
@@ -155,10 +168,7 @@ def linear_parts(
         found = products(alike, at.modes.poles, group.low_pass, group.late_s)
         for (d, r), one in zip(alike.places, found, strict=True):
             seen[d][r] = one
-    return tuple(
-        _linear_part(points[decay.mass_state], decay, [one[r] for r in range(len(one))])
-        for decay, one in zip(decays, seen, strict=True)
-    )
+    return [[one[r] for r in range(len(one))] for one in seen]
 
 
 def linear_part(at: Evaluated, decay: FreeDecay) -> LinearPart:
@@ -236,31 +246,8 @@ class NormalBlock:
     """Right-hand side, shape (P,)."""
 
 
-def normal_block(at: Evaluated, decay: FreeDecay, linear: LinearPart) -> NormalBlock:
-    """Return the share of one decay, with its linear part, in cost and normal equations."""
-    P = len(at.box.prior_sigma)
-    H, g = np.zeros((P, P)), np.zeros(P)
-    mixed = np.zeros((len(linear.solution), P))
-    z = at.modes.W @ linear.solution[:_N]
-    cost = 0.0
-    for recording, product, stack in zip(
-        decay.recordings, linear.products, linear.coefficients, strict=True
-    ):
-        weight = at.weights(recording.group)
-        fitted = stack @ linear.solution
-        J = slopes(at, recording.group, z)
-        GJ = product.gram[:, : 2 * _N] @ J  # (n_channels, m, P)
-        left = product.cross.T - fitted @ product.gram
-        cost += _squares(product, fitted, weight)
-        weighted = J * weight[:, None, None]
-        H += over_two(weighted, GJ[:, : 2 * _N])
-        mixed += over_two(stack * weight[:, None, None], GJ)
-        g += np.einsum("cmp,cm->p", weighted, left[:, : 2 * _N])
-    return NormalBlock(cost, H - mixed.T @ linear.normal_inverse @ mixed, g)
-
-
 def slopes(at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return each channel's derivative by each unknown on the real basis, (n_channels, 28, P).
+    """Return each channel's derivative by each unknown on the real basis, (.., n_channels, 28, P).
 
     Parameters
     ----------
@@ -268,15 +255,17 @@ def slopes(at: Evaluated, group: ChannelGroup, z: NDArray[np.complex128]) -> NDA
         Where.
     group : ChannelGroup
         Whose channels.
-    z : (14,) complex128
-        Initial state in modal coordinates.
+    z : (.., 14) complex128
+        Initial state of one decay, or of several, in modal coordinates.
     """
     modes, one = at.modes, at.group(group)
-    on = modes.propagator_slope(one.outputs, at.change, z)  # (P, n_channels, 28)
-    on[..., :_N] += one.d_outputs * z
+    on = modes.propagator_slope(one.outputs, at.change, z)  # (.., P, n_channels, 28)
+    each = z[..., None, :]
+    on[..., :_N] += one.d_outputs * each[..., None, :]
     if one.late is not None:
-        on[one.late, :, :_N] -= one.outputs.rows * (one.outputs.gain * modes.poles * z)
-    return np.asarray((on @ modes.to_real.T).real.transpose(1, 2, 0))
+        moving = one.outputs.gain * modes.poles * each
+        on[..., one.late, :, :_N] -= one.outputs.rows * moving
+    return np.ascontiguousarray(np.moveaxis(modes.on_real_basis(on), -3, -1))
 
 
 def motion(
@@ -304,10 +293,3 @@ def motion(
 def over_two(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """Multiply (n, m, p) with (n, m, q), summed over the first two axes."""
     return np.asarray(left.reshape(-1, left.shape[-1]).T @ right.reshape(-1, right.shape[-1]))
-
-
-def _squares(product: Products, fitted: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
-    """Return the weighted squared residuals of one recording; `fitted` is (n_channels, m)."""
-    left = product.cross.T - fitted @ product.gram
-    explained = np.einsum("cm,mc->c", fitted, product.cross) + np.einsum("cm,cm->c", fitted, left)
-    return float(weight @ (product.power - explained))

@@ -120,19 +120,35 @@ class Spectrum:
             The channels (`outputs`).
         change : Change
             Of the state matrix (`change`).
-        z : (n,) complex128
-            Initial state in modal coordinates (W x0).
+        z : (.., n) complex128
+            Initial states in modal coordinates (W x0).
 
         Returns
         -------
-        (P, n_channels, 2 n) complex128
+        (.., P, n_channels, 2 n) complex128
             By the divided differences of ``H(l) exp(l t)`` (Daleckii and Krein).
         """
-        apart = seen.rows * (change.apart @ z)[:, None] - seen.through * z
-        together = seen.rows * (change.together @ z)[:, None]
+        apart = seen.rows * _turned(change.apart, z)[..., None, :]
+        apart -= seen.through * z[..., None, None, :]
+        together = seen.rows * _turned(change.together, z)[..., None, :]
         return np.concatenate(
             [apart * seen.gain + together * seen.gain_slope, together * seen.gain], axis=-1
         )
+
+    def on_real_basis(self, on: NDArray[np.complex128]) -> NDArray[np.float64]:
+        """Return the real part of `to_real` times coefficients on (exp, t exp), (.., 2 n)."""
+        out = on.real.copy()
+        upper = np.flatnonzero(self.poles.imag > 0)
+        for k in (upper, upper + len(self.poles)):
+            out[..., k] += on[..., k + 1].real
+            out[..., k + 1] = on[..., k + 1].imag - on[..., k].imag
+        return out
+
+
+def _turned(matrices: NDArray[np.complex128], z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Multiply each of some matrices, (P, n, n), with each of some vectors, (.., n): (.., P, n)."""
+    turned = matrices @ z.reshape(-1, z.shape[-1]).T  # (P, n, n_vectors)
+    return np.moveaxis(turned, 2, 0).reshape(*z.shape[:-1], *matrices.shape[:2])
 
 
 def spectrum(A: NDArray[np.float64]) -> Spectrum:

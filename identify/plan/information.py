@@ -24,7 +24,8 @@ from daq.vehicle import MassState
 from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..fit.grey_box import GreyBox, weight_sigmas
 from ..fit.likelihood import normal_blocks
-from ..fit.varpro import Evaluated, evaluate, linear_coefficients, linear_part, normal_block
+from ..fit.normal_blocks import blocks_of
+from ..fit.varpro import Evaluated, evaluate, linear_coefficients
 from ..model.facts import CORNERS
 from ..model.matrices import loaded_model
 from ..model.response import Bump, exact_response
@@ -76,7 +77,7 @@ class KnownRuns:
                     at = at or evaluate(box, eta, state.name, sigma)
                     start = _start(at, eta, state, runs.excitation, plan.bump.duration_s)
                     decay = _decay(at, start, state.name, rates, plan.decay_s)
-                    self._known[key] = normal_block(at, decay, linear_part(at, decay)).information
+                    self._known[key] = blocks_of({decay.mass_state: at}, [decay])[0].information
                 total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
 
