@@ -72,7 +72,7 @@ class Channel:
     unit: str = ""
     """SI unit of the stored value; empty: that of the quantity."""
     signal: str = ""
-    """`Message.signal` in the DBC; empty for data that never were on a bus."""
+    """`Message.signal` in the DBC, or the column of a file; empty for data that were in none."""
     corner: Corner | None = None
     """For quantities at a wheel; made with a text, it is that of the text: ``"FL"``."""
     x_m: float = 0.0

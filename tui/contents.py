@@ -15,7 +15,7 @@ from .recorders.recording import print_summary, summary
 if TYPE_CHECKING:
     from daq import BodyWeight, Channel, HubWeight, Session
 
-_TEXTS = ("dbc", "bench_toml")
+_TEXTS = ("dbc", "bench_toml", "channel_map")
 """Provenance entries that hold whole files: their size is shown, not their text."""
 
 

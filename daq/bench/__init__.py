@@ -8,6 +8,9 @@ if TYPE_CHECKING:
     from ..signal_names import sensor_of as sensor_of
     from ..signal_names import sensor_of_signal as sensor_of_signal
     from .bench_tables import campaign_limits as campaign_limits
+    from .campaign import Step as Step
+    from .channel_map import ChannelMap as ChannelMap
+    from .channel_map import load_channel_map as load_channel_map
     from .config import BusConfig as BusConfig
     from .config import on_bus as on_bus
     from .config import parse_bench as parse_bench

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
-
-from pydantic import ValidationError
 
 from dbc import Codec, read_dbc, shipped_dbc
 
@@ -28,18 +25,16 @@ from ..vehicle import (
     VehicleGeometry,
     parameter_names,
 )
-from .bench_tables import BenchFile, ChannelTable, MessageTable, Table, WeightTable
+from .bench_tables import BenchFile, ChannelTable, MessageTable, WeightTable
 from .campaign import Campaign
 from .databases import database_codec, stored_databases, stored_text
 from .message_rules import MessageRule, SampleSet, TimeRule, check_sets, ruled_codec
-from .mistakes import mistake
 from .origin import Origin
 from .procedure import Procedure
 from .ready_maps import PREFIX, ready_map
 from .sensor_tables import read_databases, sensors_of, with_ready_maps
 from .sensors import Sensor, full_name, sensors_codec
-
-MAX_CONFIG_BYTES = 1_000_000
+from .toml_file import toml_text, validated
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,15 +147,7 @@ def load_bench(path: Path | None) -> Bench:
     """
     if path is None:
         return parse_bench(default_bench_text(), "bench.toml (shipped)", Path())
-    try:
-        if path.stat().st_size > MAX_CONFIG_BYTES:
-            raise InputError(str(path), "is larger than 1 MB", "name a bench.toml")
-        text = path.read_text("utf-8-sig")
-    except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), "name a bench.toml") from error
-    except UnicodeDecodeError as error:
-        raise InputError(str(path), "is not UTF-8 text", "save it as UTF-8") from error
-    return parse_bench(text, str(path), path.parent)
+    return parse_bench(toml_text(path, "name a bench.toml"), str(path), path.parent)
 
 
 def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None) -> Bench:
@@ -170,8 +157,22 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
     starts.  `dbc_text`: the DBC, if it is at hand (in a journal); else it is read from the path in
     the file.  Raises InputError as `load_bench`.
     """
-    table = _validated(text, where)
-    table = _completed(table)
+    table = _completed(validated(text, where, BenchFile))
+    sensors = sensors_of(table, where)
+    if dbc_text is None:
+        read = read_databases(sensors, folder)
+        dbc_text = stored_text(read) if sensors else _dbc_text(table.dbc, folder)
+    return bench_of(table, text, where, sensors, dbc_text)
+
+
+def bench_of(
+    table: BenchFile, text: str, where: str, sensors: tuple[Sensor, ...], dbc_text: str
+) -> Bench:
+    """Return the bench that checked tables describe.
+
+    `text` and `where`: as in `parse_bench`.  `dbc_text`: all databases; empty for data that never
+    were on a bus.  Raises InputError if two things have one name, or a fact is of no quantity.
+    """
     for kind, names in (
         ("channel", [channel.name for channel in table.channel]),
         ("message", [message.name for message in table.message]),
@@ -180,10 +181,7 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
         for name in names:
             if names.count(name) > 1:
                 raise InputError(where, f"{kind} {name} occurs twice", "give each its own name")
-    buses, sensors = _buses(table, where), sensors_of(table, where)
-    if dbc_text is None:
-        read = read_databases(sensors, folder)
-        dbc_text = stored_text(read) if sensors else _dbc_text(table.dbc, folder)
+    buses = _buses(table, where)
     channels = tuple(_channel(c) for c in table.channel)
     geometry = table.vehicle.geometry
     decided = table.vehicle.structure.decided
@@ -293,10 +291,10 @@ def _completed(table: BenchFile) -> BenchFile:
     if not table.dbc.startswith(PREFIX):
         if table.channel:
             return table
-        shipped = _validated(default_bench_text(), "bench.toml (shipped)")
+        shipped = validated(default_bench_text(), "bench.toml (shipped)", BenchFile)
         return table.model_copy(update={"channel": shipped.channel})
     ready = ready_map(table.dbc.removeprefix(PREFIX))
-    piece = _validated(ready.bench_text, f"{PREFIX}{ready.name}")
+    piece = validated(ready.bench_text, f"{PREFIX}{ready.name}", BenchFile)
     stated = {message.name for message in table.message}
     messages = [message for message in piece.message if message.name not in stated]
     return table.model_copy(
@@ -327,17 +325,6 @@ def _rule(table: MessageTable) -> MessageRule:
         crc_rule=table.crc_rule,
         time=time,
     )
-
-
-def _validated(text: str, where: str) -> BenchFile:
-    try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(where, f"is not TOML: {error}", "correct that line") from error
-    try:
-        return BenchFile.model_validate(document)
-    except ValidationError as error:
-        raise mistake(error, text, where, Table.__subclasses__()) from error
 
 
 def _weight(table: WeightTable) -> BodyWeight | HubWeight:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .frame_checks import mixed_messages as mixed_messages
     from .propose import Proposal as Proposal
     from .propose import propose_sensors as propose_sensors
+    from .propose_columns import propose_map as propose_map
     from .push_test import ORDER as ORDER
     from .push_test import Wiggle as Wiggle
     from .push_test import judge_wiggle as judge_wiggle

@@ -20,46 +20,20 @@ from ..bench.databases import Database
 from ..bench.ready_maps import PREFIX
 from ..bench.sensor_maps import sensor_map
 from ..bench.sensors import Sensor, sensors_codec
-from ..channels import AT_CORNER, ON_BODY, Quantity
 from ..signal_names import sensor_of, signal_of
 from .find_sensors import FoundSensor, find_sensors, traffic_of
 from .frame_checks import frame_table
 from .guess_map import Guess, signal_comments
 from .guess_sensor import Push, Traces, guess_bench, shows_push_by_unit
 from .open_questions import ASK
+from .propose_channel import REST, channel_table, unique_name
 from .propose_message import Seen, message_rule
 from .pushes import find_pushes
 
-_REST = """
-[vehicle]
-name = "vehicle"  # FILL IN
-
-[campaign]
-excitations = ["bounce", "pitch", "roll"]  # also "rear_pitch", "warp"
-repeats = 2
-method = "roll_over"  # or "drop", "push"
-bump_height_mm = 40.0
-
-[trigger]
-level = 3.0  # m/s2 from rest, on any hub
-post_s = 2.5  # until the motion has decayed
-
-# The known weights of the state "added": a table for each, on the floor or on a hub.
-# [[weight]]  # FILL IN
-# mass_kg = 32.5
-# x_m = 0.14  # from the middle of the front axle, forward positive
-# y_m = 0.55  # left positive
-# position_sigma_m = 0.005  # how well you measured its place
-
-# [[weight]]  # FILL IN
-# mass_kg = 4.0
-# hub = "FL"
-
-# With scales under the wheels there need not be any.
-# [[fact]]
-# quantity = "total_mass_kg"
-# value = 1551.8
-# sigma = 1.0""".splitlines()
+_LATE = (
+    "delay_s = 0.0005  # of a frame on the bus; add what the data sheet states",
+    "delay_sigma_s = 0.0003",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +173,7 @@ def _head(
         lines += ["", "[[sensor]]", *_sensor(f.sensor, n_buses)]
         mark = "  # " if f.surely else f"  {ASK}"
         lines[-1] += f"{mark}{printable(f.why, 200)}"
-    return [*lines, *_REST]
+    return [*lines, *REST]
 
 
 def _sensor(sensor: Sensor, n_buses: int) -> list[str]:
@@ -230,8 +204,8 @@ def _message(
         if guess is None:
             continue
         sensor = sensor_of(message.name) if is_list else ""
-        name = _unique(signal.name, message.name, sensor, used)
-        channels += _table(name, full, guess)
+        name = unique_name(signal.name, message.name, sensor, used)
+        channels += channel_table(name, full, guess, _LATE)
         question = f"{f'sensor {sensor}' if sensor else f'channel {name}'}: {guess.ask}"
         if guess.ask and question not in questions:
             questions.append(question)
@@ -243,55 +217,3 @@ def _message(
     }
     rule = [] if message.name in ready else message_rule(message, seen)
     return ["", f"# {printable(message.name)}", *rule, *channels] if channels or rule else []
-
-
-def _unique(signal: str, message: str, sensor: str, used: set[str]) -> str:
-    """Return a channel name: letters, digits and underscores, not used before."""
-    plain = (
-        "".join(c if c.isascii() and c.isalnum() else "_" for c in signal).strip("_") or "signal"
-    )
-    name = plain if plain[0].isalpha() else f"s_{plain}"
-    long = message.replace(".", "_")
-    first = f"{sensor}_{name}" if sensor else name
-    tried = [first[:60], f"{long}_{name}"[:60], *(f"{name[:55]}_{i}" for i in range(2, 1000))]
-    chosen = next(t for t in tried if t not in used and t[0].isalpha())
-    used.add(chosen)
-    return chosen
-
-
-def _table(name: str, signal: str, guess: Guess) -> list[str]:
-    lines = [
-        "",
-        "[[channel]]",
-        f'name = "{name}"',
-        f"signal = {json.dumps(signal)}",
-        f'quantity = "{guess.quantity}"  # {printable(guess.why, 200)}',
-    ]
-    if guess.ask:
-        lines.append(f"{ASK}{printable(guess.ask, 200)}")
-    if guess.unit:
-        lines.append(f'signal_unit = "{guess.unit}"  # the database states none')
-    if guess.quantity in AT_CORNER:
-        lines.append(f'corner = "{guess.corner}"')
-    if guess.sign < 0:
-        reason = "  # reads -1 g at rest" if guess.quantity in _BY_GRAVITY else ""
-        lines.append(f"sign = -1{reason}")
-    if guess.quantity in ON_BODY:
-        lines += [
-            "x_m = -1.2  # FILL IN: from the middle of the front axle, forward positive",
-            "y_m = 0.0  # FILL IN: left positive",
-            "position_sigma_m = 0.5  # FILL IN: how well you measured it",
-        ]
-    if guess.quantity is not Quantity.UNUSED:
-        lines += [
-            "delay_s = 0.0005  # of a frame on the bus; add what the data sheet states",
-            "delay_sigma_s = 0.0003",
-        ]
-    if guess.tare is not None:
-        lines.append(f"tare = {guess.tare:.5g}  # at rest, as the car stood")
-    if guess.quantity is Quantity.SUSPENSION_TRAVEL and not guess.is_proven:
-        lines.append("# sign = -1  # FILL IN if it reads less in compression")
-    return lines
-
-
-_BY_GRAVITY = frozenset({Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION})

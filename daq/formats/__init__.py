@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from dbc.lazy import lazy
 
 if TYPE_CHECKING:
+    from .columns import read_columns as read_columns
     from .export import CsvStyle as CsvStyle
     from .export import ExportFormat as ExportFormat
     from .export import ModeShapes as ModeShapes

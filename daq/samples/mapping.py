@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dbc.layout import MessageLayout, SignalLayout
 from dbc.samples import UNUSABLE, Samples
-from dbc.units import to_si
+from dbc.units import SiUnit, to_si
 
 from ..channels import SI_UNITS, Channel, Quantity
 from ..errors import InputError
@@ -47,13 +47,21 @@ class MappedChannel:
 
     def values(self, samples: Samples) -> NDArray[np.float64]:
         """Return the channel's values (`daq.channels.Channel`), (n,); NaN where unusable."""
-        value = self.factor * samples.value
-        value += self.offset
-        value *= self.channel.sign * self.channel.scale
-        value -= self.channel.tare
+        value = channel_values(self.channel, self.factor, self.offset, samples.value)
         if samples.quality.any():
             value[(samples.quality & UNUSABLE) != 0] = np.nan
         return value
+
+
+def channel_values(
+    channel: Channel, factor: float, offset: float, value: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the values of a channel; ``factor * value + offset`` is in SI units."""
+    value = factor * value
+    value += offset
+    value *= channel.sign * channel.scale
+    value -= channel.tare
+    return value
 
 
 def map_channels(
@@ -79,28 +87,34 @@ def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) 
         what = f"{dbc_name} has no signal {channel.signal!r}"
         advice = "write signal as Message.signal of the DBC, or as sensor.signal of a [[sensor]]"
         raise InputError(where, what, advice)
-    if channel.quantity is Quantity.UNUSED:
-        return _unused(channel, message, signal)
-    expected = SI_UNITS[channel.quantity]
-    unit = channel.signal_unit or signal.unit
-    place = "bench.toml" if channel.signal_unit else dbc_name
-    found = f"{channel.signal} has unit {unit!r} in {place}"
+    si = si_unit(channel, signal.unit, dbc_name)
+    return MappedChannel(replace(channel, unit=si.unit), message, si.factor, si.offset)
+
+
+def si_unit(channel: Channel, stated: str, source: str) -> SiUnit:
+    """Return how the signal of a channel becomes SI.
+
+    `stated`: unit of the signal in `source`, a DBC or a file.  A channel that is only recorded
+    keeps a unit that is not known.  Raises InputError if the unit does not fit the quantity.
+    """
+    unit = channel.signal_unit or stated
     try:
         si = to_si(unit)
     except InputError as error:
-        what = f"{found}, which is not known; {channel.quantity} needs {expected} or a multiple"
-        raise InputError(where, what, "state signal_unit in its [[channel]]") from error
+        if channel.quantity is Quantity.UNUSED:
+            return SiUnit(1.0, 0.0, unit)
+        place, expected = _place(channel, unit, source), SI_UNITS[channel.quantity]
+        what = f"{place}, which is not known; {channel.quantity} needs {expected} or a multiple"
+        advice = "state signal_unit in its [[channel]]"
+        raise InputError(f"channel {channel.name}", what, advice) from error
+    expected = SI_UNITS.get(channel.quantity, si.unit)
     if si.unit != expected:
-        what = f"{found}; {channel.quantity} needs {expected} or a multiple"
-        raise InputError(where, what, "correct signal, signal_unit or quantity in bench.toml")
-    return MappedChannel(replace(channel, unit=expected), message, si.factor, si.offset)
+        what = f"{_place(channel, unit, source)}; {channel.quantity} needs {expected} or a multiple"
+        advice = "correct signal, signal_unit or quantity in its [[channel]]"
+        raise InputError(f"channel {channel.name}", what, advice)
+    return si
 
 
-def _unused(channel: Channel, message: MessageLayout, signal: SignalLayout) -> MappedChannel:
-    """Map a signal that is only recorded; it keeps the unit of the DBC where the table has none."""
-    unit = channel.signal_unit or signal.unit
-    try:
-        si = to_si(unit)
-    except InputError:
-        return MappedChannel(replace(channel, unit=unit), message, 1.0, 0.0)
-    return MappedChannel(replace(channel, unit=si.unit), message, si.factor, si.offset)
+def _place(channel: Channel, unit: str, source: str) -> str:
+    where = "its [[channel]]" if channel.signal_unit else source
+    return f"{channel.signal} has unit {unit!r} in {where}"

@@ -22,7 +22,7 @@ channel, weight, frame, event), and every table of samples has `time`.  Units ar
                     provenance_NAME: text; created, software, uuid, hashes of what it was made from
 /session/facts      what scales and tape measure say: fact; quantity S32 (a parameter or a load),
                     value f8, sigma f8 > 0, in the unit that the name ends in, else SI
-/config/NAME        u1: a whole file (dbc, bench_toml); attribute sha256 of its bytes
+/config/NAME        u1: a whole file (dbc, bench_toml, channel_map); attribute sha256 of its bytes
 /channels           channel; name S64, quantity S32, unit S16; signal S128 ("Message.signal");
                     corner S2 (FL FR RL RR or empty); x_m y_m f8; position_sigma_m f8; at_cg u1;
                     sign gain tare motion_ratio f8: value = sign gain SI(signal) / motion_ratio -

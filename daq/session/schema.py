@@ -22,7 +22,7 @@ def max_total_bytes(file_bytes: int) -> int:
     return min(MAX_TOTAL_BYTES, (128 << 20) + 64 * file_bytes)
 
 
-TEXTS = ("dbc", "bench_toml")
+TEXTS = ("dbc", "bench_toml", "channel_map")
 """Items of the provenance that are whole files and go to /config."""
 
 RESERVED_IN_GROUP = {"time", "t_ns", "quality"}

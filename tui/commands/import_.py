@@ -49,6 +49,13 @@ def import_(
     sensor: Sensors = None,
     config: OldBench = None,
     dbc: Annotated[Path | None, typer.Option(help="DBC to use instead of the bench's.")] = None,
+    channels: Annotated[
+        Path | None,
+        typer.Option(help="Channel map of CSV, MF4, MAT, TDMS, Parquet or HDF5 that are no logs."),
+    ] = None,
+    propose: Annotated[
+        Path | None, typer.Option(help="Write a channel map guessed from such a file.")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Session file to write.")] = Path("session.h5"),
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
@@ -56,6 +63,7 @@ def import_(
 
     One log may hold many runs, labelled in the order of the campaign, or by --runs.  A file that
     export has written is the session again.  A bench.toml among the logs describes the bench.
+    With --channels the files hold channels that are decoded already; --propose writes such a map.
     """
     from importlib.metadata import version
     from json import dumps
@@ -70,12 +78,22 @@ def import_(
     from ..bench import bench_with_dbc, named_once, with_sensors
     from ..diagnostics import say, say_left_out
     from ..output import print_json, progress
+    from ..recorders.decoded import import_channels, propose_channel_map
     from ..recorders.recording import print_summary, summary
 
     benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]
     logs = [path for path in logs or [] if path not in benches]
     for path in benches:
         config = named_once(path, config, "bench.toml")
+    if channels or propose:
+        if config or dbc or sensor or bus is not None:
+            what = "is for files without a bus, and takes no bench.toml, --dbc, --sensor or --bus"
+            raise InputError("--channels" if channels else "--propose", what, "leave them out")
+        if propose:
+            return propose_channel_map(propose, logs, channels is not None)
+        if channels:
+            labels = [_single(text) for text in run or []]
+            return import_channels(channels, logs, labels, runs, skip, out, json)
     chosen = any((run, runs, skip, bus is not None, config, dbc))
     if logs and len(logs) == 1 and not chosen and _import_export(logs[0], out, json):
         return ExitCode.OK

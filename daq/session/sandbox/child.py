@@ -15,7 +15,7 @@ from .wire import send_error, send_tree
 
 def main(out: BinaryIO, path: str, max_bytes: int, max_s: int) -> None:
     """Read a file within limits and send what is in it, or why that cannot be."""
-    _limit(max_bytes, max_s)
+    limit(max_bytes, max_s)
     try:
         tree = load_tree(path)
     except InputError as error:
@@ -27,15 +27,15 @@ def main(out: BinaryIO, path: str, max_bytes: int, max_s: int) -> None:
         send_tree(out, tree)
 
 
-def _limit(max_bytes: int, max_s: int) -> None:
-    """Bound this process: memory, time, no file written, no core dumped."""
+def limit(max_bytes: int, max_s: int, max_file_bytes: int = 0) -> None:
+    """Bound this process: memory, time, size of files that it writes, no core dumped."""
     try:
         import resource
     except ModuleNotFoundError:  # Windows has none; there the parent's clock is the only limit
         return
     resource.setrlimit(resource.RLIMIT_AS, (max_bytes, max_bytes))
     resource.setrlimit(resource.RLIMIT_CPU, (max_s, max_s + 1))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (max_file_bytes, max_file_bytes))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 

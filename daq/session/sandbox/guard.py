@@ -11,6 +11,8 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Timer
 
@@ -19,16 +21,36 @@ from ..schema import max_total_bytes
 from ..tree import Group
 from .wire import receive
 
-_ADVICE = "the file is damaged, or made to do harm; build it again from its journal"
 _BUSY_ADVICE = "the drive does not answer or the machine is busy; try again"
-_CHILD_BYTES = 768 << 20
-"""Address space of the child beyond what the file may unpack to: Python, NumPy and libhdf5."""
-_CHILD_S = 3
-"""Time of the child for starting and for a small file."""
 _PATIENCE = 6
 """How much longer than its CPU time the child may take by the clock: machines have other work."""
 _BYTES_PER_S = 4 << 20
 """How fast a file is read at least, packed: a tenth of what was measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """A module that reads one kind of file in a child process."""
+
+    module: str
+    """Run as ``python -I -m MODULE FILE MAX_BYTES MAX_S ...``; it sends a tree or an error."""
+    name: str
+    """Library that may crash, for messages."""
+    child_bytes: int
+    """Address space of the child beyond what the file may unpack to."""
+    child_s: int
+    """Time of the child for starting and for a small file, s."""
+    advice: str
+    """What to do if the file cannot be read."""
+
+
+_SESSIONS = Reader(
+    "daq.session.sandbox.child",
+    "HDF5",
+    768 << 20,  # Python, NumPy and libhdf5
+    3,
+    "the file is damaged, or made to do harm; build it again from its journal",
+)
 
 
 def load_guarded(path: Path | str) -> Group:
@@ -37,12 +59,21 @@ def load_guarded(path: Path | str) -> Group:
     Raises InputError if it is no session, and if reading it crashes, takes too long or needs too
     much memory.
     """
-    where = str(path)
     size = Path(path).stat().st_size if Path(path).is_file() else 0
-    limit_s = _CHILD_S + size // _BYTES_PER_S
-    limit_bytes = max_total_bytes(size)
-    command = [sys.executable, "-I", "-m", "daq.session.sandbox.child", where]
-    command += [str(_CHILD_BYTES + limit_bytes), str(limit_s)]
+    return read_guarded(_SESSIONS, str(path), (), size, max_total_bytes(size))
+
+
+def read_guarded(
+    reader: Reader, where: str, arguments: Sequence[str], file_bytes: int, limit_bytes: int
+) -> Group:
+    """Return what a child with limits reads in a file.
+
+    `where`: the file.  `arguments`: behind the file and the limits.  `limit_bytes`: of the arrays.
+    Raises InputError as `load_guarded`.
+    """
+    limit_s = reader.child_s + file_bytes // _BYTES_PER_S
+    command = [sys.executable, "-I", "-m", reader.module, where]
+    command += [str(reader.child_bytes + limit_bytes), str(limit_s), *arguments]
     # One thread: every thread of the BLAS would take address space, and nothing is computed here.
     own = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_PLUGIN_PRELOAD": "::"}
     try:
@@ -77,17 +108,17 @@ def load_guarded(path: Path | str) -> Group:
             if late.is_set():  # nothing against the file: it had its processor time left
                 what = f"cannot be read: no answer for {_PATIENCE * limit_s:.0f} s"
                 raise InputError(where, what, _BUSY_ADVICE) from error
-            raise InputError(where, _what_happened(code), _ADVICE) from error
+            raise InputError(where, _what_happened(code, reader.name), reader.advice) from error
         finally:
             watch.cancel()
             child.kill()
 
 
-def _what_happened(code: int) -> str:
+def _what_happened(code: int, library: str) -> str:
     """Say how the child ended."""
     name = signal.Signals(-code).name if code < 0 else ""
     if name in ("SIGXCPU", "SIGKILL"):
         return "cannot be read: it takes too long"
     if name:
-        return f"cannot be read: HDF5 crashes on it ({name})"
+        return f"cannot be read: {library} crashes on it ({name})"
     return "cannot be read: reading it broke off"

@@ -150,7 +150,7 @@ MISTAKES = {
     "unit of another kind": (
         '[[channel]]\nname = "a"\nsignal = "Acc.up"\nsignal_unit = "mm"\n'
         'quantity = "body_acceleration"\n',
-        "has unit 'mm' in bench.toml",
+        "has unit 'mm' in its [[channel]]",
     ),
     "no unit": (
         '[[channel]]\nname = "a"\nsignal = "Acc.up"\nquantity = "pitch_rate"\n',

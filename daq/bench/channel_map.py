@@ -1,0 +1,180 @@
+"""The channel map: which columns of a file are which channels, for data that is decoded already.
+
+It is a bench.toml without buses and messages.  `signal` of a channel names a column; `[time]`, or
+keys of the channel, say where its times come from; `[[run]]` cuts runs at given times.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from ..errors import InputError
+from ..runs import Excitation
+from .bench_tables import (
+    BenchFile,
+    CalibrationTable,
+    CampaignTable,
+    ChannelTable,
+    FactTable,
+    Table,
+    TriggerTable,
+    VehicleTable,
+    WeightTable,
+)
+from .campaign import Step
+from .config import Bench, bench_of
+from .toml_file import toml_text, validated
+
+_Rate = Annotated[float, Field(gt=0, le=1e7)]
+
+
+class TimeTable(Table):
+    """`[time]`: the clock of all channels that state none."""
+
+    column: str = ""
+    unit: Annotated[str, Field(max_length=16)] = ""
+    rate_hz: _Rate | None = None
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> TimeTable:
+        if self.column and self.rate_hz:
+            raise ValueError("a clock has either column or rate_hz")
+        return self
+
+
+class ColumnTable(ChannelTable):
+    """One `[[channel]]` of a channel map."""
+
+    signal: Annotated[str, Field(min_length=1, max_length=120)]
+    time_column: str = ""
+    time_unit: Annotated[str, Field(max_length=16)] = ""
+    rate_hz: _Rate | None = None
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> ColumnTable:
+        if self.time_column and self.rate_hz:
+            raise ValueError("a channel has either time_column or rate_hz")
+        return self
+
+
+class RunTable(Table):
+    """One `[[run]]`: a run that is cut at given times."""
+
+    mass_state: str
+    excitation: Excitation
+    start_s: float
+    stop_s: float
+
+    @model_validator(mode="after")
+    def _lasts(self) -> RunTable:
+        if not 0.0 < self.stop_s - self.start_s <= 3600.0:
+            raise ValueError("stop_s is after start_s, by an hour at most")
+        return self
+
+
+class ChannelMapFile(Table):
+    """A whole channel map."""
+
+    time: TimeTable = TimeTable()
+    vehicle: VehicleTable = VehicleTable()
+    campaign: CampaignTable = CampaignTable()
+    trigger: TriggerTable = TriggerTable()
+    weight: Annotated[list[WeightTable], Field(default_factory=list)]
+    fact: Annotated[list[FactTable], Field(default_factory=list)]
+    calibration: CalibrationTable = CalibrationTable()
+    run: Annotated[list[RunTable], Field(default_factory=list)]
+    channel: Annotated[list[ColumnTable], Field(min_length=1, max_length=1000)]
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Where the times of a channel come from."""
+
+    column: str = ""
+    """The column of its times; empty: from the rate, or as the file states."""
+    unit: str = ""
+    """Unit of that column; empty: as the file states, or else s."""
+    rate_hz: float | None = None
+    """Samples in a second, counted from the beginning of the file."""
+
+
+@dataclass(frozen=True, slots=True)
+class GivenRun:
+    """A run that is cut at given times."""
+
+    step: Step
+    """Its place in the campaign."""
+    start_s: float
+    """Its beginning, in the file's own time."""
+    stop_s: float
+    """Its end."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelMap:
+    """Which columns of a file are which channels."""
+
+    bench: Bench
+    """Vehicle, weights, campaign, trigger and channels; their signals are columns."""
+    clocks: Mapping[str, Clock]
+    """By channel."""
+    runs: tuple[GivenRun, ...]
+    """Runs at given times; empty: the trigger finds them."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns that are needed, each once."""
+        names = [channel.signal for channel in self.bench.channels]
+        names += [clock.column for clock in self.clocks.values() if clock.column]
+        return tuple(dict.fromkeys(names))
+
+
+def load_channel_map(path: Path) -> ChannelMap:
+    """Read a channel map.
+
+    Raises InputError with file and key, if it cannot be read, has an unknown key or a bad value.
+    """
+    text, where = toml_text(path, "name a channel map"), str(path)
+    table = validated(text, where, ChannelMapFile)
+    own = set(ChannelTable.model_fields)
+    described = BenchFile(
+        vehicle=table.vehicle,
+        campaign=table.campaign,
+        trigger=table.trigger,
+        weight=table.weight,
+        fact=table.fact,
+        calibration=table.calibration,
+        channel=[ChannelTable(**channel.model_dump(include=own)) for channel in table.channel],
+    )
+    bench = bench_of(described, text, where, (), "")
+    usual = Clock(table.time.column, table.time.unit, table.time.rate_hz)
+    clocks = {
+        channel.name: Clock(
+            channel.time_column, channel.time_unit or table.time.unit, channel.rate_hz
+        )
+        if channel.time_column or channel.rate_hz
+        else usual
+        for channel in table.channel
+    }
+    return ChannelMap(bench, MappingProxyType(clocks), _runs(table, bench, where))
+
+
+def _runs(table: ChannelMapFile, bench: Bench, where: str) -> tuple[GivenRun, ...]:
+    states = [state.name for state in bench.mass_states]
+    done: Counter[tuple[str, str]] = Counter()
+    runs = []
+    for run in table.run:
+        if run.mass_state not in states:
+            what = f"mass state {run.mass_state!r} is not on this bench"
+            raise InputError(where, what, f"use one of {', '.join(states)}")
+        done[run.mass_state, run.excitation] += 1
+        step = Step(run.mass_state, run.excitation, done[run.mass_state, run.excitation])
+        runs.append(GivenRun(step, run.start_s, run.stop_s))
+    return tuple(runs)

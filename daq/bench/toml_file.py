@@ -1,0 +1,48 @@
+"""Reads TOML files that persons write: whole, within a limit, and with all keys known."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ValidationError
+
+from ..errors import InputError
+from .bench_tables import Table
+from .mistakes import mistake
+
+MAX_CONFIG_BYTES = 1_000_000
+"""Size of the largest bench.toml or channel map that is read, bytes."""
+
+_AnyTable = TypeVar("_AnyTable", bound=Table)
+
+
+def toml_text(path: Path, advice: str) -> str:
+    """Return the text of a file.
+
+    Raises InputError, with `advice`, if it cannot be read, is too large or no UTF-8.
+    """
+    try:
+        if path.stat().st_size > MAX_CONFIG_BYTES:
+            raise InputError(str(path), "is larger than 1 MB", advice)
+        return path.read_text("utf-8-sig")
+    except OSError as error:
+        raise InputError(str(path), error.strerror or str(error), advice) from error
+    except UnicodeDecodeError as error:
+        raise InputError(str(path), "is not UTF-8 text", "save it as UTF-8") from error
+
+
+def validated(text: str, where: str, model: type[_AnyTable]) -> _AnyTable:
+    """Return the tables of a TOML text.
+
+    `where`: its name, for messages.  Raises InputError with file, line and key.
+    """
+    try:
+        document = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(where, f"is not TOML: {error}", "correct that line") from error
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        raise mistake(error, text, where, Table.__subclasses__()) from error

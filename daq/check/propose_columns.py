@@ -1,0 +1,200 @@
+"""A channel map proposed from the columns of a file: by names, units, gravity and mounting."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import InputError, printable
+from dbc.layout import MessageLayout, SignalLayout
+from dbc.samples import DecodeCounts, Decoded, Samples
+from dbc.units import to_si
+
+from ..samples.columns import Column, Columns
+from .frame_checks import Arrivals
+from .guess_map import words
+from .guess_sensor import guess_bench
+from .open_questions import ASK
+from .propose import Proposal
+from .propose_channel import REST, channel_table, unique_name
+from .propose_message import Seen
+
+_TIME = {"time", "times", "timestamp", "stamp", "zeit", "t", "s", "ms"}
+_SLOWEST_HZ, _FASTEST_HZ = 10.0, 200_000.0
+"""Rates of measurements, Hz: a unit of time that is not stated must give one between them."""
+_UNITS = ("s", "ms", "us", "ns")
+_LATE = (
+    "delay_s = 0.0  # FILL IN: of sensor, amplifier and filter, as their data sheets state",
+    "delay_sigma_s = 0.0003",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Times:
+    """The times of a clock that the file has as a column."""
+
+    column: Column
+    """The column."""
+    unit: str
+    """Its unit; empty if no unit gives a sensible rate."""
+    ask: str
+    """Question, because the unit is not stated; empty if it is."""
+
+
+def propose_map(file: Columns) -> Proposal:
+    """Return a channel map for a file.
+
+    `file`: all its columns, or as many samples of them as are needed to see the car at rest.
+    """
+    by_clock: dict[str, list[Column]] = {}
+    for column in file.columns.values():
+        by_clock.setdefault(column.clock, []).append(column)
+    times = {clock: _times(own) for clock, own in by_clock.items() if clock not in file.times_s}
+    used = {id(each.column) for each in times.values() if each is not None}
+    messages, columns = _layouts([c for c in file.columns.values() if id(c) not in used])
+    guesses = guess_bench(messages, {}, _seen(messages, columns), None)
+    common = {each.column.name: each for each in times.values() if each is not None}
+    usual = next(iter(common.values())) if len(common) == 1 else None
+    lines = [
+        f"# Proposed by bumpbench import from {printable(file.where, 200)}.  Read it, and use it:",
+        "# bumpbench import FILE --channels MAP.  Fill in what is marked FILL IN; it cannot be",
+        "# guessed.  ASK marks what is not sure.",
+        *_time_table(usual, bool(file.times_s)),
+        *REST,
+        "",
+        "# Runs are found by the trigger.  Where their times are known, give each a table.",
+        "# [[run]]",
+        '# mass_state = "baseline"',
+        '# excitation = "bounce"',
+        "# start_s = 12.0  # in the file's own time, a second of rest before the bump",
+        "# stop_s = 15.5",
+    ]
+    questions = [usual.ask] if usual is not None and usual.ask else []
+    names = set[str]()
+    for full, column in columns.items():
+        guess = guesses.get(full)
+        if guess is None:
+            continue
+        name = unique_name(full.rpartition(".")[2], full.rpartition(".")[0], "", names)
+        lines += channel_table(name, column.name, guess, _LATE)
+        own = times.get(column.clock)
+        if usual is None and column.clock not in file.times_s:
+            lines += _own_clock(own)
+        if guess.ask:
+            questions.append(f"channel {name}: {guess.ask}")
+    if not names:
+        questions.append("no column has a unit or a name of the method: write [[channel]] yourself")
+    return Proposal("\n".join(lines) + "\n", tuple(questions))
+
+
+def _times(columns: Sequence[Column]) -> _Times | None:
+    """Return the column of times of a clock: one that increases, and is named or in units so."""
+    found = [c for c in columns if _is_second(c.unit) or words(_last(c)) & _TIME]
+    found.sort(key=lambda c: (not _is_second(c.unit), not words(_last(c)) & _TIME))
+    for column in found:
+        steps = np.diff(column.values.astype(np.float64))
+        if not len(steps) or not np.all(steps > 0.0):
+            continue
+        if _is_second(column.unit):
+            return _Times(column, column.unit, "")
+        step = float(np.median(steps))
+        fits = (u for u in _UNITS if _SLOWEST_HZ < 1.0 / (step * to_si(u).factor) < _FASTEST_HZ)
+        unit = next(fits, "")
+        return _Times(column, unit, f"are the times {column.name} in {unit or 'which unit'}?")
+    return None
+
+
+def _is_second(unit: str) -> bool:
+    try:
+        return to_si(unit).unit == "s"
+    except InputError:
+        return False
+
+
+def _last(column: Column) -> str:
+    return column.name.rpartition("/")[2]
+
+
+def _time_table(times: _Times | None, has_own: bool) -> list[str]:
+    if times is None and has_own:
+        return []
+    if times is None:
+        return ["", "[time]", "# rate_hz = 1000.0  # FILL IN, or column = the column of the times"]
+    ask = f"  {ASK}{times.ask}" if times.ask else ""
+    column = f"column = {json.dumps(times.column.name, ensure_ascii=False)}"
+    return ["", "[time]", column, f'unit = "{times.unit}"{ask}']
+
+
+def _own_clock(times: _Times | None) -> list[str]:
+    if times is None:
+        return ["# rate_hz = 1000.0  # FILL IN, or time_column = the column of its times"]
+    ask = f"  {ASK}{times.ask}" if times.ask else ""
+    name = json.dumps(times.column.name, ensure_ascii=False)
+    return [f"time_column = {name}", f'time_unit = "{times.unit}"{ask}']
+
+
+def _layouts(columns: Sequence[Column]) -> tuple[list[MessageLayout], dict[str, Column]]:
+    """Return the folders of a file as messages, their columns as signals; and columns by signal."""
+    folders: dict[str, dict[str, Column]] = {}
+    for column in columns:
+        folder, _, last = column.name.rpartition("/")
+        own = folders.setdefault(_plain(folder) or "table", {})
+        name, number = _plain(last), 2
+        while name in own:
+            name, number = f"{_plain(last)}_{number}", number + 1
+        own[name] = column
+    messages = [
+        MessageLayout(
+            name=folder,
+            can_id=number,
+            is_extended=False,
+            length=8,
+            cycle_s=None,
+            signals=tuple(_signal(name, column.unit) for name, column in own.items()),
+            counter=None,
+            crc=None,
+            senders=(),
+        )
+        for number, (folder, own) in enumerate(folders.items())
+    ]
+    full = {f"{folder}.{name}": c for folder, own in folders.items() for name, c in own.items()}
+    return messages, full
+
+
+def _plain(name: str) -> str:
+    return name.replace(".", "_").replace("/", "_")
+
+
+def _signal(name: str, unit: str) -> SignalLayout:
+    return SignalLayout(
+        name=name,
+        unit=unit,
+        start=0,
+        length=64,
+        is_big_endian=False,
+        is_signed=True,
+        is_float=True,
+        factor=1,
+        offset=0,
+        minimum=None,
+        maximum=None,
+        selector=None,
+        selected_by=(),
+        sentinels=(),
+    )
+
+
+def _seen(messages: Sequence[MessageLayout], columns: Mapping[str, Column]) -> Seen:
+    nothing: NDArray[np.uint8] = np.zeros(0, np.uint8)
+    t_ns = np.zeros(0, np.int64)
+    known = {m.name: Arrivals(m.can_id, False, t_ns, nothing, nothing, ()) for m in messages}
+    samples = {}
+    for full, column in columns.items():
+        value = np.asarray(column.values, np.float64)
+        n = len(value)
+        samples[full] = Samples(full, np.arange(n), value, np.zeros(n, np.uint8))
+    return Seen(known, Decoded(samples, DecodeCounts(0, 0, 0, 0, 0)))

@@ -1,0 +1,279 @@
+"""From columns of a file to a session: channels in SI on their clocks, cut into runs.
+
+The bumps are found by the trigger of the recorder, or the map gives the times of the runs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import printable
+from dbc.frames import FrameBatch
+from dbc.samples import Quality
+from dbc.units import to_si
+
+from ..bench.campaign import Step
+from ..bench.channel_map import ChannelMap, Clock, GivenRun
+from ..channels import Channel, Quantity
+from ..errors import InputError
+from ..runs import Event, Losses, Run, RunStatus, SampleGroup
+from ..samples import trigger
+from ..samples.blocks import Column as Trace
+from ..samples.columns import Column, Columns
+from ..samples.groups import group_names
+from ..samples.mapping import channel_values, si_unit
+from ..sessions import Session
+
+_SINCE_1970_S = 1e8
+"""Times above this are seconds since 1970, s: no recording lasts three years."""
+_ALIKE = 0.9
+"""Share of rows that two columns of one table both fill if they were sampled together."""
+_BLOCK_NS = 1_000_000_000
+_EDGE_S = 0.05
+"""A run whose first or last sample lies further inside its window than this is not whole, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What a file holds of the channels of a map."""
+
+    start_ns: int
+    """UTC of its time zero; 0 if it is not known."""
+    channels: tuple[Channel, ...]
+    """With their units."""
+    groups: tuple[SampleGroup, ...]
+    """All samples; `time_s` since the time zero."""
+
+
+def recording(channel_map: ChannelMap, file: Columns) -> Recording:
+    """Return the channels of a map that a file holds, in SI.
+
+    Raises InputError if a unit does not fit, or a channel has no times or such as do not increase.
+    """
+    start_ns = file.start_ns
+    channels = []
+    members: dict[tuple[str, bytes], list[tuple[Channel, NDArray[np.float64]]]] = {}
+    times: dict[str, NDArray[np.float64]] = {}
+    for channel in channel_map.bench.channels:
+        column = file.columns[channel.signal]
+        si = si_unit(channel, column.unit, file.where)
+        own = replace(channel, unit=si.unit)
+        channels.append(own)
+        name, time_s, zero_ns = _times(channel, column, channel_map.clocks[channel.name], file)
+        start_ns = zero_ns or start_ns
+        times.setdefault(name, time_s)
+        value = channel_values(own, si.factor, si.offset, np.asarray(column.values, np.float64))
+        filled = np.isfinite(value)
+        for (other, mask), together in members.items():
+            if other == name and _is_alike(np.frombuffer(mask, np.bool_), filled):
+                together.append((own, value))
+                break
+        else:
+            members[name, filled.tobytes()] = [(own, value)]
+    # Two clocks of one table are told apart by their first channels.
+    names = [clock for clock, _ in members]
+    labels = [
+        clock if names.count(clock) == 1 else f"{clock} {together[0][0].name}"
+        for (clock, _), together in members.items()
+    ]
+    plain = group_names([label.replace("/", "_") for label in labels])
+    groups = (
+        _group(plain[label.replace("/", "_")], times[clock], together, start_ns, file.where)
+        for label, ((clock, _), together) in zip(labels, members.items(), strict=True)
+    )
+    return Recording(start_ns, tuple(channels), tuple(g for g in groups if len(g.time_s)))
+
+
+def _times(
+    channel: Channel, column: Column, clock: Clock, file: Columns
+) -> tuple[str, NDArray[np.float64], int]:
+    """Return name and times of a channel's clock, and the UTC of its zero if it states one."""
+    n = len(column.values)
+    if clock.column:
+        stamps = file.columns[clock.column]
+        time_s, zero_ns = _seconds(stamps, clock.unit, channel)
+        name = stamps.name
+    elif clock.rate_hz is not None:
+        time_s, zero_ns, name = np.arange(n) / clock.rate_hz, 0, f"{clock.rate_hz:g} Hz"
+    elif column.clock in file.times_s:
+        time_s, zero_ns, name = file.times_s[column.clock], 0, column.clock
+    else:
+        what = f"{printable(column.name, 100)} has no times of its own in {file.where}"
+        advice = "state column or rate_hz in [time], or time_column or rate_hz of the channel"
+        raise InputError(f"channel {channel.name}", what, advice)
+    if len(time_s) != n:
+        what = f"has {n} values, and its clock {printable(name, 100)} {len(time_s)} times"
+        raise InputError(f"channel {channel.name}", what, "name the column of its times")
+    return f"{column.clock} {name}" if clock.rate_hz else name, time_s, zero_ns
+
+
+def _seconds(stamps: Column, stated: str, channel: Channel) -> tuple[NDArray[np.float64], int]:
+    """Return times in s since the whole second in which a column begins, where it counts from 1970.
+
+    Whole numbers are subtracted before they are rounded: in nanoseconds since 1970 a float64 steps
+    by 256.
+    """
+    unit = stated or stamps.unit or "s"
+    try:
+        si = to_si(unit)
+    except InputError:
+        si = None
+    if si is None or si.unit != "s":
+        what = f"its times {printable(stamps.name, 100)} are in {unit!r}"
+        raise InputError(f"channel {channel.name}", what, "state the unit of time: s, ms, us or ns")
+    values = stamps.values
+    good = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    first = good[0] if len(good) else 0
+    if float(first) * si.factor < _SINCE_1970_S:
+        return np.asarray(values * si.factor, np.float64), 0
+    per_s = round(1.0 / si.factor)
+    whole = int(first) // per_s
+    since = values - values.dtype.type(whole * per_s)
+    return np.asarray(since, np.float64) * si.factor, whole * 1_000_000_000
+
+
+def _is_alike(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> bool:
+    either = np.count_nonzero(first | second)
+    return bool(np.count_nonzero(first & second) >= _ALIKE * either)
+
+
+def _group(
+    name: str,
+    time_s: NDArray[np.float64],
+    together: Sequence[tuple[Channel, NDArray[np.float64]]],
+    start_ns: int,
+    where: str,
+) -> SampleGroup:
+    """Return the samples of one clock: the rows in which any of its channels has a value."""
+    values = np.stack([value for _, value in together])
+    filled = np.isfinite(values)
+    rows = np.flatnonzero(filled.any(axis=0) & np.isfinite(time_s))
+    time_s = time_s[rows]
+    back = np.flatnonzero(np.diff(time_s) <= 0.0)
+    if len(back):
+        what = f"the times of {printable(name, 100)} do not increase behind {time_s[back[0]]:.6g} s"
+        raise InputError(where, what, "name another column of times, or cut the file there")
+    quality = np.where(filled[:, rows].all(axis=0), 0, np.uint8(Quality.MISSING)).astype(np.uint8)
+    t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
+    own = {channel.name: value[rows] for (channel, _), value in zip(together, values, strict=True)}
+    return SampleGroup(name, time_s, t_ns, own, quality)
+
+
+def bumps_in(channel_map: ChannelMap, found: Recording) -> tuple[Event, ...]:
+    """Return the bumps that the trigger of the recorder finds in a recording.
+
+    Raises InputError if no channel can trigger.
+    """
+    triggers = {channel.name for channel in trigger.trigger_channels(found.channels)}
+    if not triggers:
+        what, advice = "has no channel that can trigger", "add a hub or a body acceleration"
+        raise InputError("the channel map", what, f"{advice}, or give the times in [[run]]")
+    traces = {
+        name: (group.t_ns, value)
+        for group in found.groups
+        for name, value in group.values.items()
+        if name in triggers and len(group.t_ns)
+    }
+    state, events = trigger.TriggerState(), list[Event]()
+    for block in _blocks(traces):
+        state, fresh = trigger.advance(channel_map.bench.trigger, state, block)
+        events += fresh
+    return tuple(event for event in events if event.code == trigger.BUMP)
+
+
+def _blocks(traces: Mapping[str, Trace]) -> Iterator[dict[str, Trace]]:
+    """Yield pieces of a second: the trigger's work grows with the square of a block."""
+    if not traces:
+        return
+    first = min(int(t_ns[0]) for t_ns, _ in traces.values())
+    edges = np.unique(np.concatenate([(t - first) // _BLOCK_NS for t, _ in traces.values()]))
+    for edge in edges.tolist():
+        span = first + edge * _BLOCK_NS, first + (edge + 1) * _BLOCK_NS
+        rows = {name: slice(*np.searchsorted(t_ns, span)) for name, (t_ns, _) in traces.items()}
+        yield {
+            name: (t_ns[rows[name]], value[rows[name]]) for name, (t_ns, value) in traces.items()
+        }
+
+
+def bump_run(channel_map: ChannelMap, found: Recording, step: Step, bump: Event) -> Run:
+    """Return the run around a bump, as long as the map's trigger states."""
+    about = channel_map.bench.trigger
+    onset_s = (bump.t_ns - found.start_ns) * 1e-9
+    given = GivenRun(step, onset_s - about.pre_s, onset_s + about.post_s)
+    return replace(given_run(channel_map, found, given), events=(replace(bump, text=step.label),))
+
+
+def given_run(channel_map: ChannelMap, found: Recording, given: GivenRun) -> Run:
+    """Return the run in a window of a recording; it is rejected if a channel does not cover it."""
+    step, start_s, stop_s = given.step, given.start_s, given.stop_s
+    groups, reasons = [], list[str]()
+    used = {c.name for c in found.channels if c.quantity is not Quantity.UNUSED}
+    for group in found.groups:
+        rows = slice(*np.searchsorted(group.time_s, (start_s, stop_s)))
+        time_s = group.time_s[rows] - start_s
+        values = {name: value[rows] for name, value in group.values.items()}
+        if len(time_s):
+            own = SampleGroup(group.name, time_s, group.t_ns[rows], values, group.quality[rows])
+            groups.append(own)
+        if used & values.keys():
+            reasons += _shortcomings(group.name, time_s, stop_s - start_s)
+    missing = used - {name for group in found.groups for name in group.values}
+    reasons += [f"{name} has no value" for name in sorted(missing)]
+    return Run(
+        mass_state=step.mass_state,
+        excitation=step.excitation,
+        repeat=step.repeat,
+        t0_ns=found.start_ns + round(start_s * 1e9),
+        bump_s=channel_map.bench.bump_s,
+        groups=tuple(groups),
+        status=RunStatus.REJECTED if reasons else RunStatus.ACCEPTED,
+        reasons=tuple(reasons),
+        losses=Losses(),
+        events=(),
+        frames=FrameBatch.empty(),
+    )
+
+
+def _shortcomings(name: str, time_s: NDArray[np.float64], length_s: float) -> list[str]:
+    if len(time_s) < 2:
+        return [f"{name} has {len(time_s)} samples"]
+    edge_s = _EDGE_S + 2.0 * float(np.median(np.diff(time_s)))
+    if time_s[0] <= edge_s and time_s[-1] >= length_s - edge_s:
+        return []
+    return [f"{name} reaches only from {time_s[0]:.2f} to {time_s[-1]:.2f} s of {length_s:.2f} s"]
+
+
+def session_from_columns(
+    channel_map: ChannelMap,
+    channels: Sequence[Channel],
+    runs: Sequence[Run],
+    provenance: Mapping[str, str],
+) -> Session:
+    """Return the session of runs that were cut out of files.
+
+    `channels`: with their units.  `provenance`: software and sources; uuid, date and the map are
+    added.
+    """
+    digest = hashlib.sha256()
+    for run in runs:
+        for group in run.groups:
+            digest.update(group.time_s.tobytes())
+            for value in group.values.values():
+                digest.update(value.tobytes())
+    created = datetime.fromtimestamp(runs[0].t0_ns * 1e-9 if runs else 0.0, UTC)
+    about = {
+        # The same files have the same name, however often they are imported.
+        "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
+        "created": created.isoformat(timespec="seconds"),
+        "channel_map": channel_map.bench.text,
+        **provenance,
+    }
+    bench = channel_map.bench
+    return Session(bench.vehicle, tuple(channels), bench.mass_states, tuple(runs), about)

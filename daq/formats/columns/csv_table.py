@@ -1,0 +1,172 @@
+"""Columns of text tables: any separator, decimal mark and head that spreadsheets and loggers write.
+
+The head ends where numbers begin.  Its last line with as many cells has the names, the one below
+it the units if all its cells are units; a unit may also be behind a name, in brackets.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import InputError as UnitError
+from dbc.units import to_si
+
+from ...errors import InputError
+from ...optional import optional
+from .opened import MAX_VALUES, ColumnFile, Heading, too_long
+
+_HEAD_BYTES = 1 << 17
+_SEPARATORS = (";", "\t", ",")
+_UNIT = re.compile(r"^(.*\S)\s*[\[(]([^\[\]()]*)[\])]$")
+_NUMBER = re.compile(
+    r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf)$", re.IGNORECASE
+)
+_COMMA = re.compile(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")
+_DATE = re.compile(r"^\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_ROWS = 1 << 17
+
+
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """How a table is written."""
+
+    encoding: str
+    separator: str
+    decimal: str
+    first: int
+    """Number of the line in which the numbers begin, from 0."""
+    headings: tuple[Heading, ...]
+    """All columns."""
+
+
+@contextmanager
+def open_csv(path: Path) -> Iterator[ColumnFile]:
+    """Open a table."""
+    form = _form(path)
+
+    def read(wanted: Sequence[Heading]) -> Mapping[str, NDArray[Any]]:
+        return _read(path, form, wanted)
+
+    yield ColumnFile(form.headings, read)
+
+
+def _form(path: Path) -> _Form:
+    with path.open("rb") as file:
+        raw = file.read(_HEAD_BYTES)
+    encoding = "utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    try:
+        text = raw.decode(encoding, "strict" if len(raw) < _HEAD_BYTES else "ignore")
+    except UnicodeDecodeError:
+        encoding, text = "cp1252", raw.decode("cp1252", "replace")
+    if "\0" in text:
+        raise InputError(str(path), "is no table of numbers", "name a file of channels")
+    lines = text.splitlines()
+    lines = lines[:-1] if len(raw) == _HEAD_BYTES else lines
+    for separator in _SEPARATORS:
+        rows = [next(csv.reader([line], delimiter=separator), []) for line in lines[:2000]]
+        first = next((i for i, row in enumerate(rows) if _is_data(row, separator)), None)
+        if first is not None:
+            cells = [cell.strip() for row in rows[first : first + 50] for cell in row]
+            is_comma = separator != "," and any(map(_COMMA.match, cells))
+            names = _headings(rows[:first], rows[first])
+            return _Form(encoding, separator, "," if is_comma else ".", first, names)
+    what = "is no table of numbers with ; tabulator or , between the columns"
+    raise InputError(str(path), what, "name a file of channels, or export it with one of these")
+
+
+def _is_data(row: Sequence[str], separator: str) -> bool:
+    """Return whether a line has numbers in most of its cells, two at least."""
+    cells = [cell.strip() for cell in row]
+    numbers = sum(bool(_NUMBER.match(c) and (separator != "," or "," not in c)) for c in cells)
+    times = sum(bool(_DATE.match(cell)) for cell in cells)
+    filled = sum(bool(cell) for cell in cells)
+    return len(row) > 1 and numbers > 0 and numbers + times >= max(2, (2 * filled + 2) // 3)
+
+
+def _headings(head: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[Heading, ...]:
+    """Return the columns by the lines of the head and the first line of data."""
+    n = len(data)
+    wide = [[cell.strip() for cell in row] for row in head if len(row) in (n, n - 1, n + 1)]
+    names, units = [""] * n, [""] * n
+    if wide:
+        last = [*wide[-1], *[""] * n][:n]
+        if len(wide) > 1 and all(map(_is_unit, last)) and any(last):
+            units = [cell.strip("[]()") for cell in last]
+            last = [*wide[-2], *[""] * n][:n]
+        names = last
+    found = list[Heading]()
+    for i, name in enumerate(names):
+        match = _UNIT.match(name)
+        if match and not units[i]:
+            name, units[i] = match[1], match[2]
+        name, units[i] = name or f"column {i + 1}", "ns" if _DATE.match(data[i]) else units[i]
+        taken = any(each.name == name for each in found)
+        found.append(Heading(f"{name}:{i + 1}" if taken else name, units[i], "table"))
+    return tuple(found)
+
+
+def _is_unit(cell: str) -> bool:
+    plain = cell.strip("[]()")
+    try:
+        return bool(to_si(plain))
+    except UnitError:
+        return plain != cell
+
+
+def _read(path: Path, form: _Form, wanted: Sequence[Heading]) -> dict[str, NDArray[Any]]:
+    """Read columns in pieces; what is no number is missing."""
+    pandas = optional("pandas", "data")
+    numbers = [form.headings.index(each) for each in wanted]
+    pieces: list[list[NDArray[Any]]] = [[] for _ in wanted]
+    total = 0
+    with pandas.read_csv(
+        path,
+        sep=form.separator,
+        decimal=form.decimal,
+        header=None,
+        names=range(len(form.headings)),
+        usecols=sorted(numbers),
+        skiprows=form.first,
+        encoding=form.encoding,
+        encoding_errors="replace",
+        on_bad_lines="skip",
+        index_col=False,
+        chunksize=_ROWS,
+        low_memory=False,
+    ) as reader:
+        for table in reader:
+            total += table.size
+            if total > MAX_VALUES:
+                raise too_long(f"over {MAX_VALUES}", str(path))
+            for own, number in zip(pieces, numbers, strict=True):
+                own.append(_numbers(pandas, table[number], form.decimal))
+    return {each.name: _joined(own) for each, own in zip(wanted, pieces, strict=True)}
+
+
+def _numbers(pandas: Any, column: Any, decimal: str) -> NDArray[Any]:
+    if column.dtype.kind in "iuf":
+        return np.asarray(column)
+    text = column.astype("string").str.strip()
+    if bool(text.head(1).str.match(_DATE.pattern).fillna(False).any()):
+        times = pandas.to_datetime(text, utc=True, errors="coerce", format="ISO8601")
+        return np.asarray(times.dt.tz_localize(None), "M8[ns]")
+    if decimal == ",":
+        text = text.str.replace(",", ".", regex=False)
+    return np.asarray(pandas.to_numeric(text, errors="coerce"), np.float64)
+
+
+def _joined(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return the pieces as one array; dates as ns, the lowest where there is none."""
+    if not pieces:
+        return np.zeros(0)
+    whole = np.concatenate(pieces)
+    return whole.astype(np.int64) if whole.dtype.kind == "M" else whole

@@ -1,0 +1,81 @@
+"""An open file of columns: what each of its readers makes, and how a column is found in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.errors import printable
+
+from ...errors import InputError
+
+MAX_VALUES = 1 << 26
+"""Numbers that are read from one file, 15 channels of 1 kHz for 75 minutes: half a gigabyte."""
+_NAMED = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A column that could be read."""
+
+    name: str
+    """Full name in the file."""
+    unit: str = ""
+    """Unit as the file states it."""
+    clock: str = ""
+    """Name of what it shares its times with."""
+    samples: int = 0
+    """Number of values as far as it is known before reading."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnFile:
+    """An open file of columns."""
+
+    headings: Sequence[Heading]
+    """All columns of numbers."""
+    read: Callable[[Sequence[Heading]], Mapping[str, NDArray[Any]]]
+    """Reads some columns; returns them by full name, each with one dimension."""
+    times: Callable[[str], NDArray[np.float64] | None] = lambda _: None
+    """Returns the times that the file has for a clock, s since its time zero."""
+    start_ns: int = 0
+    """UTC of that zero; 0 if the file states none."""
+
+
+def found(headings: Sequence[Heading], wanted: str, where: str) -> Heading:
+    """Return the column of a name, in full or from a slash on.
+
+    Raises InputError if there is not exactly one.
+    """
+    exact = [each for each in headings if each.name == wanted]
+    same = exact or [each for each in headings if each.name.endswith(f"/{wanted}")]
+    if len(same) == 1:
+        return same[0]
+    shown = printable(wanted, 100)
+    if same:
+        full = printable(", ".join(each.name for each in same[:_NAMED]), 300)
+        raise InputError(where, f"has {len(same)} columns {shown!r}", f"write one of {full}")
+    names = [each.name for each in headings]
+    ends = {name.rpartition("/")[2]: name for name in reversed(names)}
+    near = get_close_matches(wanted, [*names, *ends], _NAMED, 0.5)
+    advice = ", ".join(dict.fromkeys(ends.get(name, name) for name in near) or names[:_NAMED])
+    advice = f"it has, among {len(names)}: {printable(advice, 300)}" if names else "check the file"
+    raise InputError(where, f"has no column {shown!r}", advice)
+
+
+def bounded(headings: Sequence[Heading], where: str) -> None:
+    """Raise InputError if columns are too long to be read at once."""
+    total = sum(each.samples for each in headings)
+    if total > MAX_VALUES:
+        raise too_long(f"{total}", where)
+
+
+def too_long(total: str, where: str) -> InputError:
+    """Return the error of a file with too many values."""
+    what = f"has {total} values in these channels, more than {MAX_VALUES}"
+    return InputError(where, what, "cut it into files of one part of the campaign each")

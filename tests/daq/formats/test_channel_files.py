@@ -1,0 +1,314 @@
+"""Channels of CSV, MF4, MAT, TDMS, Parquet and HDF5: what is read, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.io import savemat
+
+from daq.channels import Channel, Quantity
+from daq.derive import bump_run, bumps_in, recording
+from daq.errors import InputError
+from daq.formats import read_columns
+from daq.runs import Excitation, Losses, Run, RunStatus, SampleGroup
+from daq.sessions import Session
+from daq.vehicle import Corner, MassState, Vehicle
+from dbc.frames import FrameBatch
+
+from .channel_files import WRITERS, again, mapped, read_here
+
+HUB = """
+[[channel]]
+name = "hub_fl"
+signal = "fl"
+quantity = "hub_acceleration"
+corner = "FL"
+"""
+T = np.arange(400) / 200.0
+FL = np.sin(9.0 * T)
+
+
+def _run(repeat: int) -> Run:
+    rng = np.random.default_rng(repeat)
+
+    def group(name: str, rate_hz: float, *names: str) -> SampleGroup:
+        n = round(3.5 * rate_hz)
+        time_s = np.arange(n) / rate_hz + 1e-5 * rng.random(n)
+        values = {each: rng.standard_normal(n) for each in names}
+        return SampleGroup(
+            name, time_s, np.rint(time_s * 1e9).astype(np.int64), values, np.zeros(n, np.uint8)
+        )
+
+    groups = (group("HUB", 200.0, "hub_fl", "hub_fr"), group("IMU", 50.0, "az", "pitch"))
+    return Run(
+        "baseline", Excitation.BOUNCE, repeat, 0, 0.2, groups, RunStatus.ACCEPTED, (), Losses(), (),
+        FrameBatch.empty(),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    channels = (
+        Channel("hub_fl", Quantity.HUB_ACCELERATION, corner=Corner.FRONT_LEFT, delay_s=0.002),
+        Channel("hub_fr", Quantity.HUB_ACCELERATION, corner=Corner.FRONT_RIGHT),
+        Channel("az", Quantity.BODY_ACCELERATION, x_m=-1.25, position_sigma_m=0.01),
+        Channel("pitch", Quantity.PITCH_RATE),
+    )
+    return Session(Vehicle("car"), channels, (MassState("baseline"),), (_run(1), _run(2)), {})
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_channels_come_back_digit_for_digit(tmp_path: Path, session: Session, suffix: str) -> None:
+    found = again(session, '[vehicle]\nname = "car"\n', tmp_path / f"car{suffix}")
+    assert [replace(c, signal="", signal_unit="") for c in found.channels] == list(session.channels)
+    assert [run.label for run in found.runs] == ["baseline_bounce_1", "baseline_bounce_2"]
+    for got, run in zip(found.runs, session.runs, strict=True):
+        assert got.status is RunStatus.ACCEPTED, got.reasons
+        for got_group, group in zip(got.groups, run.groups, strict=True):
+            assert_allclose(got_group.time_s - 0.03125, group.time_s, rtol=0, atol=1e-13)
+            assert list(got_group.values) == list(group.values)
+            for name, values in group.values.items():
+                assert_array_equal(got_group.values[name], values)
+
+
+def columns(path: Path) -> dict[str, tuple[str, float]]:
+    """Return unit and second value of all columns."""
+    held = read_here(path).columns
+    return {name: (each.unit, float(each.values[1])) for name, each in held.items()}
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a,b\n1,2\n3,4\n", {"a": ("", 3.0), "b": ("", 4.0)}),
+        ("a [g];b (mm)\n1,5;2\n3,5;4\n", {"a": ("g", 3.5), "b": ("mm", 4.0)}),
+        ("Logger 7\nt\tacc\ns\tm/s²\n0\t1\n1\t2\n", {"t": ("s", 1.0), "acc": ("m/s²", 2.0)}),
+        ("a,a\n1,2\n3,4\n", {"a": ("", 3.0), "a:2": ("", 4.0)}),
+        ("1;2\n3;4\n", {"column 1": ("", 3.0), "column 2": ("", 4.0)}),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "cp1252", "utf-16"])
+def test_tables_of_any_style(
+    tmp_path: Path, text: str, expected: dict[str, tuple[str, float]], encoding: str
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text, encoding)
+    assert columns(path) == expected
+
+
+def test_dates_are_times(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = [
+        f"2026-05-31 10:00:{t:09.6f},{x!r}" for t, x in zip(T.tolist(), FL.tolist(), strict=True)
+    ]
+    path.write_text("when,fl [g]\n" + "\n".join(rows))
+    known = mapped(path, f'[time]\ncolumn = "when"\n{HUB}')
+    found = recording(known, read_here(path, known.columns))
+    assert found.start_ns == 1_780_221_600_000_000_000
+    assert_allclose(found.groups[0].time_s, T, atol=1e-12)
+    assert_allclose(found.groups[0].values["hub_fl"], 9.80665 * FL)
+
+
+def test_times_since_1970_keep_their_nanoseconds(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    t_ns = 1_780_221_600_000_000_123 + np.arange(400) * 5_000_000
+    pd.DataFrame({"t": t_ns, "fl": FL}).to_parquet(path)
+    known = mapped(path, f'[time]\ncolumn = "t"\nunit = "ns"\n{HUB}signal_unit = "m/s2"\n')
+    group = recording(known, read_here(path, known.columns)).groups[0]
+    assert_array_equal(group.t_ns, t_ns)
+
+
+def test_units_and_tables_of_matlab_and_hdf5(tmp_path: Path) -> None:
+    table = np.column_stack([T, FL])
+    boxes = [{"Name": "fl", "Data": FL}, {"Name": "fr", "Data": T}]
+    savemat(tmp_path / "a.mat", {"s": {"fl": FL, "units": {"fl": "g"}}, "m": table, "Y": boxes})
+    got = columns(tmp_path / "a.mat")
+    assert got["s/fl"] == ("g", FL[1])
+    assert got["m:2"] == ("", FL[1])
+    assert got["Y/fr/Data"] == ("", T[1])
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["m"] = table
+        file["t"] = T
+        file["fl"] = FL
+        file["fl"].attrs["units"] = "g"
+        file["t"].make_scale()
+        file["fl"].dims[0].attach_scale(file["t"])
+        file["elsewhere"] = h5py.ExternalLink("other.h5", "x")
+        file["text"] = "words"
+    held = read_here(tmp_path / "a.h5", ("fl",))
+    assert held.columns["fl"].unit == "g"
+    assert_array_equal(held.times_s["t"], T)
+    assert set(columns(tmp_path / "a.h5")) == {"m:1", "m:2", "t", "fl"}
+
+
+def test_waveforms_of_tdms_and_masters_of_mdf_have_times(tmp_path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    about = {"wf_increment": 0.005, "wf_start_offset": 0.5, "unit_string": "g"}
+    begin = np.datetime64("2026-05-31T10:00:00")
+    with TdmsWriter(tmp_path / "a.tdms") as writer:
+        late = {**about, "wf_start_time": begin + np.timedelta64(250, "ms")}
+        first = {**about, "wf_start_time": begin}
+        writer.write_segment(
+            [ChannelObject("g", "fl", FL, first), ChannelObject("g", "fr", FL, late)]
+        )
+    known = mapped(tmp_path / "a.tdms", HUB + HUB.replace("fl", "fr").replace("FL", "FR"))
+    found = recording(known, read_here(tmp_path / "a.tdms", known.columns))
+    assert found.start_ns == 1_780_221_600_000_000_000
+    assert [g.time_s[0] for g in found.groups] == pytest.approx([0.5, 0.75], abs=1e-12)
+    assert found.groups[0].time_s[-1] == pytest.approx(0.5 + 399 * 0.005, abs=1e-12)
+
+
+BUMPS = """
+[trigger]
+level = 3.0
+pre_s = 0.5
+post_s = 1.0
+rest_s = 0.2
+"""
+
+
+def test_the_trigger_finds_the_bumps(tmp_path: Path) -> None:
+    t = np.arange(4000) / 500.0
+    value = np.zeros(4000)
+    for onset in (700, 2700):  # 1.4 s, 5.4 s; the second sample is the second away from rest
+        value[onset : onset + 100] = 20.0 * np.sin(np.arange(100) / 5.0 + 0.5)
+    path = tmp_path / "a.csv"
+    pd.DataFrame({"fl": value, "fr": value}).to_csv(path, index=False)
+    known = mapped(path, f'{BUMPS}[time]\nrate_hz = 500.0\n{HUB}signal_unit = "m/s2"\n')
+    found = recording(known, read_here(path, known.columns))
+    onsets = bumps_in(known, found)
+    assert [event.t_ns for event in onsets] == [1_400_000_000, 5_400_000_000]
+    step = known.bench.campaign.steps[0]
+    run = bump_run(known, found, step, onsets[1])
+    assert (run.t0_ns, run.status) == (4_900_000_000, RunStatus.ACCEPTED)
+    assert run.groups[0].time_s[[0, -1]] == pytest.approx([0.0, 1.498], abs=1e-9)
+    assert t[2450] == 4.9
+    assert_array_equal(run.groups[0].values["hub_fl"], value[2450:3200])
+    early = replace(onsets[0], t_ns=200_000_000)
+    assert bump_run(known, found, step, early).reasons == (
+        "table 500 Hz reaches only from 0.30 to 1.50 s of 1.50 s",
+    )
+
+
+def test_a_lost_sample_stays_in_its_group_and_a_slow_channel_has_its_own(tmp_path: Path) -> None:
+    slow = np.where(np.arange(400) % 4 == 0, FL, np.nan)
+    holed = np.where(np.arange(400) == 7, np.nan, FL)
+    path = tmp_path / "a.csv"
+    pd.DataFrame({"t": T, "fl": FL, "fr": holed, "rl": slow}).to_csv(path, index=False)
+    text = '[time]\ncolumn = "t"\n'
+    for corner in ("fl", "fr", "rl"):
+        text += HUB.replace("fl", corner).replace("FL", corner.upper())
+        text += 'signal_unit = "m/s2"\n'
+    known = mapped(path, text)
+    fast, own = recording(known, read_here(path, known.columns)).groups
+    assert list(fast.values) == ["hub_fl", "hub_fr"]
+    assert np.flatnonzero(np.isnan(fast.values["hub_fr"])).tolist() == [7]
+    assert np.flatnonzero(fast.quality).tolist() == [7]
+    assert_array_equal(own.time_s, T[::4])
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", r"channel hub_fl: fl has no times of its own .*state column or rate_hz"),
+        ('[time]\ncolumn = "fl"\n', "do not increase behind 0.999991 s"),
+        ('[time]\ncolumn = "t"\nunit = "g"\n', "its times t are in 'g'"),
+        ('[time]\ncolumn = "u"\n', r"has no column 'u' .*it has, among 2: t, fl"),
+        ('[time]\ncolumn = "t"\nrate_hz = 5\n', "either column or rate_hz"),
+        ('[[run]]\nmass_state="x"\nexcitation="roll"\nstart_s=0\nstop_s=1\n', "'x' is not on this"),
+        ("[[run]]\nstart_s=1\nstop_s=1\n", "run.0.mass_state"),
+        ('dbc = "a.dbc"\n', "unknown key dbc"),
+    ],
+)
+def test_what_a_map_gets_wrong_is_said(tmp_path: Path, text: str, why: str) -> None:
+    path = tmp_path / "a.csv"
+    pd.DataFrame({"t": T, "fl": FL}).to_csv(path, index=False)
+
+    def imported() -> object:
+        known = mapped(path, f'{text}{HUB}signal_unit = "m/s2"\n')
+        return recording(known, read_here(path, known.columns))
+
+    with pytest.raises(InputError, match=why):
+        imported()
+
+
+def test_a_unit_that_does_not_fit_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,fl [mm]\n0,1\n1,2\n")
+    known = mapped(path, f'[time]\ncolumn = "t"\n{HUB}')
+    with pytest.raises(InputError, match=r"fl has unit 'mm' in .*a.csv; hub_acceleration needs"):
+        recording(known, read_here(path, known.columns))
+
+
+def test_a_name_that_occurs_twice_is_to_be_written_in_full(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["a/fl"] = FL
+        file["b/fl"] = T
+    with pytest.raises(InputError, match=r"has 2 columns 'fl' \(write one of a/fl, b/fl\)"):
+        read_here(tmp_path / "a.h5", ("fl",))
+    assert_array_equal(read_here(tmp_path / "a.h5", ("b/fl",)).columns["b/fl"].values, T)
+
+
+def _sparse(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(10 << 30)
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [
+        (lambda p: p.write_bytes(b""), "is empty"),
+        (lambda p: p.write_text("nothing but\nwords here\n"), "is no table of numbers"),
+        (lambda p: p.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(500)), "is no table of numbers"),
+        (_sparse, "is no table of numbers"),
+        (lambda p: p.write_bytes(b"UnFinMF 4.10"), "was not finished by its logger"),
+        (lambda p: p.write_text("a\n1\n2\n"), "is no table of numbers"),
+        (lambda p: p.mkdir(), "is no regular file"),
+    ],
+)
+def test_what_is_no_table_is_refused(
+    tmp_path: Path, make: Callable[[Path], object], why: str
+) -> None:
+    path = tmp_path / "a.csv"
+    make(path)
+    with pytest.raises(InputError, match=why):
+        read_here(path)
+
+
+def test_a_process_of_its_own_reads_and_refuses_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["fl"] = FL
+        file.create_dataset("huge", (1 << 40,), "f8", chunks=(1024,))
+    assert_array_equal(read_columns(path, ("fl",)).columns["fl"].values, FL)
+    with pytest.raises(InputError, match="more than 67108864"):
+        read_columns(path, ("huge",))
+
+
+# asammdf's half-made object fails once more when it is let go; in use its process is over then.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_damaged_files_are_refused_or_read(tmp_path: Path, session: Session, suffix: str) -> None:
+    path = tmp_path / f"car{suffix}"
+    again(session, "", path)
+    raw = path.read_bytes()
+    rng = np.random.default_rng(5)
+    for cut in (len(raw) // 2, len(raw) - 3, 700, 12):
+        path.write_bytes(raw[:cut])
+        with suppress(InputError):
+            read_here(path)
+    for _ in range(4):
+        at = int(rng.integers(len(raw)))
+        path.write_bytes(raw[:at] + rng.bytes(8) + raw[at + 8 :])
+        if suffix != ".h5":  # libhdf5 may crash: it is fuzzed in its own process
+            with suppress(InputError):
+                read_here(path)

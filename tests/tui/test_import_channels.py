@@ -1,0 +1,103 @@
+"""`import --channels` and its `--propose` as they are used."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import daq
+from tui.cli import run
+
+MAP = """
+[time]
+column = "t"
+[campaign]
+excitations = ["bounce", "roll"]
+repeats = 1
+[trigger]
+pre_s = 0.5
+post_s = 1.0
+rest_s = 0.2
+[[weight]]
+mass_kg = 5.0
+hub = "FL"
+[[channel]]
+name = "hub_fl"
+signal = "acc_fl"
+quantity = "hub_acceleration"
+corner = "FL"
+"""
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    """Write a file with two bumps, at 1.4 and 5.4 s."""
+    value = np.zeros(4000)
+    for onset in (700, 2700):
+        value[onset : onset + 100] = 20.0 * np.sin(np.arange(100) / 5.0 + 0.5)
+    with h5py.File(tmp_path / "drive.h5", "w") as file:
+        file["t"] = np.arange(4000) / 500.0
+        file["acc_fl"] = value
+        file["acc_fl"].attrs["unit"] = "m/s2"
+    (tmp_path / "map.toml").write_text(MAP)
+    return tmp_path
+
+
+def test_a_recording_of_many_runs(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = recorded / "s.h5"
+    files = [str(recorded / "drive.h5"), "--channels", str(recorded / "map.toml")]
+    assert run(["import", *files, "--out", str(out), "--json"]) == 0
+    said = capsys.readouterr()
+    document = json.loads(said.out)
+    assert [one["label"] for one in document["runs"]] == ["baseline_bounce_1", "baseline_roll_1"]
+    assert (document["bumps"], document["planned"]) == (2, 4)
+    assert "2 of 4 planned runs were found" in said.err
+    session = daq.read_session(out)
+    assert [one.status for one in session.runs] == ["accepted", "accepted"]
+    assert session.provenance["channel_map"] == MAP
+    assert json.loads(session.provenance["source_1"])["files"][0]["name"] == "drive.h5"
+    assert session.mass_states[1].added.weights == (daq.HubWeight(5.0, daq.Corner.FRONT_LEFT),)
+    assert session.channels[0].signal == "acc_fl"
+
+
+def test_a_file_a_run(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one = ["--run", f"added:roll:{recorded / 'drive.h5'}", "--channels", str(recorded / "map.toml")]
+    assert run(["import", *one, "--out", str(recorded / "s.h5"), "--json"]) == 0
+    said = capsys.readouterr()
+    assert [one["label"] for one in json.loads(said.out)["runs"]] == ["added_roll_1"]
+    assert "1 of 2 bumps were left out" in said.err
+
+
+def test_what_does_not_go_together_is_refused(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = recorded / "given.toml"
+    times = 'mass_state = "baseline"\nexcitation = "roll"\nstart_s = 0.9\nstop_s = 2.4\n'
+    given.write_text(f"[[run]]\n{times}{MAP}")
+    drive, plain = str(recorded / "drive.h5"), str(recorded / "map.toml")
+    for arguments, why in (
+        ([drive, "--channels", str(given), "--skip", "1"], "states the times of its runs"),
+        ([drive, "--channels", plain, "--bus", "1"], "is for files without a bus"),
+        (["--channels", plain], "names no file"),
+        ([drive, "--channels", plain, "--out", drive], "is one of the files"),
+        ([drive, drive, "--propose", str(recorded / "p.toml")], "takes the one file"),
+        ([drive, "--propose", plain], "exists already"),
+        ([drive, "--channels", str(recorded / "no.toml")], "No such file"),
+    ):
+        assert run(["import", *arguments]) == 2
+        said = capsys.readouterr().err
+        assert why in said
+        assert said.count("\n") == 1
+
+
+def test_a_map_is_proposed(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = recorded / "proposed.toml"
+    assert run(["import", str(recorded / "drive.h5"), "--propose", str(target)]) == 0
+    said = capsys.readouterr().err
+    assert f"wrote {target}" in said
+    assert "? are the times t in s?" in said
+    assert 'signal = "acc_fl"' in target.read_text()

@@ -1,0 +1,134 @@
+"""Makes a session of files whose channels are decoded already, for `import --channels`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from hashlib import file_digest
+from json import dumps
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..diagnostics import ExitCode, say
+from ..output import Stage, print_json, progress
+from .recording import print_summary, summary
+
+if TYPE_CHECKING:
+    from daq import Run, Session
+    from daq.bench import ChannelMap, Step
+
+
+def propose_channel_map(target: Path, files: Sequence[Path], has_map: bool) -> int:
+    """Write a channel map that fits a file, and print what is to be asked."""
+    from daq import InputError
+    from daq.check import propose_map
+    from daq.formats import read_columns
+
+    if len(files) != 1 or has_map:
+        what = "takes the one file from which the map is guessed, and no --channels"
+        raise InputError("--propose", what, "name one file")
+    (path,) = files
+    if target.exists():
+        raise InputError(str(target), "exists already", "name a new file for the proposal")
+    proposal = propose_map(read_columns(path, ()))
+    try:
+        with target.open("x", encoding="utf-8") as file:
+            file.write(proposal.text)
+    except OSError as error:
+        raise InputError(str(target), error.strerror or str(error), "name another file") from error
+    say(f"wrote {target}: read it, and fill in what is marked")
+    for question in proposal.questions:
+        say(f"? {question}")
+    return ExitCode.OK
+
+
+def import_channels(
+    channel_map: Path,
+    files: Sequence[Path],
+    singles: Sequence[tuple[tuple[str, str], Path]],
+    runs: str | None,
+    skip: int,
+    out: Path,
+    json: bool,
+) -> int:
+    """Find or cut the runs in files of channels, and write a session.
+
+    `files`: with many runs each.  `singles`: in place of them, files of one run with mass state and
+    excitation.  `runs`: kinds of the bumps in order, in place of the campaign's.  `skip`: bumps to
+    leave out at the beginning.
+    """
+    from daq import InputError, write_session
+    from daq.bench import load_channel_map
+    from daq.derive import numbered, parse_runs, with_steps
+
+    if bool(singles) == bool(files):
+        what = "names both files and --run" if files else "names no file"
+        raise InputError("import", what, "name files, or --run MASS_STATE:EXCITATION:FILE each")
+    labels = [label for label, _ in singles]
+    files = files or [path for _, path in singles]
+    known = load_channel_map(channel_map)
+    if known.runs and (labels or runs or skip or len(files) > 1):
+        what = "states the times of its runs"
+        advice = "name one file, and no --run, --runs or --skip"
+        raise InputError(str(channel_map), what, advice)
+    if out.resolve() in [path.resolve() for path in files]:
+        raise InputError(str(out), "is one of the files", "name another file with --out")
+    stated = numbered(labels) if labels else parse_runs(runs) if runs else ()
+    steps = stated or known.bench.campaign.steps
+    known = replace(known, bench=with_steps(known.bench, steps))
+    with progress("import") as stage:
+        session, bumps = _session(known, files, bool(labels), steps, skip, stage)
+        stage(1.0, "writing the session")
+        write_session(out, session)
+    found = len(session.runs)
+    if json:
+        print_json({**summary(out, session), "bumps": bumps, "planned": len(steps)})
+    else:
+        print_summary(out, session)
+    if bumps > found:
+        say(f"{bumps - found} of {bumps} bumps were left out (see --runs and --skip)")
+    if not known.runs and found < len(steps):
+        say(f"{found} of {len(steps)} planned runs were found")
+    return ExitCode.OK
+
+
+def _session(
+    known: ChannelMap,
+    files: Sequence[Path],
+    apart: bool,
+    steps: Sequence[Step],
+    skip: int,
+    stage: Stage,
+) -> tuple[Session, int]:
+    """Return the session in files, and the number of bumps in them."""
+    from importlib.metadata import version
+
+    from daq import InputError
+    from daq.derive import bump_run, bumps_in, given_run, recording, session_from_columns
+    from daq.formats import read_columns
+
+    runs: list[Run] = []
+    about = {"software": f"bumpbench {version('bumpbench')}"}
+    bumps = 0
+    for number, path in enumerate(files):
+        stage(number / len(files), f"{path.name}, {bumps} bumps")
+        found = recording(known, read_columns(path, known.columns))
+        with path.open("rb") as file:
+            digest = file_digest(file, "sha256").hexdigest()
+        fact = {"name": path.name, "bytes": path.stat().st_size, "sha256": digest}
+        about[f"source_{number + 1}"] = dumps({"format": "channels", "files": [fact]})
+        if known.runs:
+            runs += [given_run(known, found, given) for given in known.runs]
+            continue
+        onsets = bumps_in(known, found)
+        if not onsets and (apart or len(files) == 1):
+            what = "no channel leaves its rest as a bump does"
+            raise InputError(str(path), what, "see [trigger], or give the times in [[run]]")
+        first = number if apart else bumps - skip
+        for place, bump in enumerate(onsets[:1] if apart else onsets, start=first):
+            if 0 <= place < len(steps):
+                runs.append(bump_run(known, found, steps[place], bump))
+        bumps += len(onsets)
+    if not runs:
+        raise InputError("import", "no bump is left to be a run", "correct --skip or --runs")
+    return session_from_columns(known, found.channels, runs, about), bumps
