@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .orders import Choose as Choose
     from .orders import Configure as Configure
     from .orders import Hello as Hello
+    from .orders import LeaveOut as LeaveOut
     from .orders import Mark as Mark
     from .orders import Note as Note
     from .orders import Order as Order

@@ -192,6 +192,16 @@ class SessionStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class LeftOut:
+    """An accepted run that does not belong to the others of its kind."""
+
+    label: str
+    """Label of the run."""
+    text: str
+    """What it differs in."""
+
+
+@dataclass(frozen=True, slots=True)
 class Status:
     """The whole state of a recorder: a terminal that attaches needs nothing else."""
 
@@ -257,6 +267,9 @@ class Status:
     begun: str = ""
     """How the campaign follows on one that a crash or a stop has cut: that it goes on, or why a new
     one was begun.  Empty if there was none."""
+    proposed: tuple[LeftOut, ...] = ()
+    """Runs that the recorder proposes to leave out, of kinds with more runs than planned (the order
+    `LeaveOut`)."""
 
     @property
     def own_session(self) -> str:

@@ -162,6 +162,13 @@ class Undo:
 
 
 @dataclass(frozen=True, slots=True)
+class LeaveOut:
+    """Reject the runs that the recorder proposes to leave out (`Status.proposed`), at once."""
+
+    order: Literal["leave_out"] = "leave_out"
+
+
+@dataclass(frozen=True, slots=True)
 class Redo:
     """Take the last `Undo` back."""
 
@@ -226,6 +233,7 @@ Order = Annotated[
     | Accept
     | Reject
     | Undo
+    | LeaveOut
     | Redo
     | Mark
     | Note

@@ -20,8 +20,8 @@ from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
 from ..bus.source import HopLosses, LinkFacts
 from ..clocks import Now
-from ..control.messages import DiskStatus, Live, Phase, QueueStatus, Status, StorageStatus
-from ..control.orders import Acknowledge, Arm, Choose, Configure, Order, Pause
+from ..control.messages import DiskStatus, LeftOut, Live, Phase, QueueStatus, Status, StorageStatus
+from ..control.orders import Acknowledge, Arm, Choose, Configure, LeaveOut, Order, Pause
 from ..runlog.entries import verdict_entry
 from ..runlog.fold import advance
 from ..runlog.runlog import Code, RunLog, parse_label
@@ -37,6 +37,7 @@ from .frame_store import FrameStore
 from .judging import UNJUDGED, Judge
 from .live import LiveRing
 from .orders import OrderError, order_event
+from .proposal import left_out_event, proposed
 from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings
 from .status import NO_DISK, NO_QUEUE, NO_STORAGE, Counts, Host, State, build_status, counts_of
@@ -84,6 +85,7 @@ class Recording:
         self._judge = Judge(bench, codec, self.measures)
         self._trigger = trigger.TriggerState()
         self._counted: tuple[RunLog, Counts] | None = None
+        self._compared: tuple[tuple[RunLog, int], tuple[LeftOut, ...]] | None = None
         self._alarms = reconfigured(self._alarms)
         # If it was killed after the last run, or plans fewer runs now, it is complete.
         self._loop = run_loop.decided(self._loop, self._surroundings(self._t_ns))
@@ -170,7 +172,10 @@ class Recording:
         OrderError if it makes no sense now; nothing has changed then.
         """
         t_ns = self._t_ns or now.wall_ns
-        event = order_event(order, by, t_ns, self._run_log, self._bench)
+        if isinstance(order, LeaveOut):
+            event: Event | None = left_out_event(self._proposed, by, t_ns)
+        else:
+            event = order_event(order, by, t_ns, self._run_log, self._bench)
         if isinstance(order, Arm) and self._due is None:
             raise OrderError("the campaign is complete: choose a run first")
         bench = self._configured(order.bench_text) if isinstance(order, Configure) else None
@@ -218,6 +223,7 @@ class Recording:
             self._barrier.value("verdict", now, None, self._peak_left),
             self._alarms,
             self.losses,
+            self._barrier.value("comparison", now, (), lambda: self._proposed),
         )
         return build_status(now, host, self._bench, self._run_log, self._counts, state)
 
@@ -243,6 +249,14 @@ class Recording:
         if self._counted is None or self._counted[0] is not self._run_log:
             self._counted = self._run_log, counts_of(self._bench, self._run_log)
         return self._counted[1]
+
+    @property
+    def _proposed(self) -> tuple[LeftOut, ...]:
+        # After a restart the measures come later than the runs.
+        known = self._run_log, len(self.measures)
+        if self._compared is None or self._compared[0] != known:
+            self._compared = known, proposed(self._bench, self._run_log, self.measures)
+        return self._compared[1]
 
     def _configured(self, text: str) -> Bench:
         if self.running:

@@ -11,6 +11,7 @@ from ..clocks import Now
 from ..control.messages import (
     DiskStatus,
     Due,
+    LeftOut,
     Phase,
     QueueStatus,
     SessionStatus,
@@ -61,6 +62,7 @@ class State:
     """Share of the motion's peak that is left."""
     alarms: AlarmState
     losses: Losses
+    proposed: tuple[LeftOut, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +115,7 @@ def build_status(
         storage=host.storage,
         origin=bench.origin,
         begun=host.begun,
+        proposed=state.proposed,
     )
 
 

@@ -63,7 +63,15 @@ def _advanced(log: RunLog, event: Event) -> RunLog:
             return _stepped_forth(log)
         case Code.RESUMED:
             return _cut(log)
-        case Code.VERDICT | Code.ACCEPT | Code.REJECT | Code.CHOOSE | Code.NOTE | Code.OVERRIDE:
+        case (
+            Code.VERDICT
+            | Code.ACCEPT
+            | Code.REJECT
+            | Code.LEAVE_OUT
+            | Code.CHOOSE
+            | Code.NOTE
+            | Code.OVERRIDE
+        ):
             try:
                 body = json.loads(event.text)
                 return _entered(log, Code(event.code), event.t_ns, body)
@@ -82,6 +90,8 @@ def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> Run
     if code is Code.OVERRIDE:
         override = Override(t_ns, body["subject"], body["reason"], body["by"])
         return replace(log, overrides=(*log.overrides, override))
+    if code is Code.LEAVE_OUT:
+        return _all_left_out(log, body["reasons"], body["by"])
     run = log.run(body["label"])
     if run is None:
         return log
@@ -102,8 +112,19 @@ def _bumped(log: RunLog, event: Event) -> RunLog:
     return replace(log, runs=(*log.runs, run), chosen=chosen)
 
 
-def _decided(log: RunLog, before: LoggedRun, after: LoggedRun) -> RunLog:
-    done = (*log.done, Change(before, after))
+def _all_left_out(log: RunLog, reasons: Mapping[str, str], by: str) -> RunLog:
+    """Return the log with several runs rejected as one decision."""
+    joined = False
+    for label, reason in reasons.items():
+        run = log.run(label)
+        if run is not None and run.status is LoggedStatus.ACCEPTED:
+            after = replace(run, status=LoggedStatus.REJECTED, by=by, reason=reason)
+            log, joined = _decided(log, run, after, joined), True
+    return log
+
+
+def _decided(log: RunLog, before: LoggedRun, after: LoggedRun, joined: bool = False) -> RunLog:
+    done = (*log.done, Change(before, after, joined))
     return replace(log, runs=_replaced(log, after), done=done, undone=())
 
 
@@ -122,7 +143,7 @@ def _judged(
         return beneath if one.status is LoggedStatus.OPEN else replace(one, findings=findings)
 
     def all_known(changes: Iterable[Change]) -> tuple[Change, ...]:
-        return tuple(Change(known(each.before), known(each.after)) for each in changes)
+        return tuple(Change(known(each.before), known(each.after), each.joined) for each in changes)
 
     runs = tuple(known(one) for one in log.runs)
     return replace(log, runs=runs, done=all_known(log.done), undone=all_known(log.undone))
@@ -139,16 +160,18 @@ def _stepped_back(log: RunLog) -> RunLog:
         accepted = change.after.status is LoggedStatus.ACCEPTED
         other = LoggedStatus.REJECTED if accepted else LoggedStatus.ACCEPTED
         before = replace(change.after, status=other, by="undo", reason="")
-    undone = (*log.undone, Change(before, change.after))
-    return replace(log, runs=_replaced(log, before), done=log.done[:-1], undone=undone)
+    undone = (*log.undone, Change(before, change.after, change.joined))
+    log = replace(log, runs=_replaced(log, before), done=log.done[:-1], undone=undone)
+    return _stepped_back(log) if change.joined else log
 
 
 def _stepped_forth(log: RunLog) -> RunLog:
     if not log.undone:
         return log
     change = log.undone[-1]
-    done = (*log.done, change)
-    return replace(log, runs=_replaced(log, change.after), done=done, undone=log.undone[:-1])
+    done, undone = (*log.done, change), log.undone[:-1]
+    log = replace(log, runs=_replaced(log, change.after), done=done, undone=undone)
+    return _stepped_forth(log) if undone and undone[-1].joined else log
 
 
 def _cut(log: RunLog) -> RunLog:

@@ -25,6 +25,8 @@ class Code(StrEnum):
     ACCEPT = "accept"
     """A person's verdict: `label`, `by`, `reason`."""
     REJECT = "reject"
+    LEAVE_OUT = "leave_out"
+    """A person rejects several runs at once: `reasons` by label, `by`."""
     UNDO = "undo"
     REDO = "redo"
     CHOOSE = "choose"
@@ -107,6 +109,8 @@ class Change:
 
     before: LoggedRun
     after: LoggedRun
+    joined: bool = False
+    """True if it is undone and redone together with the one before it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,6 +99,13 @@ def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
         for name, added in drawn.mass_states.items()
     }
     motions = _driven(plants, plan, np.random.default_rng([seed, 3]))
+    return Simulated(recorded(car, plan, drawn, motions, seed), drawn, tuple(motions))
+
+
+def recorded(
+    car: SimulatedCar, plan: Plan, drawn: Truth, motions: Sequence[Motion], seed: int
+) -> Session:
+    """Record given motions, one a run of the plan, with the sensors and clocks that were drawn."""
     unloaded = load_car(car.parameters, MassState(BASELINE).added, car.imperfections)
     installation = install(unloaded, car)
     repeats: dict[tuple[str, Excitation], int] = {}
@@ -109,8 +116,7 @@ def simulate(car: SimulatedCar, plan: Plan, seed: int) -> Simulated:
         rng = np.random.default_rng([seed, 1, number])
         groups = _sampled(plan, car, drawn, installation, motion, rng)
         runs.append(_run(bump, repeats[kind], plan.bump_s, groups))
-    session = Session(plan.vehicle, plan.channels, plan.mass_states, tuple(runs), _SOURCE)
-    return Simulated(session, drawn, tuple(motions))
+    return Session(plan.vehicle, plan.channels, plan.mass_states, tuple(runs), _SOURCE)
 
 
 _SOURCE = MappingProxyType({"source": "simulation"})

@@ -12,7 +12,7 @@ from ..bench.config import Bench
 from ..channels import TIME_DERIVATIVE, Quantity
 from . import motion, traffic
 from .pattern import patterns, wrong_mode
-from .repeats import not_repeatable, waves
+from .repeats import levels, not_repeatable, roughness, waves
 from .strikes import Pattern
 from .wave import body_wave
 from .window import ANGULAR, RunMeasure, RunWindow, Trace, traces
@@ -76,6 +76,8 @@ def _measure(
         purity=how.likeness[step.excitation] if how else None,
         peaks=MappingProxyType({trace.channel.name: trace.peak for trace in seen}),
         waves=waves(seen),
+        levels=levels(seen),
+        roughness=roughness(seen),
     )
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -23,21 +25,43 @@ LIKENESS = 0.85
 MAIN = 0.3
 """Share of the largest peak of its kind that a channel must exceed to count: what moves little
 differs much."""
-_STEP_S, _LENGTH_S, _BIN_S = 0.02, 1.5, 0.06
+_START_S, _STEP_S, _LENGTH_S, _BIN_S = 0.1, 0.02, 1.5, 0.06
+_SWING_S = 0.3, 1.3
+"""Span since the bump in which a sensor's roughness is measured, s."""
 
 
 def waves(seen: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
     """Return the slow motion after the bump, averaged so that no trigger's luck shows in it."""
-    grid = np.arange(0.1, _LENGTH_S, _STEP_S)
+    grid = np.arange(_START_S, _LENGTH_S, _STEP_S)
     result = {}
     for trace in seen:
         if trace.channel.quantity is not Quantity.HUB_ACCELERATION:
-            total = np.concatenate([[0.0], np.cumsum(trace.value)])
-            first = np.searchsorted(trace.time_s, grid - _BIN_S / 2)
-            last = np.searchsorted(trace.time_s, grid + _BIN_S / 2)
-            mean = (total[last] - total[first]) / np.maximum(last - first, 1)
-            straight = np.interp(grid, trace.time_s, trace.value)
-            result[trace.channel.name] = read_only(np.where(last > first, mean, straight))
+            steps = np.diff(trace.time_s) * (trace.value[1:] + trace.value[:-1]) / 2.0
+            area = np.concatenate([[0.0], np.cumsum(steps)])
+            edges = np.interp([grid - _BIN_S / 2, grid + _BIN_S / 2], trace.time_s, area)
+            result[trace.channel.name] = read_only(np.diff(edges, axis=0)[0] / _BIN_S)
+    return MappingProxyType(result)
+
+
+def after(measure: RunMeasure, start_s: float) -> RunMeasure:
+    """Return a measure whose waves begin at a time since the bump."""
+    first = max(0, math.ceil((start_s - _START_S) / _STEP_S))
+    return replace(measure, waves={name: wave[first:] for name, wave in measure.waves.items()})
+
+
+def levels(seen: tuple[Trace, ...]) -> Mapping[str, float]:
+    """Return the level of each suspension travel before the bump, m."""
+    travels = (t for t in seen if t.channel.quantity is Quantity.SUSPENSION_TRAVEL)
+    return MappingProxyType({trace.channel.name: trace.level for trace in travels})
+
+
+def roughness(seen: tuple[Trace, ...]) -> Mapping[str, float]:
+    """Return the RMS of what no swing of a wheel explains, by channel."""
+    result = {}
+    for trace in seen:
+        bend = np.diff(trace.part(*_SWING_S), 4)
+        if len(bend):
+            result[trace.channel.name] = float(np.sqrt(np.mean(bend**2) / 70.0))
     return MappingProxyType(result)
 
 

@@ -73,6 +73,10 @@ class RunMeasure:
     waves: Mapping[str, NDArray[np.float64]] = field(default_factory=lambda: MappingProxyType({}))
     """The slow motion after the bump on a common time axis (`daq.verdict.repeats`), SI, each shape
     (n,)."""
+    levels: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Level of each suspension travel before the bump, m."""
+    roughness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """RMS of what no swing of a wheel explains, of each channel, SI: rattle and noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +94,8 @@ class Trace:
     bump: slow motion does not show in it."""
     moved: float
     """RMS before the bump."""
+    level: float
+    """Level before the bump, SI."""
 
     def part(self, start_s: float, stop_s: float) -> NDArray[np.float64]:
         """Return the values between two times."""
@@ -126,11 +132,12 @@ def _traces(channels: tuple[Channel, ...], window: RunWindow) -> Iterator[Trace]
         before = value[time_s < -BEFORE_S]
         if len(value) < _FEWEST or not len(before):
             continue
-        deviation = np.asarray(value - np.median(before), dtype=np.float64)
+        level = float(np.median(before))
+        deviation = np.asarray(value - level, dtype=np.float64)
         before = before - np.mean(before)
         noise = float(np.std(np.diff(before)) / np.sqrt(2.0)) if len(before) > 2 else 0.0
         moved = float(np.sqrt(np.mean(before**2)))
-        yield Trace(channel, read_only(time_s), read_only(deviation), noise, moved)
+        yield Trace(channel, read_only(time_s), read_only(deviation), noise, moved, level)
 
 
 def kin(trace: Trace, others: tuple[Trace, ...]) -> tuple[Trace, ...]:

@@ -40,6 +40,7 @@ from daq.control.orders import (
     Choose,
     Configure,
     Hello,
+    LeaveOut,
     Mark,
     Note,
     Order,
@@ -163,6 +164,10 @@ class FakeRecorder:
             case Reject(label, reason):
                 last = label or self.run_log.runs[-1].label
                 self._enter(entry(Code.REJECT, self.t_ns, label=last, by=by, reason=reason))
+            case LeaveOut():
+                unlike = self.changes.pop("proposed")
+                reasons = {run.label: f"unlike the others: {run.text}" for run in unlike}
+                self._enter(entry(Code.LEAVE_OUT, self.t_ns, reasons=reasons, by=by))
             case Undo():
                 self._enter(Event(self.t_ns, Code.UNDO))
             case Redo():

@@ -7,8 +7,19 @@ from dataclasses import replace
 
 from textual.pilot import Pilot
 
-from daq.control.messages import Phase
-from daq.control.orders import Accept, Acknowledge, Arm, Choose, Order, Pause, Redo, Reject, Undo
+from daq.control.messages import LeftOut, Phase
+from daq.control.orders import (
+    Accept,
+    Acknowledge,
+    Arm,
+    Choose,
+    LeaveOut,
+    Order,
+    Pause,
+    Redo,
+    Reject,
+    Undo,
+)
 from tui.terminal.app import MOST_NEWS, BenchApp
 from tui.terminal.screens.home import HomeScreen
 from tui.terminal.screens.run import RunScreen
@@ -277,3 +288,30 @@ async def test_a_terminal_that_takes_no_output_keeps_a_minute_of_news(make_app: 
         assert app.status is not None
         assert app.status.viewers == 3 * MOST_NEWS - 1
         assert not app.in_control
+
+
+async def test_one_key_leaves_out_what_is_unlike_the_others_and_one_takes_it_back(
+    make_app: MakeApp,
+) -> None:
+    recorder = _bench()
+    recorder.finish("baseline")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await _press(pilot, "3", "l")
+        assert _given(recorder, LeaveOut) == []
+        assert "Leave out" not in screen_text(app)
+        odd = LeftOut("baseline_roll_2", "travel_fl 3.6 mm higher before the bump")
+        recorder.tell(proposed=(odd,))
+        await pilot.pause()
+        text = screen_text(app)
+        assert "1 run is unlike the others of the kind: L leaves it out." in text
+        assert "baseline_roll_2: travel_fl 3.6 mm higher before the bump" in text
+        assert "L Leave out" in text
+        await _press(pilot, "l")
+        run = recorder.run_log.run("baseline_roll_2")
+        assert run is not None
+        assert run.reasons == (f"rejected by MK: unlike the others: {odd.text}",)
+        assert "U = take them back" in screen_text(app)
+        await _press(pilot, "u")
+        assert recorder.run_log.accepted("baseline", run.excitation) == 2

@@ -6,7 +6,17 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from daq.control import Accept, Acknowledge, Choose, Pause, Phase, Redo, Reject, Undo
+from daq.control import (
+    Accept,
+    Acknowledge,
+    Choose,
+    LeaveOut,
+    Pause,
+    Phase,
+    Redo,
+    Reject,
+    Undo,
+)
 from daq.runlog import LoggedRun, LoggedStatus
 
 from ..state.next_action import NextAction, next_action
@@ -26,6 +36,7 @@ class BumpingScreen(BenchScreen):
         Binding("backspace,pageup", "press('reject')", "Reject", key_display="Bksp"),
         Binding("u", "press('undo')", "Undo", key_display="U"),
         Binding("r", "press('redo')", "Redo", key_display="R"),
+        Binding("l", "press('leave_out')", "Leave out", key_display="L"),
         Binding("t", "take_back", "Take back", key_display="T"),
         Binding("v", "view", "View", key_display="V"),
         Binding("m", "more", "More", key_display="M"),
@@ -69,6 +80,8 @@ class BumpingScreen(BenchScreen):
                 return bool(status.redo)
             case ("press", ("reject",)):
                 return bool(status.runs)
+            case ("press", ("leave_out",)):
+                return bool(status.proposed)
             case ("take_back", _):
                 return self._rejected is not None
             case ("acknowledge", _):
@@ -97,6 +110,11 @@ class BumpingScreen(BenchScreen):
     async def action_redo(self) -> None:
         """Redo the last undo."""
         await self.bench_app.ask(Redo())
+
+    async def action_leave_out(self) -> None:
+        """Leave out the runs that are unlike the others of their kind."""
+        if await self.bench_app.ask(LeaveOut()) is not None:
+            self.bench_app.inform("left out, kept in the recording; U = take them back")
 
     async def action_pause(self) -> None:
         """Pause; go home if nothing is armed."""

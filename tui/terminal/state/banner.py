@@ -22,6 +22,7 @@ from .run_words import (
     halted_words,
     instruction_words,
     last_judged,
+    proposal_words,
     rejected_words,
     run_words,
     waiting_words,
@@ -90,14 +91,16 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         case Phase.PAUSED:
             return Banner("quiet", glyphs.paused, "PAUSED", title, PAUSED, action.words)
         case Phase.COMPLETE:
-            return Banner("good", glyphs.good, "COMPLETE", "", COMPLETE, action.words)
+            first = proposal_words(status) or COMPLETE
+            return Banner("good", glyphs.good, "COMPLETE", "", first, action.words)
     if status.halted:
         first = halted_words(status.halted)
         return Banner(
             "bad", glyphs.bad, "STOPPED", title, first, f"F1 = what to do   {action.words}"
         )
     if action.step is not None:
-        return Banner("good", glyphs.good, "DONE", "", "This step is complete.", action.words)
+        first = proposal_words(status) or "This step is complete."
+        return Banner("good", glyphs.good, "DONE", "", first, action.words)
     return Banner("quiet", glyphs.paused, "IDLE", f"next: {title}", instruction, action.words)
 
 

@@ -68,6 +68,15 @@ def rejected_words(run: LoggedRun) -> tuple[str, str]:
     return printable(why, 110), printable(f"{advice}." if advice else "", 90)
 
 
+def proposal_words(status: Status) -> str:
+    """Return that runs are unlike the others, and the key that leaves them out; may be empty."""
+    number = len(status.proposed)
+    if not number:
+        return ""
+    runs, them = ("1 run is", "it") if number == 1 else (f"{number} runs are", "them")
+    return f"{runs} unlike the others of the kind: L leaves {them} out."
+
+
 def reason_words(code: str) -> str:
     """Return the code of a finding as words: `double bump`."""
     return code.replace("_", " ")

@@ -84,13 +84,17 @@ class RunList(Words):
     def show(self, status: Status) -> None:
         """Show the runs."""
         lines = []
+        unlike = {run.label: run.text for run in status.proposed}
         for run in reversed(status.runs[-_KEPT:]):
             name = f"{run.mass_state} {run.excitation.words} {run.repeat}"
             if run.status is LoggedStatus.OPEN:
                 lines.append(Content.assemble((f"{self._glyphs.now} running   {name}", "bold")))
             elif run.status is LoggedStatus.ACCEPTED:
                 mark = (f"{self._glyphs.good} accepted  ", "bold $success")
-                lines.append(Content.assemble(mark, f"{name}  {run_figures(run)}"))
+                text = run_figures(run)
+                if run.label in unlike:
+                    text = f"unlike the others: {printable(unlike[run.label], 160)}"
+                lines.append(Content.assemble(mark, f"{name}  {text}"))
             else:
                 mark = (f"{self._glyphs.bad} rejected  ", "bold $error")
                 why = printable("; ".join(run.reasons), 160)

@@ -11,8 +11,12 @@ from ..state.banner import banner
 from ..state.feed import Lost
 from ..state.glyphs import Glyphs
 from ..state.next_action import NextAction
+from ..state.run_words import proposal_words
 from ..state.steps import progress
 from .words import Words
+
+_NAMED = 2
+"""Runs that are named; the list of runs names all."""
 
 
 class NextPanel(Words):
@@ -48,5 +52,14 @@ class NextPanel(Words):
             ]
         else:
             lines = [Content(f"step {progress(status).due.title}")]
+        lines += [Content(line) for line in _unlike(status)]
         lines += [Content(""), Content.assemble((f"  {action.words}", "bold $accent"))]
         self.say(Content("\n").join(lines))
+
+
+def _unlike(status: Status | None) -> list[str]:
+    """Return which runs are unlike the others and in what, with the key that leaves them out."""
+    if status is None or not status.proposed:
+        return []
+    runs = [f"  {run.label}: {printable(run.text, 120)}" for run in status.proposed[:_NAMED]]
+    return [proposal_words(status), *runs]

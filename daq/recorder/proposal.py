@@ -1,0 +1,46 @@
+"""Proposes which accepted runs to leave out, and makes the event of leaving them out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ..bench.config import Bench
+from ..control.messages import LeftOut
+from ..runlog.entries import entry
+from ..runlog.runlog import Code, LoggedStatus, RunLog
+from ..runs import Event
+from ..verdict import RunMeasure
+from ..verdict.consistent import left_out
+from .orders import OrderError
+
+
+def proposed(bench: Bench, log: RunLog, measures: Mapping[str, RunMeasure]) -> tuple[LeftOut, ...]:
+    """Return the runs to leave out, of every kind that has more accepted runs than planned.
+
+    A run that a person has accepted stays: it was decided.
+    """
+    kinds = dict.fromkeys((run.mass_state, run.excitation) for run in log.runs)
+    found: list[LeftOut] = []
+    for kind in kinds:
+        accepted = [run for run in log.of(*kind) if run.status is LoggedStatus.ACCEPTED]
+        known = {run.label: measures[run.label] for run in accepted if run.label in measures}
+        decided = {run.label for run in accepted if run.by}
+        found += [
+            LeftOut(label, text)
+            for label, text in left_out(
+                bench.channels, bench.bump_s, known, bench.campaign.repeats
+            ).items()
+            if label not in decided
+        ]
+    return tuple(found)
+
+
+def left_out_event(found: tuple[LeftOut, ...], by: str, t_ns: int) -> Event:
+    """Return the event that leaves these runs out as one decision.
+
+    Raises OrderError if there is none.
+    """
+    if not found:
+        raise OrderError("no run is proposed to be left out")
+    reasons = {run.label: f"unlike the others: {run.text}" for run in found}
+    return entry(Code.LEAVE_OUT, t_ns, reasons=reasons, by=by)

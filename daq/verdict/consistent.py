@@ -1,0 +1,212 @@
+"""The runs of a kind that belong together, where more were accepted than planned.
+
+A run that passed its verdict may still be of another car: a foot on the sill, a hand on the roof, a
+weight that slipped.  Height and timing of a bump do not matter here: the run that the others show,
+scaled and shifted in time, is taken out of the free decay first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..channels import Channel
+from .repeats import MAIN, after
+from .window import ANGULAR, RunMeasure
+
+FEWEST = 3
+"""Runs of a kind that stay at least: of two, no one can say which is odd."""
+UNUSUAL = 3.0
+"""Ratio of a difference to the usual one among these runs, from which on a run is odd."""
+UNLIKE = 1.6
+"""The same for the course, as RMS over all channels: good runs reach 1.2, without travels 1.4
+(74 measured), a foot on the sill 1.8 to 3.5, a weight that slips over 10."""
+GUARD_S = 0.08
+"""Time after the bump at which the decay is compared from, s: half of the average that the course
+is made of, and a bump that takes a tenth longer."""
+_FINEST = 1e-3
+"""Roughness below this share of the peak is none: steps of the sensor's output come and go."""
+_NOTABLE = 0.02
+"""Least difference of a frequency, as a share, that is named."""
+
+
+class Sort(StrEnum):
+    """What a run differs in."""
+
+    LEVEL = "level"
+    """Level of a travel before the bump, over the largest peak of its quantity."""
+    COURSE = "course"
+    """RMS of what scale and shift leave of a channel's decay, over the largest RMS."""
+    PEAK = "peak"
+    """Logarithm of the ratio of peaks, the height of the bump taken out."""
+    ROUGH = "rough"
+    """Logarithm of the ratio of roughness."""
+
+
+LEAST: Mapping[Sort, float] = {
+    Sort.LEVEL: 0.03,
+    Sort.COURSE: 0.005,
+    Sort.PEAK: 0.1,
+    Sort.ROUGH: 0.35,
+}
+"""Least difference that counts, however alike the others are; of the course: least usual one.  Good
+runs of cars without friction differ by half of it in level, which friction lets differ more, and by
+0.095 and 0.29 in peak and roughness (56 measured)."""
+
+Differences = Mapping[tuple[Sort, str], float]
+"""By sort and channel, signed where it has a sign."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Usual:
+    """The median of some runs, of what each of them has."""
+
+    waves: Mapping[str, NDArray[np.float64]]
+    """Free decay, by channel."""
+    peaks: Mapping[str, float]
+    """By channel."""
+    roughness: Mapping[str, float]
+    """By channel."""
+    levels: Mapping[str, float]
+    """By channel."""
+    largest: Mapping[str, float]
+    """Largest peak of the channel's quantity, by channel."""
+    frequency_hz: float | None
+    """None if a run shows none."""
+
+
+def left_out(
+    channels: Sequence[Channel], bump_s: float, measures: Mapping[str, RunMeasure], planned: int
+) -> dict[str, str]:
+    """Return the runs that the most consistent set leaves out, each with what it differs in.
+
+    `bump_s`: duration of the bump.  `measures`: of the accepted runs of one kind, by label.
+    `planned`: number of runs of the campaign; never fewer stay, nor fewer than `FEWEST`.
+    """
+    kept = {label: after(m, bump_s + GUARD_S) for label, m in measures.items() if m.peaks}
+    out = {}
+    while len(kept) > max(planned, FEWEST):
+        found = _compared(channels, kept, kept)
+        odd = max(kept, key=lambda label: found[label][0])
+        if found[odd][0] <= 1.0:
+            break
+        out[odd] = kept.pop(odd)
+    ratios = _compared(channels, kept, out)
+    return {
+        label: ratios[label][1] for label in measures if label in out and ratios[label][0] > 1.0
+    }
+
+
+def _compared(
+    channels: Sequence[Channel], kept: Mapping[str, RunMeasure], asked: Mapping[str, RunMeasure]
+) -> dict[str, tuple[float, str]]:
+    """Return the largest difference of each run asked for over its limit, and it in words."""
+    usual = _usual(channels, list(kept.values()))
+    among = [_differences(usual, run) for run in kept.values()]
+    common = {key: median(abs(found.get(key, 0.0)) for found in among) for key in among[0]}
+    limits = {
+        (sort, name): max(LEAST[sort], size if sort is Sort.COURSE else UNUSUAL * size)
+        for (sort, name), size in common.items()
+    }
+    result = {}
+    for label, run in asked.items():
+        found = _differences(usual, run)
+        ratios = {key: abs(found[key]) / limits[key] for key in limits if key in found}
+        over, words = 0.0, []
+        for sort in Sort:
+            own = {key: ratio for key, ratio in ratios.items() if key[0] is sort}
+            if not own:
+                continue
+            worst = max(own, key=lambda key: own[key])
+            ratio = own[worst]
+            if sort is Sort.COURSE:
+                ratio = float(np.sqrt(np.mean(np.square(list(own.values()))))) / UNLIKE
+            over = max(over, ratio)
+            if ratio > 1.0:
+                words.append(_words(usual, *worst, found[worst]))
+        result[label] = over, ", ".join([*words[:2], *_frequency(usual, run)])
+    return result
+
+
+def _usual(channels: Sequence[Channel], runs: Sequence[RunMeasure]) -> _Usual:
+    def medians(values: Iterable[Mapping[str, float]]) -> dict[str, float]:
+        every = list(values)
+        known = set.intersection(*map(set, every))
+        return {c.name: median(v[c.name] for v in every) for c in channels if c.name in known}
+
+    waves = [run.waves for run in runs]
+    known = set.intersection(*map(set, waves))
+    peaks = medians(run.peaks for run in runs)
+    kind = {c.name: ANGULAR if c.quantity in ANGULAR else c.quantity for c in channels}
+    hertz = [run.frequency_hz for run in runs if run.frequency_hz is not None]
+    return _Usual(
+        waves={name: np.median([w[name] for w in waves], axis=0) for name in sorted(known)},
+        peaks=peaks,
+        roughness=medians(run.roughness for run in runs),
+        levels=medians(run.levels for run in runs),
+        largest={
+            name: max(1e-12, *(p for other, p in peaks.items() if kind[other] == kind[name]))
+            for name in peaks
+        },
+        frequency_hz=median(hertz) if len(hertz) == len(runs) else None,
+    )
+
+
+def _differences(usual: _Usual, own: RunMeasure) -> Differences:
+    """Return what a run differs in from the usual one."""
+    largest = usual.largest
+    scale, course = _course(usual, own)
+    found = {(Sort.COURSE, name): size for name, size in course.items()}
+    for name in largest.keys() & own.levels.keys() & usual.levels.keys():
+        found[Sort.LEVEL, name] = (own.levels[name] - usual.levels[name]) / largest[name]
+    for name in largest.keys() & own.peaks.keys():
+        if usual.peaks[name] > MAIN * largest[name]:
+            found[Sort.PEAK, name] = _log(own.peaks[name], scale * usual.peaks[name])
+    for name in largest.keys() & own.roughness.keys() & usual.roughness.keys():
+        finest = _FINEST * largest[name]
+        rough = own.roughness[name] + finest, usual.roughness[name] + finest
+        found[Sort.ROUGH, name] = _log(*rough)
+    return found
+
+
+def _course(usual: _Usual, own: RunMeasure) -> tuple[float, dict[str, float]]:
+    """Return the size of the motion over the usual one, and what scale and shift leave of it."""
+    names = [n for n in usual.waves if n in own.waves and n in usual.largest]
+    if not names:
+        return 1.0, {}
+    here = np.array([own.waves[n] / usual.largest[n] for n in names])
+    there = np.array([usual.waves[n] / usual.largest[n] for n in names])
+    basis = np.stack([there.ravel(), np.gradient(there, axis=1).ravel()], axis=1)
+    weights, *_ = np.linalg.lstsq(basis, here.ravel(), rcond=None)
+    rest = here - (basis @ weights).reshape(here.shape)
+    size = np.sqrt(np.mean(rest**2, axis=1) / max(1e-12, np.mean(there**2, axis=1).max()))
+    return float(weights[0]), dict(zip(names, size.tolist(), strict=True))
+
+
+def _log(one: float, other: float) -> float:
+    return float(np.log(max(one, 1e-12) / max(other, 1e-12)))
+
+
+def _words(usual: _Usual, sort: Sort, name: str, size: float) -> str:
+    match sort:
+        case Sort.LEVEL:
+            side = "higher" if size > 0.0 else "lower"
+            return f"{name} {abs(size) * usual.largest[name] * 1e3:.1f} mm {side} before the bump"
+        case Sort.COURSE:
+            return f"course of {name} {size:.0%} off"
+        case Sort.PEAK:
+            return f"peak of {name} {np.exp(size):.2f} times the others'"
+        case Sort.ROUGH:
+            return f"{name} {np.exp(size):.1f} times as rough"
+
+
+def _frequency(usual: _Usual, own: RunMeasure) -> list[str]:
+    if own.frequency_hz is None or usual.frequency_hz is None:
+        return []
+    shift = own.frequency_hz / usual.frequency_hz - 1.0
+    return [f"frequency {shift:+.0%}"] if abs(shift) >= _NOTABLE else []
