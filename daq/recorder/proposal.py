@@ -17,7 +17,8 @@ from .orders import OrderError
 def proposed(bench: Bench, log: RunLog, measures: Mapping[str, RunMeasure]) -> tuple[LeftOut, ...]:
     """Return the runs to leave out, of every kind that has more accepted runs than planned.
 
-    A run that a person has accepted stays: it was decided.
+    Runs of the other side or axle are compared among themselves.  A run that a person has accepted
+    stays: it was decided.
     """
     kinds = dict.fromkeys((run.mass_state, run.excitation) for run in log.runs)
     found: list[LeftOut] = []
@@ -25,13 +26,11 @@ def proposed(bench: Bench, log: RunLog, measures: Mapping[str, RunMeasure]) -> t
         accepted = [run for run in log.of(*kind) if run.status is LoggedStatus.ACCEPTED]
         known = {run.label: measures[run.label] for run in accepted if run.label in measures}
         decided = {run.label for run in accepted if run.by}
-        found += [
-            LeftOut(label, text)
-            for label, text in left_out(
-                bench.channels, bench.bump_s, known, bench.campaign.repeats
-            ).items()
-            if label not in decided
-        ]
+        for wheels in dict.fromkeys(measure.wheels for measure in known.values()):
+            alike = {label: m for label, m in known.items() if m.wheels == wheels}
+            planned = bench.campaign.repeats - (len(accepted) - len(alike))
+            out = left_out(bench.channels, bench.bump_s, alike, planned)
+            found += [LeftOut(label, text) for label, text in out.items() if label not in decided]
     return tuple(found)
 
 

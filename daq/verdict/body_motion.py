@@ -38,6 +38,10 @@ class Body(NamedTuple):
     """At the front axle."""
     rear: float
     """At the rear axle."""
+    left: float
+    """At the left wheels."""
+    right: float
+    """At the right wheels."""
 
 
 def body_pattern(bench: Bench, seen: tuple[Trace, ...]) -> Pattern | None:
@@ -56,7 +60,8 @@ def pushed_pattern(bench: Bench, four: tuple[Trace, ...]) -> Pattern:
     shares = shares_of(motion)
     heave, pitch, roll = (float(np.sqrt(shares[name])) for name in ("bounce", "pitch", "roll"))
     front, rear = abs(float(motion[0] + motion[1])), abs(float(motion[2] + motion[3]))
-    body = Body(heave, pitch, roll, front, rear)
+    left, right = abs(float(motion[0] + motion[2])), abs(float(motion[1] + motion[3]))
+    body = Body(heave, pitch, roll, front, rear, left, right)
     return of_body(bench.campaign.excitations, body, shares, "travels")
 
 
@@ -66,8 +71,8 @@ def of_body(
     """Judge by heave, pitch and roll alone; warp moves the body but little more than bounce does.
 
     A pitch bump heaves the body as much as it turns it: the likeness counts each turning against
-    heave alone, and only what clearly belongs to another kind is refused.  Of the two axles the
-    one that is struck moves more.
+    heave alone, and only what clearly belongs to another kind is refused.  Of the two axles, and
+    of the two sides, the one that is struck moves more.
 
     `planned`: the kinds of the campaign.  `body`: the motion.  `shares`: shares of the motion, for
     the text.  `by`: the sensors, in words.
@@ -84,7 +89,11 @@ def of_body(
             axle = min(own / max(other, 1e-12), 1.0)
             like[wheels] = axle * _turned(body.pitch, body.heave, body.roll)
         elif to_left:
-            like[wheels] = _turned(body.roll, body.heave, body.pitch)
+            own, other = body.left, body.right
+            if to_left < 0:
+                own, other = other, own
+            side = min(own / max(other, 1e-12), 1.0)
+            like[wheels] = side * _turned(body.roll, body.heave, body.pitch)
         else:
             like[wheels] = still
     likeness = likeness_of(like, planned)
@@ -95,7 +104,7 @@ def of_body(
     elif likeness[best] > still:
         words = "nose and tail against each other, the "
         words += "nose more" if body.front >= body.rear else "tail more"
-    return Pattern(shares, likeness, f"{best.words}: {words}", by, BODY_PURITY)
+    return Pattern(shares, likeness, f"{best.words}: {words}", by, BODY_PURITY, like)
 
 
 def _turned(own: float, heave: float, other: float) -> float:
@@ -140,6 +149,8 @@ def _moved_body(bench: Bench, seen: tuple[Trace, ...]) -> Body | None:
         width_m * roll,
         heave + middle_m * pitch,
         heave + (middle_m + 2.0 * length_m) * pitch,
+        heave + width_m * roll,
+        heave - width_m * roll,
     )
     return Body(*(float(np.max(np.abs(speed))) for speed in speeds))
 

@@ -11,7 +11,7 @@ from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..channels import TIME_DERIVATIVE, Quantity
 from . import motion, traffic
-from .pattern import patterns, wrong_mode
+from .pattern import mirrored, patterns, struck, wrong_mode
 from .repeats import levels, not_repeatable, roughness, waves
 from .strikes import Pattern
 from .wave import body_wave
@@ -25,6 +25,7 @@ _CHECKS = (
     motion.not_at_rest,
     motion.too_weak,
     motion.double_bump,
+    motion.too_strong,
 )
 
 
@@ -48,9 +49,11 @@ def judge(
     ways = patterns(bench, seen)
     measure = _measure(bench, step, seen, ways)
     findings += tuple(found for way in ways for found in wrong_mode(step.excitation, way))
+    findings += tuple(found for way in ways[:1] for found in mirrored(step.excitation, way))
     findings += tuple(motion.not_decayed(bench, window, seen))
     findings += tuple(motion.rest_changed(bench, window, seen))
-    findings += tuple(not_repeatable(seen, measure, accepted))
+    alike = [other for other in accepted if other.wheels == measure.wheels]
+    findings += tuple(not_repeatable(seen, measure, alike))
     return (*findings, _motion(measure)), measure
 
 
@@ -74,6 +77,7 @@ def _measure(
         damping=wave[1] if wave else None,
         shares=how.shares if how else MappingProxyType({}),
         purity=how.likeness[step.excitation] if how else None,
+        wheels=struck(step.excitation, how) if how else None,
         peaks=MappingProxyType({trace.channel.name: trace.peak for trace in seen}),
         waves=waves(seen),
         levels=levels(seen),

@@ -25,6 +25,9 @@ WEAK_LEVELS = 2.0
 """Peak over the trigger's level: a bump that just reaches it may as well have been a touch."""
 WEAK_NOISE = 10.0
 """Peak over the noise of the best channel, 20 dB: as the desk asks of each mode."""
+STRONG_HEIGHTS = 1.5
+"""Travel of the suspension over the planned height of a bump: bumps of that height move it by 0.8
+to 1.0 times as much, and one that moves it by half more meets bump stops and lifts wheels."""
 LEFT_SHARE = 0.15
 """Largest motion at the end over the peak: with more left, the desk would fit a wave that was cut
 in the middle."""
@@ -134,6 +137,21 @@ def double_bump(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Ite
     else:
         text = f"one bump; nothing rises to more than {share:.0%} of it again"
         yield finding("double_bump", True, share, STRUCK_SHARE, "", text)
+
+
+def too_strong(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
+    """Compare the travel of the suspension with the height of the bump that was planned."""
+    travels = [t for t in seen if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
+    if not travels:
+        return
+    largest = max(travels, key=lambda trace: trace.peak)
+    limit = STRONG_HEIGHTS * bench.procedure.bump_height_m
+    text = (
+        f"{largest.channel.name} moved by {largest.peak * 1e3:.0f} mm (limit {limit * 1e3:.0f} "
+        f"mm: {STRONG_HEIGHTS:g} times the planned height)"
+    )
+    strong = largest.peak > limit
+    yield finding("too_strong", not strong, largest.peak, limit, "m", text, largest.channel.name)
 
 
 def _second_strike(trace: Trace, guard_s: float) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from dbc.finding import Finding
 
 from ..bench.config import Bench
 from ..bench.procedure import Method
-from ..bumps import kinds_of
+from ..bumps import BUMPS, Wheels, kinds_of, mirror_images
 from ..channels import Quantity
 from ..runs import Excitation
 from ..vehicle import Corner
@@ -22,6 +22,9 @@ from .words import finding
 PURITY = 0.8
 """Likeness to the pattern that is due: wheels that stand still show a tenth of the struck ones
 through body and anti-roll bars, and the struck ones differ by a third at most."""
+MIRRORED = 1.25
+"""Likeness to the other side or axle over that to the one that is due, from which on it is the
+other."""
 _AXLES_S = 2.5
 """Time after the front axle at which the rear one has met a board at walking pace, s."""
 
@@ -73,7 +76,25 @@ def _of_wheels(bench: Bench, four: tuple[Trace, ...], by: str, quick: bool) -> P
     best = max(like, key=lambda wheels: like[wheels])
     kind = next((kind.words for kind in kinds_of(best, planned)), "no kind of bump")
     words = f"{kind}: {in_words(best)}"
-    return Pattern(shares_of(size), likeness_of(like, planned), words, by, PURITY)
+    return Pattern(shares_of(size), likeness_of(like, planned), words, by, PURITY, like)
+
+
+def struck(due: Excitation, found: Pattern) -> Wheels | None:
+    """Return the wheels of a bump of the kind that is due, or their mirror image; else None."""
+    if found.likeness[due] < found.limit:
+        return None
+    own = BUMPS[due].wheels
+    best = max(mirror_images(own), key=lambda wheels: found.strikes.get(wheels, 0.0))
+    clear = found.strikes.get(best, 0.0) > MIRRORED * found.strikes.get(own, 0.0)
+    return best if clear else own
+
+
+def mirrored(due: Excitation, found: Pattern) -> Iterator[Finding]:
+    """Tell a bump of the other side or axle from the one that is due; both count."""
+    wheels, own = struck(due, found), BUMPS[due].wheels
+    if wheels is not None and wheels != own:
+        text = f"{in_words(wheels)}, where {in_words(own)} were due: counted as it is"
+        yield finding("mirrored", True, found.strikes[wheels], found.limit, "", text)
 
 
 def wrong_mode(due: Excitation, found: Pattern) -> Iterator[Finding]:

@@ -58,6 +58,8 @@ class Pattern(NamedTuple):
     """The sensors, in words."""
     limit: float
     """Least likeness to the kind that is due."""
+    strikes: Mapping[Wheels, float] = MappingProxyType({})
+    """Likeness to a strike of these wheels, 0..1."""
 
 
 def in_words(wheels: Wheels) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import read_only
 
+from ..bumps import Wheels
 from ..channels import Channel, Quantity
 from ..runs import Losses
 from ..samples.blocks import SampleBlock
@@ -68,6 +69,9 @@ class RunMeasure:
     """Share of bounce, pitch, roll and warp in the corners' motion, 0..1; empty if unknown."""
     purity: float | None = None
     """Likeness of the corners' motion to the excitation that was due, 0..1; None if unknown."""
+    wheels: Wheels | None = None
+    """The wheels that were struck, of the kind that was due or its mirror image; None if they are
+    others, or unknown."""
     peaks: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     """Largest deviation from rest of each channel, SI."""
     waves: Mapping[str, NDArray[np.float64]] = field(default_factory=lambda: MappingProxyType({}))

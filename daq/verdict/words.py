@@ -56,10 +56,22 @@ WORDS: Mapping[str, Words] = MappingProxyType(
             "must be left alone.",
             "bump once, then keep off the car until the run has ended",
         ),
+        "too_strong": Words(
+            "too strong",
+            "The suspension moved much farther than a bump of the planned height moves it: it "
+            "meets its stops, wheels leave the road, and friction and curves count for more.",
+            "use a lower bump, or state its height in bench.toml (bump_height_mm)",
+        ),
         "wrong_mode": Words(
             "wrong bump",
             "The wheels or the body moved as another kind of bump moves them.",
             "check which wheels stand before the boards, then bump again",
+        ),
+        "mirrored": Words(
+            "other side",
+            "The wheels of the other side or axle were struck. The run counts, because the "
+            "identification finds which wheels it was; it is compared with runs of its side only.",
+            "bump the wheels of the sketch if all runs are to be alike",
         ),
         "not_decayed": Words(
             "not decayed",

@@ -39,6 +39,7 @@ def display(
     import sys
 
     from daq import InputError
+    from daq.control import control_address, is_running
 
     from ..diagnostics import say
 
@@ -48,9 +49,15 @@ def display(
     except ImportError as error:
         raise InputError("display", "aiohttp is not there", "install bumpbench[web]") from error
 
+    if not folder.is_dir():
+        what = "is not there" if not folder.exists() else "is no folder"
+        raise InputError(str(folder), what, "name the folder that the recorder was started in")
+
     def announce(served: Served, _: Callable[[], object]) -> None:
         for line in link_lines(served.link, served.host, served.secret, sys.stderr.isatty()):
             sys.stderr.write(f"{line}\n")
+        if not is_running(control_address(folder)):
+            say(f"{folder}: no recorder runs there; the page waits for one (bumpbench record)")
 
     run_display(folder, host, operator or getpass.getuser(), control, announce)
     say("the display has ended; the recorder goes on")

@@ -120,7 +120,7 @@ class BenchApp(MessageApp, KeyboardApp):
         self.signals = Signals(choices, self.bell, self.set_timer)
         self._ascii = PlainAscii()
         self.typed: dict[str, str] = {}
-        """Text typed last in answer to each question."""
+        self.answered = ""
         self._news: deque[News] = deque(maxlen=MOST_NEWS)
         self._role = Role(False)
         self._started = False

@@ -36,6 +36,10 @@ class BenchContext(Protocol):
     """Makes the screen with the link of the display beside this terminal; None without one."""
     typed: dict[str, str]
     """Text typed last in answer to each question."""
+    answered: str
+    """Change of the weights that the operator has answered for; each is asked once."""
+    auto: bool
+    """True if SPACE presses itself, as in a replay."""
     status: Status | None
     """The newest status; None before the first, and kept after the recorder is lost."""
     lost: Lost | None

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from daq.bench.config import Bench
+from daq.bumps import Wheels
 from daq.control.orders import Accept, LeaveOut, Redo, Undo
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
 from daq.recorder.orders import OrderError
+from daq.recorder.proposal import proposed
 from daq.recorder.recording import Recording
 from daq.runlog.entries import verdict_entry
 from daq.runlog.fold import fold
 from daq.runlog.runlog import Code, LoggedStatus
 from daq.runs import Event
+from daq.vehicle import Corner
 from daq.verdict import RunMeasure
 from dbc import Codec
 
@@ -79,6 +84,14 @@ def test_a_run_that_a_person_has_accepted_is_not_proposed_again(recording: Recor
     recording.carry_out(Undo(), "Ann", now())
     recording.carry_out(Undo(), "Ann", now())
     assert len(status_of(recording).proposed) == 2
+
+
+def test_runs_of_the_other_side_are_compared_among_themselves(recording: Recording) -> None:
+    left, right = Wheels({Corner.FRONT_LEFT}), Wheels({Corner.FRONT_RIGHT})
+    for label in LABELS:
+        wheels = right if label in ODD else left
+        recording.measures[label] = replace(recording.measures[label], wheels=wheels)
+    assert proposed(recording.bench, recording.run_log, recording.measures) == ()
 
 
 def test_what_is_measured_after_a_restart_is_compared_then(recording: Recording) -> None:

@@ -15,7 +15,7 @@ from daq.channels import Channel, Quantity
 from daq.runs import Excitation
 from daq.vehicle import Corner
 from daq.verdict import RunWindow
-from daq.verdict.pattern import patterns, wrong_mode
+from daq.verdict.pattern import mirrored, patterns, struck, wrong_mode
 from daq.verdict.strikes import Pattern
 from daq.verdict.window import traces
 
@@ -292,3 +292,43 @@ def test_a_kind_is_told_from_another_by_its_limit(like: float, passed: bool) -> 
     assert (finding.passed, finding.value, finding.limit) == (passed, like, 0.65)
     assert ("looks like bounce: level, not pitch" in finding.text) is not passed
     assert "bounce 60%, pitch 40%" in finding.text
+
+
+@pytest.mark.parametrize(
+    ("sizes", "due", "text"),
+    [
+        ((1, 1, 0, 0), PITCH, ""),
+        ((0, 0, 1, 1), PITCH, "rear wheels only, where front wheels only were due"),
+        ((1, 0, 1, 0), ROLL, ""),
+        ((0, 1, 0, 1), ROLL, "right wheels only, where left wheels only were due"),
+        ((0, 1, 1, 0), WARP, "front right and rear left, where front left and rear right were due"),
+        ((1, 1, 1, 1), BOUNCE, ""),
+        ((0, 0, 1, 1), BOUNCE, ""),
+    ],
+)
+def test_a_bump_of_the_other_side_or_axle_is_named(
+    sizes: tuple[float, ...], due: Excitation, text: str
+) -> None:
+    (pattern,) = found(hubs(sizes))
+    named = [finding.text for finding in mirrored(due, pattern)]
+    assert named == ([f"{text}: counted as it is"] if text else [])
+    assert all(finding.passed for finding in mirrored(due, pattern))
+
+
+@pytest.mark.parametrize(("rear", "other"), [(0.54, False), (0.58, True)])
+def test_the_other_axle_has_to_be_clearly_the_likelier(rear: float, other: bool) -> None:
+    """Likeness goes with the square: 1.25 times as much is 1.118 times the strike."""
+    pattern = found(hubs((0.5, 0.5, rear, rear)))[0]._replace(limit=0.2)
+    assert (struck(PITCH, pattern) == {Corner.REAR_LEFT, Corner.REAR_RIGHT}) is other
+
+
+def test_a_push_of_the_right_sill_is_told_from_one_of_the_left() -> None:
+    down = np.where((T_S > 0.0) & (T_S < 0.6), -np.sin(np.pi * T_S / 0.6), 0.0)
+    for sizes, wheels in (
+        ((1.0, 0.4, 1.0, 0.4), {Corner.FRONT_LEFT, Corner.REAR_LEFT}),
+        ((0.4, 1.0, 0.4, 1.0), {Corner.FRONT_RIGHT, Corner.REAR_RIGHT}),
+    ):
+        shapes = {c: 0.03 * size * down for c, size in zip(Corner, sizes, strict=True)}
+        records = corners(Quantity.SUSPENSION_TRAVEL, "m", shapes)
+        (pattern,) = found(records, Method.PUSH)
+        assert struck(ROLL, pattern) == wheels

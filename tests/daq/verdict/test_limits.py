@@ -16,7 +16,14 @@ from daq.runs import Excitation, Losses
 from daq.vehicle import Corner
 from daq.verdict import RunMeasure, RunWindow
 from daq.verdict.body_motion import Body, of_body
-from daq.verdict.motion import double_bump, not_at_rest, not_decayed, rest_changed, too_weak
+from daq.verdict.motion import (
+    double_bump,
+    not_at_rest,
+    not_decayed,
+    rest_changed,
+    too_strong,
+    too_weak,
+)
 from daq.verdict.pattern import patterns, wrong_mode
 from daq.verdict.repeats import not_repeatable
 from daq.verdict.traffic import lost_frames, overload, stale
@@ -89,6 +96,14 @@ def test_a_bump_is_ten_times_the_noise(peak: float, passed: bool) -> None:
     finding = one(too_weak, {TRAVEL: value})
     assert finding.passed is passed
     assert finding.value == pytest.approx(peak, rel=0.003)
+
+
+@pytest.mark.parametrize(("travel_m", "passed"), [(0.0599, True), (0.0601, False)])
+def test_travel_may_exceed_the_planned_height_by_half(travel_m: float, passed: bool) -> None:
+    finding = one(too_strong, {TRAVEL: pulse(travel_m)})  # 40 mm are planned
+    assert finding.passed is passed
+    assert "60 mm (limit 60 mm: 1.5 times the planned height)" in finding.text, finding.text
+    assert not found(too_strong, {HUB: pulse(100.0)})
 
 
 def strikes(second: float, at_s: float) -> Array:
@@ -252,7 +267,7 @@ def test_the_body_moves_more_at_the_axle_of_a_pitch(
     front: float, rear: float, kinds: set[Excitation]
 ) -> None:
     """A body that pitches as much as it heaves is told by its ends, from 0.65 of the other on."""
-    pattern = of_body(FOUR, Body(1.0, 1.0, 0.0, front, rear), {}, "body's motion")
+    pattern = of_body(FOUR, Body(1.0, 1.0, 0.0, front, rear, 1.0, 1.0), {}, "body's motion")
     passed = {kind for kind in FOUR if next(wrong_mode(kind, pattern)).passed}
     assert passed == kinds
     assert ("nose more" in pattern.words) is (front > rear)

@@ -55,7 +55,7 @@ from daq.control.orders import (
 from daq.runlog.entries import entry, verdict_entry
 from daq.runlog.fold import advance
 from daq.runlog.runlog import Code, LoggedStatus, RunLog, next_step
-from daq.runs import Event, Losses
+from daq.runs import Event, Excitation, Losses
 from dbc.finding import Finding, Severity
 from tui.terminal.state.feed import News, Refused, Role
 
@@ -231,6 +231,10 @@ class FakeRecorder:
             self.bump()
             self.judge()
         self.turn(Phase.IDLE if step else Phase.COMPLETE)
+
+    def choose(self, mass_state: str, excitation: Excitation) -> None:
+        """Choose the kind of the next run."""
+        self._carry_out(Choose(mass_state, excitation))
 
     def mark(self, *steps: str) -> None:
         """Say that steps without bumps are done."""

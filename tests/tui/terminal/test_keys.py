@@ -315,3 +315,30 @@ async def test_one_key_leaves_out_what_is_unlike_the_others_and_one_takes_it_bac
         assert "U = take them back" in screen_text(app)
         await _press(pilot, "u")
         assert recorder.run_log.accepted("baseline", run.excitation) == 2
+
+
+async def test_the_weights_are_asked_for_once_where_they_change(make_app: MakeApp) -> None:
+    recorder = _bench()
+    recorder.finish("baseline")
+    recorder.mark("masses")
+    now_s = [0.0]
+    app = make_app(recorder, clock=lambda: now_s[0])
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        for key, asked, after_s in (
+            ("space", True, 1.0),
+            ("space", True, 0.1),  # still held down
+            ("escape", False, 1.0),
+            ("space", True, 1.0),
+            ("space", False, 1.0),
+        ):
+            assert _given(recorder, Arm) == []
+            now_s[0] += after_s
+            await _press(pilot, key)
+            assert ("Weights on?" in screen_text(app)) is asked
+        assert _given(recorder, Arm) == [Arm()]
+        recorder.turn(Phase.PAUSED)
+        await pilot.pause()
+        now_s[0] += 1.0
+        await _press(pilot, "space")
+        assert _given(recorder, Arm) == [Arm(), Arm()]

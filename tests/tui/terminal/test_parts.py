@@ -11,12 +11,13 @@ from daq.control.messages import Lane, Live, Phase
 from daq.control.orders import Arm
 from daq.runlog.entries import entry
 from daq.runlog.runlog import Code
+from daq.runs import Excitation
 from tui.terminal.state.banner import banner
 from tui.terminal.state.feed import Lost
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.lane_view import lane_specs, window
 from tui.terminal.state.lanes import RING_S, Lanes
-from tui.terminal.state.next_action import next_action
+from tui.terminal.state.next_action import next_action, weights_question
 from tui.terminal.state.steps import BenchStep, progress
 from tui.terminal.state.tracing import full_scale, pooled, trace
 
@@ -204,6 +205,39 @@ def test_the_one_key() -> None:
     assert next_action(last).order is None
     recorder.finish("baseline")
     assert next_action(recorder.status).step is BenchStep.MASSES
+
+
+def test_more_runs_are_recorded_by_the_one_key_after_each_step() -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    recorder.finish("baseline")
+    recorder.choose("baseline", Excitation.ROLL)
+    more = next_action(recorder.status)
+    assert (more.words, more.order) == ("SPACE = one more roll", Arm())
+    recorder.mark("masses")
+    recorder.bump()
+    recorder.judge()
+    recorder.finish("added")
+    recorder.mark("identify", "report")
+    assert next_action(recorder.status).step is BenchStep.REPORT
+    recorder.choose("added", Excitation.PITCH)
+    assert next_action(recorder.status).order == Arm()
+    recorder.bump()
+    recorder.judge()
+    recorder.turn(Phase.COMPLETE)
+    assert next_action(recorder.status).step is BenchStep.IDENTIFY
+
+
+def test_the_weights_are_asked_for_where_they_change() -> None:
+    recorder = FakeRecorder()
+    assert weights_question(None) == weights_question(recorder.status) == ""
+    recorder.finish("baseline")
+    assert weights_question(recorder.status).startswith("Weights on?")
+    recorder.bump()
+    assert weights_question(recorder.status) == ""
+    recorder.judge()
+    recorder.choose("baseline", Excitation.ROLL)
+    assert weights_question(recorder.status).startswith("Weights off?")
 
 
 def test_states_differ_in_words_in_every_set_of_characters() -> None:

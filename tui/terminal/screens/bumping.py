@@ -19,12 +19,12 @@ from daq.control import (
 )
 from daq.runlog import LoggedRun, LoggedStatus
 
-from ..state.next_action import NextAction, next_action
+from ..state.next_action import NextAction, next_action, weights_question
 from ..state.run_words import run_words
 from ..state.steps import BenchStep, bump_step
 from ..widgets.lists import TallyList
 from .base import BenchScreen
-from .dialogs import Question
+from .dialogs import Confirm, Question
 
 AT_EASE = (Phase.IDLE, Phase.COMPLETE)
 
@@ -94,10 +94,19 @@ class BumpingScreen(BenchScreen):
         """Arm, or go to the step that is due."""
         app = self.bench_app
         action = self._next
+        question = weights_question(app.status)
         if action.step is not None:
             await app.go_to(action.step)
+        elif action.order is not None and question and self._change != app.answered:
+            self.app.push_screen(Confirm(question), self._weights_are_right)
         elif action.order is not None and await app.ask(action.order) is not None:
             await app.open("run")
+
+    async def _weights_are_right(self, yes: bool | None) -> None:
+        """Arm after the operator has looked at the weights."""
+        if yes:
+            self.bench_app.answered = self._change
+            await self.action_next()
 
     async def action_reject(self) -> None:
         """Reject the run in progress, or the last one."""
@@ -154,6 +163,16 @@ class BumpingScreen(BenchScreen):
 
         words = f"Take {run.mass_state} {run_words(run)} back although: {'; '.join(run.reasons)}"
         self.app.push_screen(Question(words, "reason"), accept)
+
+    @property
+    def _change(self) -> str:
+        """The last run and the mass state that follows it; `--auto` has answered for all."""
+        app = self.bench_app
+        if app.auto or app.status is None or app.status.due is None or not app.status.runs:
+            return app.answered
+        return (
+            f"{app.status.recording} {app.status.runs[-1].label} {app.status.due.step.mass_state}"
+        )
 
     @property
     def _next(self) -> NextAction:

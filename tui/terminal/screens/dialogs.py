@@ -1,8 +1,8 @@
-"""Dialogs over a screen: a list to choose from, lines of text, a question."""
+"""Dialogs over a screen: a list to choose from, lines of text, a question, yes or no."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, cast
 
 from textual.app import ComposeResult
@@ -17,6 +17,7 @@ from daq.errors import printable
 
 from ..context import BenchContext
 from ..widgets.line import Line
+from .base import LOCK_OUT_S
 
 
 class ChoiceScreen(ModalScreen[str | None]):
@@ -118,3 +119,35 @@ class Question(ModalScreen[str | None]):
     def action_leave(self) -> None:
         """Leave without an answer."""
         self.dismiss(None)
+
+
+class Confirm(ModalScreen[bool | None]):
+    """Returns True after SPACE, None after Esc; a SPACE that is held down is no answer."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space,pagedown,enter", "yes", "Yes"),
+        Binding("escape", "dismiss(None)", "No"),
+    ]
+
+    def __init__(self, words: str) -> None:
+        super().__init__()
+        self._words = words
+        self._pressed_s = 0.0
+
+    @property
+    def _clock(self) -> Callable[[], float]:
+        return cast("BenchContext", self.app).clock
+
+    def compose(self) -> ComposeResult:
+        """Lay out question and keys."""
+        self._pressed_s = self._clock()
+        with Vertical(classes="box"):
+            yield Static(self._words, markup=False)
+            yield Static("SPACE = yes, start   Esc = no, not yet", markup=False)
+
+    def action_yes(self) -> None:
+        """Return yes, unless the key has been down since before."""
+        now_s = self._clock()
+        before_s, self._pressed_s = self._pressed_s, now_s
+        if now_s - before_s >= LOCK_OUT_S:
+            self.dismiss(True)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from daq import Status
+from daq import BASELINE, Status
 from daq.control import Arm, Order, Phase
+from daq.errors import printable
 
 from .steps import BenchStep, progress
 
@@ -38,7 +39,8 @@ def _next_action(status: Status | None) -> NextAction:
     if status is None or status.phase in BUSY:
         return NextAction()
     due = progress(status).due
-    if due not in _WITH_BUMPS and status.phase not in (Phase.PAUSED, Phase.REJECTED):
+    more = status.due is not None and status.due.accepted >= status.due.planned
+    if not more and due not in _WITH_BUMPS and status.phase not in (Phase.PAUSED, Phase.REJECTED):
         return NextAction(f"SPACE = step {due.title}", step=due)
     arm = Arm()
     match status.phase:
@@ -52,4 +54,18 @@ def _next_action(status: Status | None) -> NextAction:
             return NextAction()
     if status.due is None:
         return NextAction(f"SPACE = step {due.title}", step=due)
+    if more:
+        return NextAction(f"SPACE = one more {status.due.step.excitation.words}", arm)
     return NextAction("SPACE starts", arm)
+
+
+def weights_question(status: Status | None) -> str:
+    """Return the question that comes before the first run of another mass state; else empty."""
+    if status is None or status.due is None or not status.runs:
+        return ""
+    state = status.due.step.mass_state
+    if status.runs[-1].mass_state == state:
+        return ""
+    if state == BASELINE:
+        return "Weights off? The next run is of the car as it is (baseline)."
+    return f"Weights on? The next run is of the car with weights ({printable(state, 40)})."

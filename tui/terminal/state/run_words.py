@@ -54,8 +54,9 @@ def waiting_words(status: Status) -> str:
 
 def accepted_words(run: LoggedRun | None) -> str:
     """Return the figures of an accepted run."""
-    figures = next((f.text for f in run.findings if f.code == "motion"), "") if run else ""
-    return printable(figures, 100) or "every check passed"
+    found = {f.code: f.text for f in run.findings} if run else {}
+    shown = [found[code] for code in ("motion", "mirrored") if found.get(code)]
+    return printable("; ".join(shown), 160) or "every check passed"
 
 
 def rejected_words(run: LoggedRun) -> tuple[str, str]:
