@@ -79,7 +79,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     for each in bench.sample_sets:
         if _is_used(each, groups):
             lines += _set_lines(each, groups)
-    if not trigger_channels(bench.channels):
+    if not trigger_channels(bench.channels, bench.procedure.method):
         advice = "add a hub_acceleration or a body_acceleration"
         reason = "no channel can trigger"
         lines.append(Finding("trigger", Severity.ERROR, reason, "trigger", advice))

@@ -18,7 +18,7 @@ def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...]
     # All channels are mapped although only some trigger: what does not fit together is to be
     # known before the first bump, not after the last.
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
-    triggers = frozenset(c.name for c in trigger_channels(bench.channels))
+    triggers = frozenset(c.name for c in trigger_channels(bench.channels, bench.procedure.method))
     if not triggers:
         what, advice = "has no channel that can trigger", "add a hub or a body acceleration"
         raise InputError("bench.toml", what, advice)

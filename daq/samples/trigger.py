@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bench.config import TriggerConfig
+from ..bench.procedure import Method
 from ..channels import Channel, Quantity
 from ..runs import Event
 from .blocks import Column, SampleBlock
@@ -90,9 +91,15 @@ class TriggerState:
     """The trigger channels seen so far."""
 
 
-def trigger_channels(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
-    """Return the channels that trigger: the hub accelerations, without them those of the body."""
-    for quantity in (Quantity.HUB_ACCELERATION, Quantity.BODY_ACCELERATION):
+def trigger_channels(
+    channels: tuple[Channel, ...], method: Method = Method.ROLL_OVER
+) -> tuple[Channel, ...]:
+    """Return the channels that trigger: the hub accelerations, without them those of the body.
+
+    A push moves the body and hardly the wheels: there those of the body come first.
+    """
+    order = (Quantity.HUB_ACCELERATION, Quantity.BODY_ACCELERATION)
+    for quantity in reversed(order) if method is Method.PUSH else order:
         found = tuple(channel for channel in channels if channel.quantity is quantity)
         if found:
             return found

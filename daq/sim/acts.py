@@ -11,6 +11,8 @@ import numpy as np
 
 from ..bench.campaign import Step
 from ..bench.config import Bench
+from ..bench.procedure import Method
+from ..bumps import BUMPS
 from ..channels import Channel
 from ..runs import Excitation
 from ..samples.trigger import trigger_channels
@@ -21,6 +23,7 @@ from .excitation import Bump
 from .masses import GRAVITY_M_S2
 from .motion import Kinematics, Motion, Moving, TwoBumps, drive
 from .plant import Array, Plant
+from .release import PUSHED_S, dropped, pushed_down
 from .sensors import true_reading
 from .spoils import SECOND_BUMP_S, WEAK_LEVELS, Fault, mixed_up
 
@@ -93,7 +96,18 @@ class Acts:
         return act
 
     def _bump(self, mass_state: str, excitation: Excitation, height: float) -> Act:
-        return self._act(self._driven(mass_state, excitation, height), LEAD_S + SWING_S)
+        plant, height_m = self._rig.plants[mass_state], height * self._rig.car.bump_height_m
+        method = self._bench.procedure.method
+        if method is Method.ROLL_OVER:
+            return self._act(self._driven(mass_state, excitation, height), LEAD_S + SWING_S)
+        if method is Method.PUSH and BUMPS[excitation].hand is not None:
+            end_s = LEAD_S + PUSHED_S + SWING_S
+            push = pushed_down(plant, excitation, height_m, LEAD_S, end_s + _MARGIN_S)
+            return self._act(push, end_s)
+        lead_s = LEAD_S + self._bench.trigger.pre_s  # it stands on the blocks before they go
+        end_s = lead_s + SWING_S
+        drop = dropped(plant, excitation, height_m, lead_s, end_s + _MARGIN_S)
+        return self._act(drop, end_s, lead_s)
 
     def _driven(self, mass_state: str, excitation: Excitation, height: float) -> Motion:
         height_m = height * self._rig.car.bump_height_m
@@ -108,8 +122,8 @@ class Acts:
         second = drive(first.plant, again, length_s + _MARGIN_S, then)
         return self._act(TwoBumps(first, second), length_s)
 
-    def _act(self, motion: Moving, length_s: float) -> Act:
-        return Act(scene_of(self._rig, motion, 0.0, length_s + _MARGIN_S), length_s, LEAD_S)
+    def _act(self, motion: Moving, length_s: float, lead_s: float = LEAD_S) -> Act:
+        return Act(scene_of(self._rig, motion, 0.0, length_s + _MARGIN_S), length_s, lead_s)
 
     def _peak(self, act: Act) -> float:
         """Return what the trigger sees at most, m/s2 from rest."""
@@ -123,7 +137,7 @@ class Acts:
         return {name: GRAVITY_M_S2 + top / 2}
 
     def _triggers(self) -> tuple[Channel, ...]:
-        return trigger_channels(self._bench.channels)
+        return trigger_channels(self._bench.channels, self._bench.procedure.method)
 
     def _moved(self, act: Act, channel: Channel) -> Array:
         """Return what an accelerometer shows of an act beside gravity, every millisecond."""

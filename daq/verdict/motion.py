@@ -82,7 +82,7 @@ def _rest_limit(trace: Trace, seen: tuple[Trace, ...]) -> float:
 
 def too_weak(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
     """Compare the peak with the trigger's level and with the noise."""
-    names = {channel.name for channel in trigger_channels(bench.channels)}
+    names = {channel.name for channel in trigger_channels(bench.channels, bench.procedure.method)}
     triggers = [trace for trace in seen if trace.channel.name in names]
     if triggers:
         strongest = max(triggers, key=lambda trace: trace.peak)
@@ -253,7 +253,9 @@ def peak_left(
 
 
 def rest_changed(bench: Bench, window: RunWindow, seen: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Compare where the suspension stands before and after."""
+    """Compare where the suspension stands before and after, unless it stood on blocks before."""
+    if bench.procedure.method is Method.DROP:
+        return
     travels = [t for t in seen if t.channel.quantity is Quantity.SUSPENSION_TRAVEL]
     if not travels:
         return

@@ -66,7 +66,9 @@ def _of_wheels(bench: Bench, four: tuple[Trace, ...], by: str, quick: bool) -> P
     if quick:
         size = np.array([trace.rms(-STRIKE_S / 2, _AXLES_S) for trace in four])
     else:  # a wheel on the board goes up, and the body, which rises after it, draws the others down
-        size = np.array([np.max(trace.part(0.0, bench.bump_s), initial=0.0) for trace in four])
+        way = -1.0 if bench.procedure.method is Method.DROP else 1.0
+        parts = [way * trace.part(0.0, bench.bump_s) for trace in four]
+        size = np.array([np.max(part, initial=0.0) for part in parts])
     size = size / max(float(np.linalg.norm(size)), 1e-12)
     like = {
         wheels: float(sum(size[corner.position] for corner in wheels)) ** 2 / len(wheels)

@@ -36,11 +36,19 @@ def waves(seen: tuple[Trace, ...]) -> Mapping[str, NDArray[np.float64]]:
     result = {}
     for trace in seen:
         if trace.channel.quantity is not Quantity.HUB_ACCELERATION:
-            steps = np.diff(trace.time_s) * (trace.value[1:] + trace.value[:-1]) / 2.0
-            area = np.concatenate([[0.0], np.cumsum(steps)])
-            edges = np.interp([grid - _BIN_S / 2, grid + _BIN_S / 2], trace.time_s, area)
-            result[trace.channel.name] = read_only(np.diff(edges, axis=0)[0] / _BIN_S)
+            area = _area(trace, grid + _BIN_S / 2) - _area(trace, grid - _BIN_S / 2)
+            result[trace.channel.name] = read_only(area / _BIN_S)
     return MappingProxyType(result)
+
+
+def _area(trace: Trace, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the integral up to some times of the straight lines between the samples."""
+    time_s, value = trace.time_s, trace.value
+    steps = np.diff(time_s) * (value[1:] + value[:-1]) / 2.0
+    before = np.clip(np.searchsorted(time_s, t_s) - 1, 0, len(time_s) - 1)
+    rest_s = t_s - time_s[before]
+    mean = (value[before] + np.interp(t_s, time_s, value)) / 2.0
+    return np.asarray(np.concatenate([[0.0], np.cumsum(steps)])[before] + rest_s * mean)
 
 
 def after(measure: RunMeasure, start_s: float) -> RunMeasure:

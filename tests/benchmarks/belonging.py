@@ -56,7 +56,7 @@ def _all_accepted(found: Campaign) -> bool:
 
 
 def _proposed(found: Campaign) -> dict[str, str]:
-    out = {}
+    out: dict[str, str] = {}
     for kind in KINDS:
         out |= left_out(bench().channels, BUMP_S, found.of(kind), PLANNED)
     return out

@@ -20,9 +20,10 @@ from daq.sim.car import SimulatedCar, Truth, draw
 from daq.sim.excitation import Bump
 from daq.sim.imperfections import NONE, Imperfections
 from daq.sim.load import load_car
-from daq.sim.motion import Kinematics, Motion, State, drive
+from daq.sim.motion import Kinematics, Motion, drive
 from daq.sim.plant import Plant
-from daq.vehicle import AddedMass, BodyWeight
+from daq.sim.stepping import State
+from daq.vehicle import AddedMass, BodyWeight, HubWeight
 from daq.verdict import RunMeasure, RunWindow, judge
 from dbc.finding import Finding
 
@@ -103,7 +104,7 @@ class Campaign:
         }
 
 
-def _weighted(added: AddedMass, *weights: BodyWeight) -> AddedMass:
+def _weighted(added: AddedMass, *weights: BodyWeight | HubWeight) -> AddedMass:
     return replace(added, weights=(*added.weights, *weights))
 
 
@@ -132,9 +133,9 @@ def _moved(added: AddedMass, rng: np.random.Generator) -> AddedMass:
 
 def _hand(rng: np.random.Generator) -> Imperfections:
     """Put a hand on a wing, which brakes the body there."""
-    damper = np.ones(4)
-    damper[rng.integers(4)] = rng.uniform(1.12, 1.25)
-    return Imperfections(damper=tuple(damper))
+    held, size = int(rng.integers(4)), float(rng.uniform(1.12, 1.25))
+    fl, fr, rl, rr = (size if corner == held else 1.0 for corner in range(4))
+    return Imperfections(damper=(fl, fr, rl, rr))
 
 
 def _rattled(run: Run, name: str, rng: np.random.Generator) -> Run:

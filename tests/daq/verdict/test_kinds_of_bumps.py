@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from daq.bench.config import Bench, load_bench
 from daq.bench.procedure import Method
+from daq.bumps import Wheels
 from daq.channels import Channel, Quantity
 from daq.runs import Excitation
 from daq.vehicle import Corner
@@ -319,7 +320,7 @@ def test_a_bump_of_the_other_side_or_axle_is_named(
 def test_the_other_axle_has_to_be_clearly_the_likelier(rear: float, other: bool) -> None:
     """Likeness goes with the square: 1.25 times as much is 1.118 times the strike."""
     pattern = found(hubs((0.5, 0.5, rear, rear)))[0]._replace(limit=0.2)
-    assert (struck(PITCH, pattern) == {Corner.REAR_LEFT, Corner.REAR_RIGHT}) is other
+    assert (struck(PITCH, pattern) == Wheels({Corner.REAR_LEFT, Corner.REAR_RIGHT})) is other
 
 
 def test_a_push_of_the_right_sill_is_told_from_one_of_the_left() -> None:
@@ -331,4 +332,4 @@ def test_a_push_of_the_right_sill_is_told_from_one_of_the_left() -> None:
         shapes = {c: 0.03 * size * down for c, size in zip(Corner, sizes, strict=True)}
         records = corners(Quantity.SUSPENSION_TRAVEL, "m", shapes)
         (pattern,) = found(records, Method.PUSH)
-        assert struck(ROLL, pattern) == wheels
+        assert struck(ROLL, pattern) == Wheels(wheels)

@@ -165,7 +165,8 @@ class FakeRecorder:
                 last = label or self.run_log.runs[-1].label
                 self._enter(entry(Code.REJECT, self.t_ns, label=last, by=by, reason=reason))
             case LeaveOut():
-                unlike = self.changes.pop("proposed")
+                unlike = self.status.proposed
+                self.changes.pop("proposed")
                 reasons = {run.label: f"unlike the others: {run.text}" for run in unlike}
                 self._enter(entry(Code.LEAVE_OUT, self.t_ns, reasons=reasons, by=by))
             case Undo():

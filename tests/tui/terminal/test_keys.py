@@ -305,7 +305,7 @@ async def test_one_key_leaves_out_what_is_unlike_the_others_and_one_takes_it_bac
         recorder.tell(proposed=(odd,))
         await pilot.pause()
         text = screen_text(app)
-        assert "1 run is unlike the others of the kind: L leaves it out." in text
+        assert "1 run is unlike the others of its kind: L leaves it out." in text
         assert "baseline_roll_2: travel_fl 3.6 mm higher before the bump" in text
         assert "L Leave out" in text
         await _press(pilot, "l")

@@ -74,8 +74,9 @@ def proposal_words(status: Status) -> str:
     number = len(status.proposed)
     if not number:
         return ""
-    runs, them = ("1 run is", "it") if number == 1 else (f"{number} runs are", "them")
-    return f"{runs} unlike the others of the kind: L leaves {them} out."
+    if number == 1:
+        return "1 run is unlike the others of its kind: L leaves it out."
+    return f"{number} runs are unlike the others of their kind: L leaves them out."
 
 
 def reason_words(code: str) -> str:
