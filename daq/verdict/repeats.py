@@ -26,7 +26,7 @@ MAIN = 0.3
 """Share of the largest peak of its kind that a channel must exceed to count: what moves little
 differs much."""
 _START_S, _STEP_S, _LENGTH_S, _BIN_S = 0.1, 0.02, 1.5, 0.06
-_SWING_S = 0.3, 1.3
+_SWING_S = 0.05, 0.55
 """Span since the bump in which a sensor's roughness is measured, s."""
 
 

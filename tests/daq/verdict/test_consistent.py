@@ -63,8 +63,8 @@ def test_height_and_timing_of_a_bump_do_not_matter() -> None:
         (_run(bend=0.0105), ""),
         (_run(peaks={"body": 3.34, "travel": 0.05}), "peak of body 1.11 times the others'"),
         (_run(peaks={"body": 3.29, "travel": 0.05}), ""),
-        (_run(roughness={"body": 0.0445, "travel": 0.0002}), "body 1.4 times as rough"),
-        (_run(roughness={"body": 0.0430, "travel": 0.0002}), ""),
+        (_run(roughness={"body": 0.0575, "travel": 0.0002}), "body 1.8 times as rough"),
+        (_run(roughness={"body": 0.0565, "travel": 0.0002}), ""),
         (_run(levels={"travel": 0.21}, frequency_hz=1.47), ", frequency +5%"),
     ],
 )
