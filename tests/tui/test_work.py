@@ -219,4 +219,5 @@ def test_a_foreign_name_stays_text(name: str) -> None:
     assert "\x1b" not in line
     assert len(line) == 100
     assert found(entry, "2026-11 ready")
+    assert found(replace(entry, folder="/b/granada-42"), "GRANADA ready")
     assert not found(entry, "reported")

@@ -133,7 +133,9 @@ def _day(unix_s: float) -> str:
 
 def found(entry: SessionEntry, words: str) -> bool:
     """Return True if an entry contains every typed word."""
-    text = " ".join((entry.date, entry.vehicle, entry.state, entry.note, entry.name)).casefold()
+    place = Path(entry.folder).name
+    shown = (entry.date, entry.vehicle, entry.state, entry.note, entry.name, place)
+    text = " ".join(shown).casefold()
     return all(word in text for word in words.casefold().split())
 
 

@@ -65,7 +65,7 @@ class SessionsScreen(BenchScreen):
         yield Static(id="head", markup=False)
         yield OptionList(id="list")
         yield Static(id="about", markup=False)
-        yield Line(placeholder="find: F, then type date, vehicle, state or note", id="find")
+        yield Line(placeholder="find: F, then type date, vehicle, state, note or folder", id="find")
 
     def on_screen_resume(self) -> None:
         """Read the folder anew."""
