@@ -12,6 +12,7 @@ import pytest
 import identify
 from daq.bench.campaign import Campaign
 from daq.bench.config import Bench, bench_codec, load_bench
+from daq.bench.procedure import Method
 from daq.clocks import Now
 from daq.control.messages import Phase, Status
 from daq.derive.build_samples import build_session
@@ -92,6 +93,20 @@ def test_a_fault_spoils_the_second_run_and_no_other(fault: Fault, code: str) -> 
     assert [run.status for run in status.runs] == [accepted, rejected, accepted]
     failed = [finding.code for finding in status.runs[1].findings if not finding.passed]
     assert failed[0] == code
+
+
+@pytest.mark.parametrize(("method", "level"), [(Method.DROP, 3.0), (Method.PUSH, 0.4)])
+def test_the_car_is_dropped_or_pushed_as_the_procedure_says(method: Method, level: float) -> None:
+    bench = load_bench(None)
+    bench = replace(
+        bench,
+        campaign=Campaign((Excitation.ROLL,), 1, (BASELINE,)),
+        procedure=replace(bench.procedure, method=method),
+        trigger=replace(bench.trigger, level=level),
+    )
+    _, status = record(bench, 5)
+    assert [run.status for run in status.runs] == [LoggedStatus.ACCEPTED]
+    assert status.phase is Phase.COMPLETE
 
 
 def test_a_bench_that_nobody_waits_for_rests() -> None:
