@@ -96,7 +96,7 @@ def left_out(
         if found[odd][0] <= 1.0:
             break
         out[odd] = kept.pop(odd)
-    ratios = _compared(channels, kept, out)
+    ratios = _compared(channels, kept, out) if out else {}
     return {
         label: ratios[label][1] for label in measures if label in out and ratios[label][0] > 1.0
     }

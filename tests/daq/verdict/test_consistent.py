@@ -84,6 +84,8 @@ def test_what_differs_among_all_is_not_odd() -> None:
 
 def test_runs_without_measures_are_left_alone() -> None:
     assert _left_out(RunMeasure()) == {}
+    assert left_out(CHANNELS, BUMP_S, {"none": RunMeasure()}, 1) == {}
+    assert left_out(CHANNELS, BUMP_S, {}, 1) == {}
     assert _left_out(RunMeasure(peaks={"body": 3.0})) == {}
 
 
