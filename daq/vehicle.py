@@ -279,6 +279,7 @@ ELEMENTS = (
     "cg_offset",
     "progressive_springs",
     "friction",
+    "static_friction",
     "one_sided_dampers",
     "damper_knees",
     "damper_mounts",

@@ -92,6 +92,7 @@ class StructureTable(Table):
     tyre_damping: bool | None = None
     cg_offset: bool | None = None
     friction: bool | None = None
+    static_friction: bool | None = None
     one_sided_dampers: bool | None = None
     damper_knees: bool | None = None
     damper_mounts: bool | None = None

@@ -221,6 +221,7 @@ def elements(fleet_car: FleetCar, simulated: Simulated) -> dict[str, dict[str, f
         "cg_offset": {"y_s": i.cg_offset_m},
         "progressive_springs": _both("k_2", i.quadratic_n_m2) | _both("k_3", i.cubic_n_m3),
         "friction": _both("F_c", friction),
+        "static_friction": _both("r_c", (i.friction.static_ratio - 1.0,) * 2),
         "damper_mounts": _both("s_m", tuple(1.0 / k for k in i.mount_n_m)),
         "tyre_damping": _both("c_t", (i.tyre_damping_front_ns_m, i.tyre_damping_rear_ns_m)),
         "progressive_tyres": _both("b_t", i.tyre_progression_per_m),

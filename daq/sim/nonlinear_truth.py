@@ -39,6 +39,7 @@ def true_elements(car: SimulatedCar) -> TrueElements:
     split = _half_differences(i.friction.sides)
     sized: dict[str, dict[str, PerAxle]] = {
         "friction": {"F_c": friction},
+        "static_friction": {"r_c": (i.friction.static_ratio - 1.0,) * 2},
         "damper_mounts": {"s_m": (slack_f, slack_r)},
         "progressive_springs": {"k_2": i.quadratic_n_m2, "k_3": i.cubic_n_m3},
         "bump_stops": {"k_b": i.stop_n_m},
@@ -56,6 +57,7 @@ def true_elements(car: SimulatedCar) -> TrueElements:
     if not all(damper_law([d], [1.0]).straight for d in dampers):
         groups += ["one_sided_dampers", "damper_knees"]
     values = {"d_cf": i.friction.presliding_m, "d_cr": i.friction.presliding_m}
+    values |= {"v_cf": i.friction.stribeck_m_s, "v_cr": i.friction.stribeck_m_s}
     for kinds in sized.values():
         for kind, both in kinds.items():
             values |= {f"{kind}{axle}": v for axle, v in zip("fr", both, strict=True)}

@@ -26,12 +26,13 @@ KNEE_M_S = 0.002
 """Rounding of the damper's knees on the path, m/s: unseen in the data, wide enough for the step."""
 
 (
-    X, Y, K_S, K_2, K_3, K_B, GAP, K_A, F_C, LENGTH, RATIO, C, MOUNT, K_T, BETA, C_T, STATIC, MASS,
-    PULL, KNEES,
-) = range(20)  # fmt: skip
+    X, Y, K_S, K_2, K_3, K_B, GAP, K_A, F_C, LENGTH, SURPLUS, FALL, RATIO, C, MOUNT, K_T, BETA, C_T,
+    STATIC, MASS, PULL, KNEES,
+) = range(22)  # fmt: skip
 """Columns of the coefficients of a corner; the slopes at the knees follow from `KNEES` on.
 
-X, Y: place from the CG, m.  RATIO: this corner's damper over the axle's.  STATIC: load of the bare
+X, Y: place from the CG, m.  SURPLUS: of static over sliding friction, FALL: the speed over which it
+falls off, m/s.  RATIO: this corner's damper over the axle's.  STATIC: load of the bare
 car, N.  MASS: of the wheel with its load, kg.  PULL: gravity of what is added to the wheel, N."""
 
 
@@ -159,6 +160,8 @@ def _coefficients(
         one[:, K_A] = full[:, 23 if place.front else 24]
         one[:, F_C] = value[f"F_c{axle}"] + place.side * value[f"dF_c{axle}"]
         one[:, LENGTH] = value[f"d_c{axle}"]
+        one[:, SURPLUS] = value[f"r_c{axle}"]
+        one[:, FALL] = value[f"v_c{axle}"]
         one[:, RATIO] = 1.0 + place.side * value[f"s_c{axle}"]
         one[:, C] = full[:, 15 + i]
         one[:, MOUNT] = value[f"s_m{axle}"]

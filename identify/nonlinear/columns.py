@@ -1,9 +1,7 @@
 """The tangents as machine code (Numba): a step of all columns in one loop that vectorises.
 
 The Jacobian acts through the slopes of the four corners, so that a column costs some 150 operations
-a stage; nothing is dense.  Columns stand in blocks of `LANES` side by side, a row of the state
-after the other: the distances between rows are then constants, by which the compiler sees that
-they do not overlap.
+a stage; nothing is dense.
 """
 
 from __future__ import annotations
@@ -11,90 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..elements import friction, hinge, mount, spring, stop, tyre
-from .car import (
-    BETA,
-    C_T,
-    F_C,
-    GAP,
-    K_2,
-    K_3,
-    K_A,
-    K_B,
-    K_S,
-    K_T,
-    KNEES,
-    LENGTH,
-    MASS,
-    MOUNT,
-    PULL,
-    RATIO,
-    STATIC,
-    C,
-    X,
-    Y,
-)  # fmt: skip
-from .kernels import LOOSE, bends, curve, curve_slope, knee
+from .forcing import linearise
+from .kernels import LOOSE, bends
+from .lanes import LANES, mean4, mean7, node_slopes, plus4, plus7, read4, read7, write4, write7
 
-hinge_ = hinge.hinge
-spring_force, spring_stiffness = spring.spring_force, spring.spring_stiffness
-stop_force, stop_stiffness = stop.stop_force, stop.stop_stiffness
-friction_rate_by_speed = friction.friction_rate_by_speed
-friction_rate_by_share = friction.friction_rate_by_share
-friction_rate_by_length = friction.friction_rate_by_length
-tyre_load, tyre_contact = tyre.tyre_load, tyre.tyre_contact
-tyre_load_by_heave = tyre.tyre_load_by_heave
-mount_slope = mount.mount_slope
-
-LANES = 88
-"""Columns in a block: an odd number of cache lines, so that rows do not evict each other."""
 STATE_ROWS, FORCING_ROWS = 29, 15
 """Rows of a block: 22 of the state and 7 accelerations at the step's start; of the forcing, 7
 accelerations, 4 rates of friction and 4 of the mounts."""
-_FRICTION, _MOUNTS = 14 * LANES, 18 * LANES
-_ACCELERATION = 22 * LANES
-
-
-@njit(forceinline=True)
-def _seven(block, row, j):
-    k = row * LANES + j
-    return (
-        block[k], block[k + LANES], block[k + 2 * LANES], block[k + 3 * LANES],
-        block[k + 4 * LANES], block[k + 5 * LANES], block[k + 6 * LANES],
-    )  # fmt: skip
-
-
-@njit(forceinline=True)
-def _four(block, row, j):
-    k = row * LANES + j
-    return block[k], block[k + LANES], block[k + 2 * LANES], block[k + 3 * LANES]
-
-
-@njit(forceinline=True)
-def _plus7(a, h, b):
-    return (
-        a[0] + h * b[0], a[1] + h * b[1], a[2] + h * b[2], a[3] + h * b[3],
-        a[4] + h * b[4], a[5] + h * b[5], a[6] + h * b[6],
-    )  # fmt: skip
-
-
-@njit(forceinline=True)
-def _plus4(a, h, b):
-    return a[0] + h * b[0], a[1] + h * b[1], a[2] + h * b[2], a[3] + h * b[3]
-
-
-@njit(forceinline=True)
-def _corner(s, i):
-    return (
-        s[i, 0], s[i, 1], s[i, 2], s[i, 3], s[i, 4], s[i, 5], s[i, 6],
-        s[i, 7], s[i, 8], s[i, 9], s[i, 10], s[i, 11], s[i, 12],
-    )  # fmt: skip
-
-
-@njit(forceinline=True)
-def _node(s):
-    body = s[4, 0], s[4, 1], s[4, 2], s[4, 3], s[4, 4], s[4, 5]
-    return _corner(s, 0), _corner(s, 1), _corner(s, 2), _corner(s, 3), body
 
 
 @njit(forceinline=True)
@@ -139,193 +60,40 @@ def _rates(q, v, z, e, node):
 def _forced(q, v, z, e, node, forcing, j):
     a, b, c = _rates(q, v, z, e, node)
     return (
-        _plus7(a, 1.0, _seven(forcing, 0, j)), _plus4(b, 1.0, _four(forcing, 7, j)),
-        _plus4(c, 1.0, _four(forcing, 11, j)),
+        plus7(a, 1.0, read7(forcing, 0, j)), plus4(b, 1.0, read4(forcing, 7, j)),
+        plus4(c, 1.0, read4(forcing, 11, j)),
     )  # fmt: skip
-
-
-@njit(forceinline=True)
-def _mean7(a, b, c, d):
-    return (
-        a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1],
-        a[2] + 2.0 * (b[2] + c[2]) + d[2], a[3] + 2.0 * (b[3] + c[3]) + d[3],
-        a[4] + 2.0 * (b[4] + c[4]) + d[4], a[5] + 2.0 * (b[5] + c[5]) + d[5],
-        a[6] + 2.0 * (b[6] + c[6]) + d[6],
-    )  # fmt: skip
-
-
-@njit(forceinline=True)
-def _mean4(a, b, c, d):
-    return (
-        a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1],
-        a[2] + 2.0 * (b[2] + c[2]) + d[2], a[3] + 2.0 * (b[3] + c[3]) + d[3],
-    )  # fmt: skip
-
-
-@njit(forceinline=True)
-def _write7(out, row, j, a):
-    k = row * LANES + j
-    out[k], out[k + LANES], out[k + 2 * LANES], out[k + 3 * LANES] = a[0], a[1], a[2], a[3]
-    out[k + 4 * LANES], out[k + 5 * LANES], out[k + 6 * LANES] = a[4], a[5], a[6]
-
-
-@njit(forceinline=True)
-def _write4(out, row, j, a):
-    k = row * LANES + j
-    out[k], out[k + LANES], out[k + 2 * LANES], out[k + 3 * LANES] = a[0], a[1], a[2], a[3]
 
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
 def rk4(count, block, first, middle, last, f_first, f_middle, f_last, h, out):
     """Write a block of columns one step later, and its accelerations as the step begins."""
-    begin, half, end = _node(first), _node(middle), _node(last)
+    begin, half, end = node_slopes(first), node_slopes(middle), node_slopes(last)
     for j in range(count):
         q, v, z, e = (
-            _seven(block, 0, j),
-            _seven(block, 7, j),
-            _four(block, 14, j),
-            _four(block, 18, j),
+            read7(block, 0, j),
+            read7(block, 7, j),
+            read4(block, 14, j),
+            read4(block, 18, j),
         )
         a1, b1, c1 = _forced(q, v, z, e, begin, f_first, j)
-        v2 = _plus7(v, 0.5 * h, a1)
+        v2 = plus7(v, 0.5 * h, a1)
         a2, b2, c2 = _forced(
-            _plus7(q, 0.5 * h, v), v2, _plus4(z, 0.5 * h, b1), _plus4(e, 0.5 * h, c1), half,
+            plus7(q, 0.5 * h, v), v2, plus4(z, 0.5 * h, b1), plus4(e, 0.5 * h, c1), half,
             f_middle, j,
         )  # fmt: skip
-        v3 = _plus7(v, 0.5 * h, a2)
+        v3 = plus7(v, 0.5 * h, a2)
         a3, b3, c3 = _forced(
-            _plus7(q, 0.5 * h, v2), v3, _plus4(z, 0.5 * h, b2), _plus4(e, 0.5 * h, c2), half,
+            plus7(q, 0.5 * h, v2), v3, plus4(z, 0.5 * h, b2), plus4(e, 0.5 * h, c2), half,
             f_middle, j,
         )  # fmt: skip
-        v4 = _plus7(v, h, a3)
-        a4, b4, c4 = _forced(
-            _plus7(q, h, v3), v4, _plus4(z, h, b3), _plus4(e, h, c3), end, f_last, j
-        )
-        _write7(out, 0, j, _plus7(q, h / 6.0, _mean7(v, v2, v3, v4)))
-        _write7(out, 7, j, _plus7(v, h / 6.0, _mean7(a1, a2, a3, a4)))
-        _write4(out, 14, j, _plus4(z, h / 6.0, _mean4(b1, b2, b3, b4)))
-        _write4(out, 18, j, _plus4(e, h / 6.0, _mean4(c1, c2, c3, c4)))
-        _write7(out, 22, j, a1)
-
-
-@njit(cache=True, error_model="numpy", fastmath=LOOSE)
-def _partials(one, knots, level, x, rate, r, u, across, i, by_force, by_speed, by_road):
-    """Write the derivatives by each coefficient: of force, mount's equation and wheel's push."""
-    width = level[0]
-    force = one[C] * r
-    ratio, sigma, z = one[RATIO], one[MOUNT], x[3 + i]
-    for j in range(len(knots)):
-        bent = knee(r, knots[j], width)
-        force += one[KNEES + j] * bent
-        by_force[KNEES + j] = ratio * bent
-        by_speed[KNEES + j] = -sigma * ratio * bent
-    by_force[K_S], by_force[K_2], by_force[K_3] = u, u * u, u * u * u
-    by_force[K_B] = hinge_(u - one[GAP], level[4])
-    by_force[GAP] = -stop_stiffness(u, one[K_B], one[GAP], level[4])
-    by_force[K_A] = u - across
-    by_force[F_C] = x[14 + i]
-    by_force[RATIO], by_force[C] = force, ratio * r
-    by_speed[MOUNT] = -ratio * force
-    by_speed[RATIO], by_speed[C] = -sigma * force, -sigma * ratio * r
-    contact = tyre_contact(tyre_load(z, x[10 + i], one[K_T], one[BETA], one[C_T], one[STATIC]))
-    by_road[K_T] = -contact * z * (1.0 - one[BETA] * z)
-    by_road[BETA] = contact * one[K_T] * z * z
-    by_road[C_T] = -contact * x[10 + i]
-    by_road[STATIC] = contact - 1.0
-    by_road[MASS], by_road[PULL] = -rate[10 + i], 1.0
-
-
-@njit(cache=True, error_model="numpy", fastmath=LOOSE)
-def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body, work, slopes,
-              forcing):  # fmt: skip
-    """Write what acts on a column at a node, (5, 13), and the forcing by the unknowns."""
-    first, kinds, columns, values = sparse
-    body_columns, d_mass, d_pull = body
-    push, by_force, by_speed, by_road = work
-    width = level[0]
-    push[:] = 0.0
-    forcing[:] = 0.0
-    for i in range(4):
-        one, k = p[i], i ^ 1
-        u = x[3 + i] - x[0] + one[X] * x[1] - one[Y] * x[2]
-        w = x[10 + i] - x[7] + one[X] * x[8] - one[Y] * x[9]
-        across = x[3 + k] - x[0] + p[k, X] * x[1] - p[k, Y] * x[2]
-        load = tyre_load(x[3 + i], x[10 + i], one[K_T], one[BETA], one[C_T], one[STATIC])
-        contact = tyre_contact(load)
-        over = 1.0 / one[MASS]
-        damping = one[RATIO] * curve_slope(one, knots, r[i], width)
-        stiff = spring_stiffness(u, one[K_S], one[K_2], one[K_3]) + one[K_A]
-        stiff += stop_stiffness(u, one[K_B], one[GAP], level[4])
-        by_w = friction_rate_by_speed(w, x[14 + i], one[LENGTH], level[1], level[2])
-        by_d = friction_rate_by_length(w, x[14 + i], one[LENGTH], level[1], level[2])
-        force = (
-            one[RATIO] * curve(lines[i], knots, r[i], width)
-            + spring_force(u, one[K_S], one[K_2], one[K_3])
-            + stop_force(u, one[K_B], one[GAP], level[4])
-            + one[K_A] * (u - across)
-            + one[F_C] * x[14 + i]
-        )
-        turn = 1.0 / mount_slope(damping, one[MOUNT], level[3]) if mounted else 0.0
-        through = level[3] * turn if mounted else 1.0
-        s = slopes[i]
-        s[0], s[1], s[2], s[3], s[4] = one[X], one[Y], stiff, one[K_A], one[F_C]
-        s[5], s[6], s[7] = through, turn, damping
-        s[8] = contact * tyre_load_by_heave(x[3 + i], one[K_T], one[BETA]) * over
-        s[9], s[10], s[11] = -contact * one[C_T] * over, over, by_w
-        s[12] = friction_rate_by_share(w, one[LENGTH], level[1], level[2])
-        _partials(one, knots, level, x, rate, r[i], u, across, i, by_force, by_speed, by_road)
-        for n in range(first[i], first[i + 1]):
-            kind, value = kinds[n], values[n]
-            b, j = columns[n] // LANES, columns[n] % LANES
-            if kind in (X, Y):
-                du = x[1] * value if kind == X else -x[2] * value
-                dw = x[8] * value if kind == X else -x[9] * value
-                push[b, i * LANES + j] += stiff * du + damping * through * dw
-                push[b, k * LANES + j] -= p[k, K_A] * du
-                forcing[b, (7 + i) * LANES + j] += by_w * dw
-                forcing[b, (11 + i) * LANES + j] += (1.0 - through) * dw
-                if kind == X:
-                    push[b, 4 * LANES + j] -= force * value
-                else:
-                    push[b, 5 * LANES + j] += force * value
-            elif kind == LENGTH:
-                forcing[b, (7 + i) * LANES + j] += by_d * value
-            else:
-                speed = by_speed[kind] * turn * value
-                push[b, i * LANES + j] += by_force[kind] * value + damping * speed
-                forcing[b, (11 + i) * LANES + j] -= speed
-                forcing[b, (3 + i) * LANES + j] += by_road[kind] * value * over
-    for n in range(len(body_columns)):
-        b, j = body_columns[n] // LANES, body_columns[n] % LANES
-        for k in range(3):
-            pull = d_pull[n, k]
-            for m in range(3):
-                pull -= d_mass[n, k, m] * rate[7 + m]
-            row = (0, 4, 5)[k] if k else 6
-            push[b, row * LANES + j] += pull
-    s = slopes[4]
-    s[0], s[1], s[2] = inverse[0, 0], inverse[0, 1], inverse[0, 2]
-    s[3], s[4], s[5] = inverse[1, 1], inverse[1, 2], inverse[2, 2]
-    for b in range(len(push)):
-        _combine(push[b], slopes, forcing[b])
-
-
-@njit(cache=True, error_model="numpy", fastmath=LOOSE)
-def _combine(push, slopes, forcing):
-    """Turn what pushes at the corners and at the body into accelerations."""
-    one, two, three, four, h = _node(slopes)
-    for j in range(LANES):
-        f0, f1, f2, f3 = _four(push, 0, j)
-        lift = f0 + f1 + f2 + f3 + push[6 * LANES + j]
-        pitch = push[4 * LANES + j] - (one[0] * f0 + two[0] * f1 + three[0] * f2 + four[0] * f3)
-        roll = push[5 * LANES + j] + one[1] * f0 + two[1] * f1 + three[1] * f2 + four[1] * f3
-        forcing[j] = h[0] * lift + h[1] * pitch + h[2] * roll
-        forcing[LANES + j] = h[1] * lift + h[3] * pitch + h[4] * roll
-        forcing[2 * LANES + j] = h[2] * lift + h[4] * pitch + h[5] * roll
-        forcing[3 * LANES + j] -= one[10] * f0
-        forcing[4 * LANES + j] -= two[10] * f1
-        forcing[5 * LANES + j] -= three[10] * f2
-        forcing[6 * LANES + j] -= four[10] * f3
+        v4 = plus7(v, h, a3)
+        a4, b4, c4 = _forced(plus7(q, h, v3), v4, plus4(z, h, b3), plus4(e, h, c3), end, f_last, j)
+        write7(out, 0, j, plus7(q, h / 6.0, mean7(v, v2, v3, v4)))
+        write7(out, 7, j, plus7(v, h / 6.0, mean7(a1, a2, a3, a4)))
+        write4(out, 14, j, plus4(z, h / 6.0, mean4(b1, b2, b3, b4)))
+        write4(out, 18, j, plus4(e, h / 6.0, mean4(c1, c2, c3, c4)))
+        write7(out, 22, j, a1)
 
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
@@ -335,7 +103,8 @@ def tangents(step_s, states, rates, speeds, p, knots, inverse, mounted, sparse, 
     blocks = trace.shape[1]
     kinds = p.shape[1]
     work = (
-        np.empty((blocks, 7 * LANES)), np.zeros(kinds), np.zeros(kinds), np.zeros(kinds)
+        np.empty((blocks, 7 * LANES)), np.zeros(kinds), np.zeros(kinds), np.zeros(kinds),
+        np.zeros(kinds),
     )  # fmt: skip
     slopes = np.zeros((3, 5, 13))
     forcing = np.empty((3, blocks, FORCING_ROWS * LANES))

@@ -12,6 +12,7 @@ from ..model.low_pass import LowPass
 from . import columns, kernels
 from .car import Car
 from .filtered import pole_terms
+from .lanes import LANES
 from .level import Level
 from .path import STATES, Own, Path, Sampled, first_state
 from .tangent import Plan, Seen, Start
@@ -56,11 +57,11 @@ def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: P
     corner, knots, inverse, _ = _body(car)
     count = start.matrix.shape[1]
     assert count == len(acts) + (22 if car.has_mount else 18)
-    blocks = -(-count // columns.LANES)
-    trace = np.empty((len(plan.starts) + 2, blocks, columns.STATE_ROWS * columns.LANES))
+    blocks = -(-count // LANES)
+    trace = np.empty((len(plan.starts) + 2, blocks, columns.STATE_ROWS * LANES))
     for b in range(blocks):
-        part = start.matrix[:, b * columns.LANES : (b + 1) * columns.LANES]
-        rows = np.zeros((columns.STATE_ROWS, columns.LANES))
+        part = start.matrix[:, b * LANES : (b + 1) * LANES]
+        rows = np.zeros((columns.STATE_ROWS, LANES))
         rows[:STATES, : part.shape[1]] = part
         trace[0, b] = rows.ravel()
     columns.tangents(

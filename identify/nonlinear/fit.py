@@ -184,7 +184,7 @@ def fit(
     max_iterations: int = 40,
     log: Callable[[str], None] = lambda text: None,
 ) -> Optimum | None:
-    """Find the optimum from a start; None if the start has no finite path.
+    """Find the optimum from a start; None if the start has no finite path and tangents.
 
     Converged is a fit whose cost a full step would lower by less than `tolerance` times chi2/n:
     then no combination of unknowns is further off than the root of that, in standard deviations.
@@ -198,6 +198,8 @@ def fit(
     n = sum(run.freedom for run in problem.runs)
     damping, refused, iterations, slow = 1e-3, 0, 0, False
     equations = normal(at)
+    if not equations.finite:
+        return None
     while True:
         now = at.eta[problem.free]
         decrement = _step(equations, at.owns, 1e-12, low - now, high - now).fall
@@ -207,7 +209,7 @@ def fit(
             settled = small or (refused >= _REFUSED and decrement < _PROMISED * unit)
             matrix, _, _ = reduced(equations, 0.0)
             return Optimum(at, equations, matrix, iterations, decrement, settled)
-        trial = None
+        ahead: tuple[Point, Normal] | None = None
         near = decrement < unit
         box = np.full(len(now), _MAX_STEP)
         while refused < _REFUSED and iterations < max_iterations:
@@ -228,16 +230,16 @@ def fit(
                 f"promised {decrement:.3g} lambda {damping:.0e}"
             )
             if trial is not None and trial.cost < at.cost + (0.5 * unit if near else 0.0):
-                # A damping that was just found to be needed stays for one step.
-                damping = damping if refused else max(damping / 10.0, 1e-8)
-                refused = 0
-                break
-            trial = None
+                there = normal(trial)
+                if there.finite:
+                    # A damping that was just found to be needed stays for one step.
+                    damping = damping if refused else max(damping / 10.0, 1e-8)
+                    refused, ahead = 0, (trial, there)
+                    break
             refused += 1
             damping = max(damping * 10.0, 1e-3)
             box = box / 2.0
-        if trial is None:
+        if ahead is None:
             continue
-        slow = at.cost - trial.cost < _SLOW * rough * at.cost
-        at = trial
-        equations = normal(at)
+        slow = at.cost - ahead[0].cost < _SLOW * rough * at.cost
+        at, equations = ahead

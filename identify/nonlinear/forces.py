@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from dbc.frames import read_only
 
 from ..elements.damper import knee
+from ..elements.friction import sliding_share, sliding_share_by_fall, sliding_share_by_surplus
 from ..fit.grey_box import SIGNED
 from ..fit.uncertainty import COVERAGE_95, Estimate
-from .car import F_C, GAP, KNEE_M_S, KNEES, C, Car
+from .car import F_C, FALL, GAP, KNEE_M_S, KNEES, SURPLUS, C, Car
 from .path import travel_speeds
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ MOUNT_LABEL = "mount"
 KINDS = {
     "friction": "F_c",
     "pre_sliding_length": "d_c",
+    "static_surplus": "r_c",
+    "stribeck_speed": "v_c",
     "bump_stop": "k_b",
     "bump_stop_gap": "g_b",
     "progressive": "k_2",
@@ -81,7 +84,8 @@ class AxleForces:
     damper: DamperCurve
     values: dict[str, Estimate]
     """Elements that are in the structure, by what they are: `friction` [N],
-    `pre_sliding_length` [m], `bump_stop` [N/m], `bump_stop_gap` [m], `mount` [N/m], `progressive`
+    `pre_sliding_length` [m], `static_surplus` (share by which static friction exceeds it),
+    `stribeck_speed` [m/s], `bump_stop` [N/m], `bump_stop_gap` [m], `mount` [N/m], `progressive`
     [N/m2], `cubic` [N/m3], `tyre_progressive` [1/m], `friction_left_right` [N] and
     `dampers_left_right` (half the difference left less right, the latter as a share), as are
     `springs_left_right`, `tyres_left_right` and `wheels_left_right`."""
@@ -114,7 +118,7 @@ class Forces:
     axles: tuple[AxleForces, AxleForces]
     choices: tuple[ElementChoice, ...]
     """In the order in which they were released."""
-    law: str = "Dahl friction, damper curve of straight segments"
+    law: str = "dry friction that sticks and slides, damper curve of straight segments"
 
 
 def element_estimates(best: Optimum, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
@@ -212,7 +216,9 @@ def _curve(
     other = corner + 1
     friction = 0.5 * (p[F_C] + one.corner[other, F_C])
     d_friction = 0.5 * (d[F_C] + one.d_corner[other, F_C])
-    sign = np.sign(speed)
-    both = slope + sign[:, None] * d_friction
+    share = np.sign(speed) * sliding_share(speed, p[SURPLUS], p[FALL])
+    d_share = sliding_share_by_surplus(speed, p[FALL])[:, None] * d[SURPLUS]
+    d_share += sliding_share_by_fall(speed, p[SURPLUS], p[FALL])[:, None] * d[FALL]
+    both = slope + share[:, None] * d_friction + np.sign(speed)[:, None] * friction * d_share
     total_std = np.sqrt(np.maximum(np.einsum("nf,fg,ng->n", both, covariance, both), 0.0))
-    return DamperCurve(speed, force, std, force + sign * friction, total_std)
+    return DamperCurve(speed, force, std, force + share * friction, total_std)

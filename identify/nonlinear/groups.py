@@ -54,6 +54,7 @@ GROUPS = (
     Group("cg_offset", ("y_s",)),
     Group("progressive_springs", ("k_2", "k_3")),
     Group("friction", ("F_c", "d_c"), positive=True),
+    Group("static_friction", ("r_c", "v_c"), positive=True),
     Group("one_sided_dampers", (), True),
     Group("damper_knees", (), False),
     Group("damper_mounts", ("s_m",), positive=True),
@@ -85,7 +86,7 @@ STAGES = (
     ("bump_stops",),
 )
 """Order of release: what is large first, what imitates it afterwards.  Released together from a
-far start they run after each other's effects."""
+far start they run after each other's effects.  Mounts and static friction join where they pay."""
 CORRECTIONS_FROM = 1
 """Stage with which stated uncertainties (lateness, weights, places) are released: before, they
 would take up what the elements explain."""

@@ -15,6 +15,7 @@ from .car import (
     BETA,
     C_T,
     F_C,
+    FALL,
     GAP,
     K_2,
     K_3,
@@ -29,6 +30,7 @@ from .car import (
     PULL,
     RATIO,
     STATIC,
+    SURPLUS,
     C,
     X,
     Y,
@@ -44,7 +46,7 @@ for _module in (hinge, spring, stop, bar, damper, friction, tyre, mount):
 
 knee, knee_slope, hinge_ = damper.knee, damper.knee_slope, hinge.hinge
 spring_force, stop_force, bar_force = spring.spring_force, stop.stop_force, bar.bar_force
-friction_rate = friction.friction_rate
+friction_rate, sliding_share = friction.friction_rate, friction.sliding_share
 tyre_load, tyre_force = tyre.tyre_load, tyre.tyre_force
 mount_misfit, mount_slope = mount.mount_misfit, mount.mount_slope
 
@@ -137,7 +139,8 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
         load = tyre_load(x[3 + i], x[10 + i], one[K_T], one[BETA], one[C_T], one[STATIC])
         road = tyre_force(load, one[STATIC])
         out[10 + i] = (road - force + one[PULL]) / one[MASS]
-        out[14 + i] = friction_rate(w, x[14 + i], one[LENGTH], level[1], level[2])
+        limit = sliding_share(w, one[SURPLUS], one[FALL]) if one[SURPLUS] != 0.0 else 1.0
+        out[14 + i] = friction_rate(w, x[14 + i], one[LENGTH], limit, level[1], level[2])
         out[18 + i] = w - r[i] if mounted else 0.0
     for k in range(3):
         out[7 + k] = inverse[k, 0] * f0 + inverse[k, 1] * f1 + inverse[k, 2] * f2

@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 from ..elements.damper import knee
 from ..elements.friction import (
     friction_rate_by_length,
+    friction_rate_by_limit,
     friction_rate_by_share,
     friction_rate_by_speed,
+    sliding_share,
+    sliding_share_by_fall,
+    sliding_share_by_speed,
+    sliding_share_by_surplus,
 )
 from ..elements.mount import mount_slope
 from ..elements.spring import spring_force, spring_stiffness
@@ -21,6 +26,7 @@ from .car import (
     BETA,
     C_T,
     F_C,
+    FALL,
     GAP,
     K_2,
     K_3,
@@ -35,6 +41,7 @@ from .car import (
     PULL,
     RATIO,
     STATIC,
+    SURPLUS,
     C,
     Car,
     X,
@@ -145,11 +152,19 @@ def linearised(
     wheel[:, :, STATES:] += coefficients(by_road)
     out[:, 10:14] = wheel / p[:, MASS, None]
     rounding = (level.turn_m_s, level.lag_s)
-    by_w = friction_rate_by_speed(w, zeta, p[:, LENGTH], *rounding)
-    by_z = friction_rate_by_share(w, p[:, LENGTH], *rounding)
-    by_d = friction_rate_by_length(w, zeta, p[:, LENGTH], *rounding)
+    length, surplus, fall = p[:, LENGTH], p[:, SURPLUS], p[:, FALL]
+    limit = sliding_share(w, surplus, fall)
+    by_limit = friction_rate_by_limit(w, zeta, length, limit, *rounding)
+    by_w = friction_rate_by_speed(w, zeta, length, limit, *rounding)
+    by_w = by_w + by_limit * sliding_share_by_speed(w, surplus, fall)
+    by_z = friction_rate_by_share(w, length, limit, *rounding)
     out[:, 14:18] = by_w[:, :, None] * all_w + by_z[:, :, None] * share
-    out[:, 14:18, STATES:] += by_d[:, :, None] * D[:, LENGTH]
+    for kind, by_kind in (
+        (LENGTH, friction_rate_by_length(w, zeta, length, limit, *rounding)),
+        (SURPLUS, by_limit * sliding_share_by_surplus(w, fall)),
+        (FALL, by_limit * sliding_share_by_fall(w, surplus, fall)),
+    ):
+        out[:, 14:18, STATES:] += by_kind[:, :, None] * D[:, kind]
     if car.has_mount:
         out[:, 18:] = all_w - speed
     return out[:, :, :STATES], out[:, :, STATES:]

@@ -19,6 +19,8 @@ _FRICTION_PRIOR = 1.0
 """Standard deviation of the share of friction that acts at the start."""
 _MOUNT_PRIOR_M = 5e8
 """Standard deviation, m, of the mount's first deflection beyond its force, over sigma squared."""
+_LARGEST = 1e100
+"""Information beyond which a tangent counts as lost."""
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Known values less those that the unknowns give, and the slopes of the latter, in sigmas."""
@@ -87,6 +89,11 @@ class Normal:
     right: NDArray[np.float64]
     """(F,)."""
 
+    @property
+    def finite(self) -> bool:
+        """True unless a tangent grew beyond all numbers: a path may be finite where it is not."""
+        return all(np.trace(b.A) + np.trace(b.C) < _LARGEST for b in self.blocks)
+
 
 def point(
     problem: Problem, eta: NDArray[np.float64], owns: tuple[Own, ...], grade: Grade
@@ -127,10 +134,13 @@ def normal(at: Point) -> Normal:
     """Return the normal equations at a point."""
     problem, model = at.problem, at.problem.model
     acts = acting(list({id(one): one for one in at.cars}.values()))
-    blocks = [
-        _own_priors(block(model, run, one, at.rows, own, found, acts, at.grade), one, own)
-        for run, one, own, found in zip(problem.runs, at.cars, at.owns, at.predicted, strict=True)
-    ]
+    with np.errstate(over="ignore", invalid="ignore"):  # `finite` says so
+        blocks = [
+            _own_priors(block(model, run, one, at.rows, own, found, acts, at.grade), one, own)
+            for run, one, own, found in zip(
+                problem.runs, at.cars, at.owns, at.predicted, strict=True
+            )
+        ]
     n = len(problem.free)
     shared, right = np.zeros((n, n)), np.zeros(n)
     for misfits, slopes in (problem.fact_terms(at.eta), problem.prior_terms(at.eta)):

@@ -208,8 +208,8 @@ def _choices(
         members = [n for n in group.members(model) if n in values]
         if group.name not in chosen or not members:
             continue
-        # A length or a gap has no value at which its element is absent.
-        sized = [n for n in members if not n.startswith(("d_c", "g_b"))]
+        # A length, a speed or a gap has no value at which its element is absent.
+        sized = [n for n in members if not n.startswith(("d_c", "v_c", "g_b"))]
         place = {n: int(np.flatnonzero(problem.free == model.names.index(n))[0]) for n in sized}
         shown = []
         for part in group.parts(sized):

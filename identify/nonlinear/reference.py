@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..elements.bar import bar_force
 from ..elements.damper import knee, knee_slope
-from ..elements.friction import friction_rate
+from ..elements.friction import friction_rate, sliding_share
 from ..elements.hinge import hinge, hinge_slope
 from ..elements.mount import mount_misfit, mount_slope
 from ..elements.spring import spring_force
@@ -24,6 +24,7 @@ from .car import (
     BETA,
     C_T,
     F_C,
+    FALL,
     GAP,
     K_2,
     K_3,
@@ -38,6 +39,7 @@ from .car import (
     PULL,
     RATIO,
     STATIC,
+    SURPLUS,
     C,
     Car,
     X,
@@ -157,7 +159,8 @@ def rates(x: Array, cars: Stack, r: Array) -> tuple[Array, Array]:
     body[:, 2] = (lever_y * force).sum(axis=1)
     out[:, 7:10] = ((body + cars.pull)[:, None, :] * cars.inverse).sum(axis=-1)
     out[:, 10:14] = (road - force + p[PULL]) / p[MASS]
-    out[:, 14:18] = friction_rate(w, zeta, p[LENGTH], level.turn_m_s, level.lag_s)
+    limit = sliding_share(w, p[SURPLUS], p[FALL])
+    out[:, 14:18] = friction_rate(w, zeta, p[LENGTH], limit, level.turn_m_s, level.lag_s)
     if cars.mounted:
         out[:, 18:] = w - r
     return out, r

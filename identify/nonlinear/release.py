@@ -23,16 +23,21 @@ from .unknowns import KNOTS
 _ROUGH_SHARE = 2e-3
 """Share of the cost that a stage may leave to the next one."""
 _FIRST_FRICTION_N = 15.0
-_FIRST_COMPLIANCE = 0.3e-6
-"""Compliance, m/N, from which the mounts begin: beyond the trap at zero."""
+_LATE = {"damper_mounts": 0.3, "static_friction": 0.2}
+"""Groups that join where they pay, and the unknowns that their sizes begin with: a compliance of
+0.3e-6 m/N, beyond the trap at zero; static friction a fifth above the sliding one."""
 _GAPS_M = (0.012, 0.018, 0.025, 0.033, 0.042)
 """Gaps at which a bump stop is tried: a stop that is not touched yet has no slope by its gap."""
 _LARGEST_RATE = 1.5
 """Rate, 1e5 N/m, that a bump stop begins with at most."""
 _LAST_KNOTS = "K21"
 """Knees of the last stage: real curves bend between those of the first stages."""
-_PAYS = 4.0
+_MOUNTS_PAY = 4.0
 """Logarithms of the number of samples that the mounts must gain: two of the criterion's limit."""
+_STATIC_PAYS = 4.0
+"""What static friction must gain, in units of chi2: two standard deviations.  It is far less than
+what names it, because without it the sliding friction reads up to 20 % high and wheels 1 % light;
+released where nothing asks for it, it leads the search astray."""
 _STAGE_STEPS = 25
 _FAR = 5.0
 """chi2/n from which on the first stage counts as led astray: from good starts it ends at 1 to 4."""
@@ -76,10 +81,9 @@ def release(
     for k, stage in enumerate(STAGES[1:], start=1):
         before = chosen
         chosen += tuple(name for name in stage if allowed(name))
-        if k == CORRECTIONS_FROM and _mounts_pay(problem, best, allowed, log):
+        if k == CORRECTIONS_FROM and _pays("damper_mounts", problem, best, allowed, log):
             chosen += ("damper_mounts",)
-            start = start.copy()
-            _begin_mounts(model, start)
+            start = _begun(model, start, "damper_mounts")
         if "bump_stops" in chosen:
             start = _begin_stops(problem, best, log)
         last = k == len(STAGES) - 1
@@ -99,16 +103,16 @@ def release(
         log(f"{', '.join(stage)}: chi2/n {best.cost / n:.3f} after {best.iterations} steps")
     problem = best.point.problem
     model = problem.model
-    if "damper_mounts" not in chosen and _mounts_pay(problem, best, allowed, log):
-        start = best.eta.copy()
-        _begin_mounts(model, start)
-        free = positions(model, (*chosen, "damper_mounts"), True)
+    for name in _LATE:
+        if name in chosen or not _pays(name, problem, best, allowed, log):
+            continue
+        more = (*chosen, name)
         found = fit(
-            problem.releasing(free), start, owns, ROUGH, tolerance=_CONVERGED,
-            max_iterations=_LAST_STEPS,
+            problem.releasing(positions(model, more, True)), _begun(model, best.eta, name),
+            best.point.owns, ROUGH, tolerance=_CONVERGED, max_iterations=_LAST_STEPS,
         )  # fmt: skip
         if found is not None and found.cost < best.cost:
-            best, chosen = found, (*chosen, "damper_mounts")
+            best, chosen, problem = found, more, found.point.problem
     whole = replace(problem, runs=runs)
     polished = fit(
         whole, best.eta, best.point.owns, POLISH, tolerance=_POLISHED, max_iterations=_POLISH_STEPS
@@ -138,25 +142,33 @@ def _first(
     )  # fmt: skip
 
 
-def _mounts_pay(problem: Problem, best: Optimum, allowed: Callable[[str], bool], log: Log) -> bool:
-    """Return whether compliant mounts would lower the cost by much more than chance."""
-    if not allowed("damper_mounts"):
+def _pays(
+    name: str, problem: Problem, best: Optimum, allowed: Callable[[str], bool], log: Log
+) -> bool:
+    """Return whether a group would lower the cost by much more than chance."""
+    model = problem.model
+    has_friction = model.names.index("F_cf") in problem.free
+    if not allowed(name) or (name == "static_friction" and not has_friction):
         return False
     n = sum(run.freedom for run in problem.runs)
-    found = gain_of(problem, best, best.eta, _mount_positions(problem.model))
+    found = gain_of(problem, best, best.eta, _sizes(model, name))
     gain = sum(g for g, size in zip(*found, strict=True) if size > 0.0)
     gain /= max(1.0, best.cost / n)
-    log(f"damper_mounts: would lower the cost by {gain:.0f}")
-    return bool(gain > _PAYS * np.log(n))
+    log(f"{name}: would lower the cost by {gain:.0f}")
+    return bool(gain > (_MOUNTS_PAY * np.log(n) if name == "damper_mounts" else _STATIC_PAYS))
 
 
-def _mount_positions(model: Model) -> NDArray[np.intp]:
-    names = BY_NAME["damper_mounts"].members(model)
-    return np.array([model.names.index(name) for name in names], dtype=np.intp)
+def _sizes(model: Model, name: str) -> NDArray[np.intp]:
+    """Return the positions of a group's first unknown, front and rear."""
+    kind = BY_NAME[name].kinds[0]
+    return np.array([model.names.index(f"{kind}{axle}") for axle in "fr"], dtype=np.intp)
 
 
-def _begin_mounts(model: Model, eta: NDArray[np.float64]) -> None:
-    eta[_mount_positions(model)] = _FIRST_COMPLIANCE / 1e-6
+def _begun(model: Model, eta: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    """Return the unknowns with a group that joins where it begins."""
+    result = eta.copy()
+    result[_sizes(model, name)] = _LATE[name]
+    return result
 
 
 def _begin_stops(problem: Problem, best: Optimum, log: Log) -> NDArray[np.float64]:

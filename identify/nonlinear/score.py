@@ -28,14 +28,15 @@ def gain_of(
     Returns
     -------
     gains, sizes : (k,) float64
-        Each for one of them alone; zeros where the path is not finite.
+        Each for one of them alone; zeros where path or tangents are not finite.
     """
     known = best.point.problem.free
     free = np.union1d(known, extra)
     at = point(problem.releasing(free), eta, best.point.owns, best.point.grade)
-    if at is None:
+    equations = None if at is None else normal(at)
+    if equations is None or not equations.finite:
         return np.zeros(len(extra)), np.zeros(len(extra))
-    matrix, right, _ = reduced(normal(at), 0.0)
+    matrix, right, _ = reduced(equations, 0.0)
     new, old = np.searchsorted(free, extra), ~np.isin(free, extra)
     cross = matrix[np.ix_(new, old)] @ inverse(matrix[np.ix_(old, old)])
     left = np.maximum(np.diag(matrix[np.ix_(new, new)] - cross @ matrix[np.ix_(old, new)]), 1e-300)

@@ -31,7 +31,7 @@ def test_a_rough_car_has_friction_bars_and_bent_curves() -> None:
 
 def test_every_element_has_its_name_and_size() -> None:
     imperfections = Imperfections(
-        friction=Friction(40.0, 30.0, 0.4e-3, sides=(1.2, 0.8, 1.0, 1.0)),
+        friction=Friction(40.0, 30.0, 0.4e-3, static_ratio=1.3, sides=(1.2, 0.8, 1.0, 1.0)),
         mount_n_m=(1e6, np.inf),
         quadratic_n_m2=(2e4, 0.0),
         cubic_n_m3=(0.0, 3e5),
@@ -44,10 +44,11 @@ def test_every_element_has_its_name_and_size() -> None:
     found = true_elements(SimulatedCar(imperfections=imperfections))
     assert set(found.groups) == {
         "friction", "damper_mounts", "progressive_springs", "bump_stops", "progressive_tyres",
-        "friction_left_right", "tyre_damping", "cg_offset",
+        "friction_left_right", "static_friction", "tyre_damping", "cg_offset",
     }  # fmt: skip
     assert found.values == pytest.approx({
-        "F_cf": 40.0, "F_cr": 30.0, "d_cf": 0.4e-3, "d_cr": 0.4e-3, "s_mf": 1e-6, "s_mr": 0.0,
+        "F_cf": 40.0, "F_cr": 30.0, "d_cf": 0.4e-3, "d_cr": 0.4e-3, "v_cf": 0.01,
+        "v_cr": 0.01, "r_cf": 0.3, "r_cr": 0.3, "s_mf": 1e-6, "s_mr": 0.0,
         "k_2f": 2e4, "k_2r": 0.0, "k_3f": 0.0, "k_3r": 3e5, "k_bf": 5e4, "k_br": 0.0, "g_bf": 0.03,
         "b_tf": 2.0, "b_tr": 1.0, "dF_cf": 8.0, "dF_cr": 0.0, "s_cf": 0.0, "s_cr": 0.0,
     })  # fmt: skip

@@ -12,8 +12,13 @@ from identify.elements.damper import knee, knee_slope, secant_share
 from identify.elements.friction import (
     friction_rate,
     friction_rate_by_length,
+    friction_rate_by_limit,
     friction_rate_by_share,
     friction_rate_by_speed,
+    sliding_share,
+    sliding_share_by_fall,
+    sliding_share_by_speed,
+    sliding_share_by_surplus,
 )
 from identify.elements.hinge import hinge, hinge_slope
 from identify.elements.mount import mount_misfit, mount_slope
@@ -85,24 +90,45 @@ def test_a_knee_at_rest_raises_the_secant_by_half() -> None:
 def test_friction_sticks_then_slides() -> None:
     zeta, step = 0.0, 1e-6
     for _ in range(20000):  # 2 mm at 0.1 m/s, four pre-sliding lengths
-        zeta += step * friction_rate(0.1, zeta, 0.5e-3, 0.0, 0.0)
+        zeta += step * friction_rate(0.1, zeta, 0.5e-3, 1.0, 0.0, 0.0)
     assert zeta == pytest.approx(1.0 - np.exp(-4.0), abs=1e-4)
-    assert friction_rate(0.0, 0.7, 0.5e-3, 0.0002, 0.0) == pytest.approx(-0.28)
+    assert friction_rate(0.0, 0.7, 0.5e-3, 1.0, 0.0002, 0.0) == pytest.approx(-0.28)
 
 
-@pytest.mark.parametrize(("w", "zeta"), [(0.2, 0.3), (-0.05, 0.8), (0.0003, -0.5)])
+def test_static_friction_falls_off_with_the_speed() -> None:
+    assert sliding_share(0.0, 0.4, 0.01) == 1.4
+    assert sliding_share(-0.01, 0.4, 0.01) == pytest.approx(1.0 + 0.4 / np.e)
+    assert sliding_share(0.1, 0.4, 0.01) == 1.0
+    # It slides steadily where the share is that of its speed.
+    assert friction_rate(0.01, 1.0 + 0.4 / np.e, 0.5e-3, 1.0 + 0.4 / np.e, 0.0, 0.0) == 0.0
+
+
+@pytest.mark.parametrize(("w", "zeta"), [(0.2, 0.3), (-0.05, 0.8), (0.0003, -0.5), (0.007, 1.2)])
 def test_the_derivatives_of_friction(w: float, zeta: float) -> None:
     rest = (0.0005, 1e-4)
 
-    def rate(speed: float, share: float, length: float) -> float:
-        return float(friction_rate(speed, share, length, *rest))
+    def rate(speed: float, share: float, length: float, surplus: float, fall: float) -> float:
+        limit = sliding_share(speed, surplus, fall)
+        return float(friction_rate(speed, share, length, limit, *rest))
 
-    by_speed = slope(lambda v: rate(v, zeta, 0.5e-3), w, 1e-8)
-    assert friction_rate_by_speed(w, zeta, 0.5e-3, *rest) == pytest.approx(by_speed, rel=1e-5)
-    by_share = slope(lambda z: rate(w, z, 0.5e-3), zeta)
-    assert friction_rate_by_share(w, 0.5e-3, *rest) == pytest.approx(by_share, rel=1e-7)
-    by_length = slope(lambda d: rate(w, zeta, d), 0.5e-3, 1e-9)
-    assert friction_rate_by_length(w, zeta, 0.5e-3, *rest) == pytest.approx(by_length, rel=1e-5)
+    length, surplus, fall = 0.5e-3, 0.4, 0.01
+    limit = sliding_share(w, surplus, fall)
+    by_limit = friction_rate_by_limit(w, zeta, length, limit, *rest)
+    found = friction_rate_by_speed(w, zeta, length, limit, *rest)
+    found += by_limit * sliding_share_by_speed(w, surplus, fall)
+    by_speed = slope(lambda v: rate(v, zeta, length, surplus, fall), w, 1e-8)
+    assert found == pytest.approx(by_speed, rel=1e-5)
+    by_share = slope(lambda z: rate(w, z, length, surplus, fall), zeta)
+    assert friction_rate_by_share(w, length, limit, *rest) == pytest.approx(by_share, rel=1e-7)
+    by_length = slope(lambda d: rate(w, zeta, d, surplus, fall), length, 1e-9)
+    found = friction_rate_by_length(w, zeta, length, limit, *rest)
+    assert found == pytest.approx(by_length, rel=1e-5)
+    by_surplus = slope(lambda r: rate(w, zeta, length, r, fall), surplus)
+    found = by_limit * sliding_share_by_surplus(w, fall)
+    assert found == pytest.approx(by_surplus, rel=1e-6, abs=1e-6)
+    by_fall = slope(lambda v: rate(w, zeta, length, surplus, v), fall, 1e-8)
+    found = by_limit * sliding_share_by_fall(w, surplus, fall)
+    assert found == pytest.approx(by_fall, rel=1e-5, abs=1e-6)
 
 
 def test_a_tyre_pushes_and_never_pulls() -> None:

@@ -21,7 +21,7 @@ def test_bench_file_vehicle_and_fit_know_the_same_elements() -> None:
     assert names == set(ELEMENTS)
     assert names == set(StructureTable.model_fields) - {"symmetric"}
     released = {name for stage in STAGES for name in stage}
-    assert released | {"damper_mounts"} == names
+    assert released | {"damper_mounts", "static_friction"} == names
 
 
 def test_an_element_that_is_not_stated_is_left_to_the_data() -> None:

@@ -103,7 +103,10 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
             2 * STEP
         )
         check(found[:, :, column], number)
-    for name in ("m_s", "I_xx", "k_tf", "c_sf", "a", "t_f", "F_cf", "d_cr", "h_f2", "k_bf", "y_s"):
+    for name in (
+        "m_s", "I_xx", "k_tf", "c_sf", "a", "t_f", "F_cf", "d_cr", "r_cf", "v_cf", "h_f2", "k_bf",
+        "y_s",
+    ):  # fmt: skip
         k = names.index(name)
         high, low = eta.copy(), eta.copy()
         high[k] += STEP
@@ -112,12 +115,14 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
             motion(car(model, high, BASELINE, free), own, times)
             - motion(car(model, low, BASELINE, free), own, times)
         ) / (2 * STEP)
-        check(found[:, :, n_own + np.flatnonzero(free[acts] == k)[0]], number)
+        # Static friction acts for a few milliseconds, some steps of the tangents.
+        most = 0.08 if name in ("r_cf", "v_cf") else 0.02
+        check(found[:, :, n_own + np.flatnonzero(free[acts] == k)[0]], number, most)
 
 
-def check(tangent: np.ndarray, number: np.ndarray) -> None:
+def check(tangent: np.ndarray, number: np.ndarray, most: float = 0.02) -> None:
     # The laws have corners: at a finite step a few samples see the other side of one.
     for order in range(3):
         part = slice(7 * order, 7 * order + 7)
         error = np.linalg.norm(tangent[:, part] - number[:, part])
-        assert error < 0.02 * np.linalg.norm(number[:, part])
+        assert error < most * np.linalg.norm(number[:, part])

@@ -17,8 +17,8 @@ from .truth import BUMP_S, WEIGHTS, Truth, campaign, drive, records
 
 @cache
 def result() -> Identification:
-    """Return the identification of the standard car: six runs over 50 mm, 200 Hz."""
-    car, bumps = Truth(), campaign((0.05,))
+    """Return the identification of a car that sticks: six runs over 50 mm, 200 Hz."""
+    car, bumps = Truth(static=1.4), campaign((0.05,))
     found = records(car, bumps, drive(car, bumps, 1.3), seed=5)
     channels = {c.name: c for r in found[0].recordings for c in r.group.channels}
     runs = []
@@ -71,8 +71,10 @@ def test_the_friction_is_found() -> None:
     forces = result().forces
     assert forces is not None
     for axle in forces.axles:
-        assert axle.values["friction"].value == pytest.approx(50.0, abs=4.0)
+        assert axle.values["friction"].value == pytest.approx(50.0, abs=2.5)
         assert axle.values["pre_sliding_length"].value == pytest.approx(0.5e-3, rel=0.1)
+        assert axle.values["static_surplus"].value == pytest.approx(0.4, abs=0.35)
+        assert axle.values["stribeck_speed"].value == pytest.approx(0.01, abs=0.005)
 
 
 def test_the_damper_curve_is_found() -> None:

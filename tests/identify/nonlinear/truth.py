@@ -47,6 +47,8 @@ class Truth:
     c_t: Sequence[float] = (0.0, 0.0)
     friction: Sequence[float] = (50.0, 50.0, 50.0, 50.0)
     length: Sequence[float] = (0.5e-3, 0.5e-3)
+    static: float = 1.0
+    """Static over sliding friction; what is above 1 falls off over 10 mm/s (LuGre)."""
     slopes: Sequence[Sequence[float]] = ((1500, 2600, 1500, 900), (1400, 2500, 1400, 850))
     """Of each axle's damper: beyond the rebound knee, rebound, compression, beyond its knee."""
     knees: tuple[float, float] = (-0.15, 0.15)
@@ -206,8 +208,9 @@ def drive(car: Truth, bumps: Sequence[Bump], end_s: float, step_s: float = 1e-4)
 
     def slide(zeta: Array, v: Array, dt: float) -> Array:
         w = v[:, 3:] - lever(v)
-        s = np.sign(w)
-        return np.asarray(s + (zeta - s) * np.exp(-np.abs(w) * dt / per["length"]))
+        most = 1.0 + (car.static - 1.0) * np.exp(-((w / 0.01) ** 2))
+        s = np.sign(w) * most
+        return np.asarray(s + (zeta - s) * np.exp(-np.abs(w) * dt / (most * per["length"])))
 
     def mount_rate(mount: Array, v: Array) -> Array:
         w = v[:, 3:] - lever(v)

@@ -161,7 +161,7 @@ def test_an_identification_lends_what_it_kept() -> None:
     assert element_label("s_mf") == "compliance of the mount front"
     assert element_label("F_cr") == "friction rear"
     # Whatever an identification reports has an unknown, and a name in words.
-    assert [element_label(f"{kind}f") for kind in KINDS.values()][9] == "springs left right front"
+    assert [element_label(f"{kind}f") for kind in KINDS.values()][11] == "springs left right front"
 
 
 def test_a_curve_that_ends_early_goes_on_straight() -> None:
