@@ -20,7 +20,8 @@ MODULES = ("virtio_pci", "9pnet_virtio", "9p", "overlay", "vcan", "can-raw")
 TIME_LIMIT_S = 2700
 MORE = ("-m", "3072")
 PREFIX = Path(sys.base_prefix)
-PYTHON = f"/opt/python/bin/python{sysconfig.get_python_version()}"
+VERSION = f"python{sysconfig.get_python_version()}"
+PYTHON = "/opt/venv/bin/python"
 UNITS = "files/etc/systemd/system"
 
 INIT = f"""#!/bin/busybox sh
@@ -38,6 +39,8 @@ $bb chmod 755 /host/etc /host/usr /host/usr/bin /host/usr/bin/bumpbench
 $bb mkdir -p /host/opt/python /host/var/lib/private/bumpbench
 $bb chmod 700 /host/var/lib/private
 $bb mount -o bind /lower{PREFIX} /host/opt/python
+$bb mkdir -p /host/opt/venv/bin
+$bb ln -s /opt/python/bin/{VERSION} /host{PYTHON}
 $bb mount -t tmpfs -o size=60m,mode=755 state /host/var/lib/private/bumpbench
 $bb mount -t tmpfs -o mode=1777 tmp /host/tmp
 $bb umount /proc
@@ -48,8 +51,12 @@ exec $bb switch_root /host /lib/systemd/systemd --unit=trial.target --show-statu
 NOTHING = "[Service]\nType=oneshot\nRemainAfterExit=yes\nExecStart=/bin/true\n"
 SLOW = ("tmpfiles-setup", "tmpfiles-setup-dev", "sysusers", "journal-flush", "update-utmp")
 """Units of systemd that would go through all of this machine's files."""
-PATHS = f"PYTHONPATH={ROOT}:{sysconfig.get_path('purelib')}"
 FILES = {
+    # An environment as people install it: the child that reads a session ignores PYTHONPATH.
+    "files/opt/venv/pyvenv.cfg": "home = /opt/python/bin\n",
+    f"files/opt/venv/lib/{VERSION}/site-packages/bumpbench.pth": (
+        f"{ROOT}\n{sysconfig.get_path('purelib')}\n"
+    ),
     "files/usr/bin/bumpbench": f'#!/bin/sh\nexec {PYTHON} -m tui "$@"\n',
     f"{UNITS}/trial.target": (
         "[Unit]\nRequires=trial.service\nAfter=trial.service\nWants=bumpbench.service\n"
@@ -61,12 +68,12 @@ FailureAction=poweroff-immediate
 Type=oneshot
 ExecStart={PYTHON} -m tests.service.inside
 WorkingDirectory=/
-Environment={PATHS} PYTHONDONTWRITEBYTECODE=1 OPENBLAS_NUM_THREADS=1
+Environment=PYTHONDONTWRITEBYTECODE=1 OPENBLAS_NUM_THREADS=1
 StandardOutput=file:/dev/ttyS0
 StandardError=file:/dev/ttyS0
 """,
     f"{UNITS}/bumpbench.service.d/trial.conf": (
-        f"[Service]\nEnvironment={PATHS} OPENBLAS_NUM_THREADS=1\n"
+        f"[Service]\nEnvironment=OPENBLAS_NUM_THREADS=1\n"
         # An emulated processor is some thirty times slower, the more so on a busy machine.
         "TimeoutStartSec=900\nWatchdogSec=60\nTimeoutStopSec=120\n"
     ),
