@@ -12,11 +12,10 @@ import time
 from pathlib import Path
 
 import daq
-from daq.bus.interfaces import open_bus
-from daq.control.orders import Arm, Stop, Until
-from daq.replay.replay import play
-from daq.sim.car import SimulatedCar
-from daq.sim.ecu import campaign_frames
+from daq.bus import open_bus
+from daq.control import Arm, Stop, Until
+from daq.replay import play
+from daq.sim import SimulatedCar, campaign_frames
 
 
 def main(folder: Path, bench_toml: Path | None = None) -> Path:

@@ -49,7 +49,7 @@ def report_of(
             closed_form_section(document),
         ]
     if result.quality.verdict == Verdict.REFUSED:
-        sections = [marked(section) for section in sections]
+        sections = [s if s.key == "vehicle" else marked(s) for s in sections]
     sections += [certificate_section(session, document, source)]
     sections += [run_section(session, result), provenance_section(session, document, source)]
     return Report(
@@ -105,5 +105,5 @@ def _highlights(
         text = f"{good} of {len(predictions)}" if predicted else NOT_DETERMINED
         cards.append(("left-out runs at noise", Cell(text)))
     if document["verdict"] == Verdict.REFUSED:
-        cards = [(f"{name} ({REFUSED})", cell) for name, cell in cards]
+        cards[1:] = [(f"{name} ({REFUSED})", cell) for name, cell in cards[1:]]
     return tuple(cards)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -96,3 +97,10 @@ def test_a_recording_in_ten_lines(tmp_path: Path) -> None:
     source = (EXAMPLES / "recording.py").read_text("utf-8")
     ten = source.partition("# Ten lines ...\n")[2].partition("    # ... and the end.")[0]
     assert len(ten.splitlines()) == 10
+
+
+def test_examples_import_what_is_public() -> None:
+    for path in EXAMPLES.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith(("daq", "dbc")):
+                assert str(node.module).count(".") <= 1, (path.name, node.module)
