@@ -73,7 +73,7 @@ StandardOutput=file:/dev/ttyS0
 StandardError=file:/dev/ttyS0
 """,
     f"{UNITS}/bumpbench.service.d/trial.conf": (
-        f"[Service]\nEnvironment=OPENBLAS_NUM_THREADS=1\n"
+        "[Service]\nEnvironment=OPENBLAS_NUM_THREADS=1\n"
         # An emulated processor is some thirty times slower, the more so on a busy machine.
         "TimeoutStartSec=900\nWatchdogSec=60\nTimeoutStopSec=120\n"
     ),
