@@ -9,3 +9,5 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in `tui`: small matrice
 if "RUNTIME_DIRECTORY" not in os.environ:  # no sockets of tests among those of the user
     os.environ["RUNTIME_DIRECTORY"] = tempfile.mkdtemp(prefix="bumpbench-")
     atexit.register(shutil.rmtree, os.environ["RUNTIME_DIRECTORY"], ignore_errors=True)
+
+pytest_plugins = ["tests.without_children"]

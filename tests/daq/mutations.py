@@ -1,17 +1,17 @@
 """Session files with damage of every kind, through the command line.
 
 ``python -m tests.daq.mutations 2000`` runs a campaign and prints what came of it; it fails if any
-file gives a traceback, takes more than 10 s or more than 1 GB.
+file gives a traceback, takes more than 10 s of processor time or more than 1 GB.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
+import os
 import resource
 import sys
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -91,14 +91,14 @@ def campaign(count: int, seed: int = 1) -> Outcome:
 
 def _try(path: Path, name: str, outcome: Outcome) -> None:
     out, err = io.StringIO(), io.StringIO()
-    began = time.monotonic()
+    began_s = sum(os.times()[:4])  # a busy machine takes any time by the clock
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = run(["validate", str(path)])
     except Exception as error:
         outcome.faults.append(f"{name}: {type(error).__name__}: {error}")
         return
-    took_s = time.monotonic() - began
+    took_s = sum(os.times()[:4]) - began_s
     outcome.codes[code] += 1
     outcome.slowest_s = max(outcome.slowest_s, took_s)
     lines = err.getvalue().splitlines()

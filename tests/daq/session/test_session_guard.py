@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -48,8 +49,9 @@ def test_what_is_no_session(tmp_path: Path, path: Path) -> None:
         "cut.h5": "is not an HDF5 file, or is cut off",
         "other.h5": "not a bench session",
     }.items():
-        with pytest.raises(InputError, match=what):
-            read_foreign_session(tmp_path / name)
+        _refused(tmp_path / name, what)
+    with pytest.raises(InputError, match=r"cut\.h5: is not an HDF5 file, or is cut off"):
+        read_foreign_session(tmp_path / "cut.h5")  # the child's error as it is here
 
 
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
@@ -191,7 +193,7 @@ def test_a_child_that_only_waits_is_ended(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, path: Path
 ) -> None:
     _child_runs(monkeypatch, tmp_path, "import time; time.sleep(60)")
-    monkeypatch.setattr(guard, "_CHILD_S", 0.1)
+    monkeypatch.setattr(guard, "_SESSIONS", replace(guard._SESSIONS, child_s=0.1))
     began = time.monotonic()
     with pytest.raises(InputError, match="no answer for 1 s") as told:
         read_foreign_session(path)
@@ -206,7 +208,8 @@ def test_no_process_to_be_had(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, p
 
 
 def test_memory_of_the_child_is_bounded(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
-    monkeypatch.setattr(guard, "_CHILD_BYTES", -max_total_bytes(path.stat().st_size))
+    none = -max_total_bytes(path.stat().st_size)
+    monkeypatch.setattr(guard, "_SESSIONS", replace(guard._SESSIONS, child_bytes=none))
     with pytest.raises(InputError, match=r"car\.h5: cannot be read"):
         read_foreign_session(path)
 
@@ -220,12 +223,12 @@ def test_the_tree_has_every_dataset(path: Path) -> None:
     assert sorted(d.values.shape for d in load_tree(path).all_datasets()) == sorted(names)
 
 
-def test_a_dozen_damaged_files() -> None:
+def test_some_damaged_files() -> None:
     # In a process of its own, which measures its largest child.
-    command = [sys.executable, "-m", "tests.daq.mutations", "12"]
+    command = [sys.executable, "-m", "tests.daq.mutations", "5"]  # `make fuzz`: thousands
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "no faults" in done.stdout
-    refused = re.search(r"12 mutants: exit codes \{.*2: (\d+)", done.stdout)
+    refused = re.search(r"5 mutants: exit codes \{.*2: (\d+)", done.stdout)
     assert refused, done.stdout
-    assert int(refused[1]) > 2
+    assert int(refused[1]) > 0

@@ -18,6 +18,7 @@ from daq.vehicle import AddedMass, MassState, VehicleGeometry
 
 from ..small_session import small_session
 
+pytestmark = pytest.mark.usefixtures("without_children")
 RUN = "runs/r001_baseline_roll_1"
 HUB = f"{RUN}/HUB_Front"
 
