@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import math
 import re
+import threading
 from pathlib import Path
 
 import pytest
 
+from daq.bench.config import default_bench_text, parse_bench
 from daq.sessions import Session
 from daq.sim.cars import car_names
 from identify import Identification
 from identify.trust.finding import Quality
 from tui.cli import run
+from tui.commands import demo
 from tui.diagnostics import ExitCode
 
 
@@ -44,10 +47,13 @@ def test_a_real_car_is_recorded_and_its_friction_stands_in_the_truth(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def nothing(session: Session, progress: object) -> Identification:
-        assert len(session.runs) == 12
+        assert len(session.runs) == 2
         assert session.vehicle.name == "Ford Escort with the front right damper worn to half"
         return Identification(Quality((), math.nan), session.provenance)
 
+    short = default_bench_text().replace('["bounce", "pitch", "roll"]', '["bounce"]')
+    short = short.replace("repeats = 2", "repeats = 1")
+    monkeypatch.setattr("daq.load_bench", lambda _: parse_bench(short, "bench.toml", Path()))
     monkeypatch.setattr("identify.identify", nothing)
     run(["demo", "--car", "escort-worn", "--out", str(tmp_path / "demo"), "--json"])
     truth = json.loads(capsys.readouterr().out)["truth"]
@@ -55,3 +61,16 @@ def test_a_real_car_is_recorded_and_its_friction_stands_in_the_truth(
     assert truth["F_cf"] == 45.0
     assert truth["c_sf"] == pytest.approx(0.75 * 1459.39)
     assert "k_ar" not in truth  # it has no bar there
+
+
+def test_a_recorder_that_lags_behind_the_car_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo, "_PATIENCE_S", 0.001)
+    stamps = [100, 200, 300, 300, 400]
+    left = list(stamps)
+    demo._wait_for_the_last(lambda: left.pop(0), threading.Event())
+    assert left == [400]  # two alike: no frame came in between
+    stopped = threading.Event()
+    stopped.set()
+    left = list(stamps)
+    demo._wait_for_the_last(lambda: left.pop(0), stopped)
+    assert left == stamps[1:]
