@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test test-pythons lint docs bench bursts coverage mutate fuzz crash soak display-check release-check test-service test-socketcan constraints clean
+.PHONY: demo test test-long test-pythons lint docs bench bursts coverage mutate fuzz crash soak display-check release-check test-service test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -14,6 +14,10 @@ demo: .venv/demo
 test: .venv/test
 	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 \
 	    $(BIN)/python -m pytest --quiet --numprocesses auto --dist worksteal
+
+# The long forms of what the tests show in short: whole campaigns by hand, both buses, every stress.
+test-long: .venv/test
+	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --quiet -m long
 
 # Every promised Python that is here or can be had, and the lowest stated versions: some 10 minutes.
 test-pythons: .venv/test

@@ -27,8 +27,9 @@ from .spoils import LOST_S, SPOILT_BUMP, UNPLUG_AFTER_S, UNPLUGGED_S, Fault
 
 __all__ = ["Fault", "SimulatedBench"]
 
-PIECE_S = 0.1
-"""The car is sampled in pieces of at most this length: a read takes some milliseconds."""
+PIECE_S = 0.2
+"""The car is sampled in pieces of at most this length, s: each costs some milliseconds, however
+short it is, and the recorder decides no later than this."""
 BLOCK_S = 0.02
 """Host time between blocks, s: each costs some milliseconds, however short it is."""
 PATIENCE_S = (1.0, 1.6)

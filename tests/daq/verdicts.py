@@ -23,9 +23,9 @@ def settings(cars: Sequence[str]) -> list[Setting]:
     return [Setting(car, bench, Step(state, kind, 1)) for car, bench, state, kind in kinds]
 
 
-def rejected(cars: Sequence[str], repeats: int) -> Iterator[tuple[Setting, Finding]]:
+def rejected(chosen: Sequence[Setting], repeats: int) -> Iterator[tuple[Setting, Finding]]:
     """Judge good runs, each against those before it; yield what is found against them."""
-    for number, setting in enumerate(settings(cars)):
+    for number, setting in enumerate(chosen):
         accepted: list[RunMeasure] = []
         for repeat in range(repeats):
             findings, measure = judged(setting, good(setting, 1000 * number + repeat), accepted)
@@ -50,9 +50,9 @@ def confusion(cars: Sequence[str], count: int, seed: int = 0) -> Counter[tuple[s
 
 def main(count: int) -> None:
     """Print both."""
-    runs = len(settings(tuple(CARS))) * 3
-    bad = list(rejected(tuple(CARS), 3))
-    sys.stdout.write(f"{runs} good runs, {len(bad)} findings against them\n")
+    every = settings(tuple(CARS))
+    bad = list(rejected(every, 3))
+    sys.stdout.write(f"{3 * len(every)} good runs, {len(bad)} findings against them\n")
     for setting, finding in bad:
         sys.stdout.write(
             f"  {setting.car}, {setting.bench}, {setting.step.label}: {finding.text}\n"

@@ -15,7 +15,7 @@ from tests.benchmarks.decode import database_text, interleaved_frames
 from .databases import Field, Message, database, fields, messages, multiplexed, parse_one, payloads
 from .frames import block
 
-EXAMPLES = settings(max_examples=150, deadline=None, derandomize=True, database=None)
+EXAMPLES = settings(max_examples=75, deadline=None, derandomize=True, database=None)
 
 
 def same(ours: float, theirs: float) -> bool:

@@ -18,6 +18,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from itertools import groupby
 from pathlib import Path
+from unittest import mock
 
 from textual.pilot import Pilot
 
@@ -26,6 +27,7 @@ from daq.control.address import control_address, is_running
 from daq.control.client import Client
 from daq.control.messages import Status
 from daq.control.orders import AskStatus, Mark, ShutDown
+from tui.recorders import process as recorders
 from tui.recorders.process import start_demo_recorder, wait_for_recorder
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.base import LOCK_OUT_S
@@ -38,6 +40,7 @@ from ..tui.terminal.conftest import screen_text
 PATIENCE_S = 300.0
 """For what processes do on a machine that has much else to do."""
 SIZE = (80, 24)
+SHIPPED_BUMPS = '["bounce", "pitch", "roll"]'
 SEEN_S = 0.8
 """A verdict stands for so long, of our time."""
 
@@ -55,12 +58,17 @@ class DemoBench:
         Planned of each kind of bump.
     fault : str
         What spoils the second bump.
+    bumps : str
+        The planned kinds of bump, as bench.toml writes them; all of the shipped bench if empty.
     """
 
-    def __init__(self, folder: Path, speed: float, repeats: int = 1, fault: str = "") -> None:
+    def __init__(
+        self, folder: Path, speed: float, repeats: int = 1, fault: str = "", bumps: str = ""
+    ) -> None:
         self.folder = folder / "recorder"
         self.bench = folder / "bench.toml"
         text = default_bench_text().replace("repeats = 2", f"repeats = {repeats}")
+        text = text.replace(SHIPPED_BUMPS, bumps or SHIPPED_BUMPS)
         seen = f"accept_after_s = {SEEN_S * speed:g}"
         self.bench.write_text(text.replace("accept_after_s = 3.0", seen))
         self._speed, self._fault = speed, fault
@@ -113,12 +121,13 @@ class DemoBench:
 
 @contextmanager
 def demo_bench(
-    folder: Path, speed: float, repeats: int = 1, fault: str = ""
+    folder: Path, speed: float, repeats: int = 1, fault: str = "", bumps: str = ""
 ) -> Iterator[DemoBench]:
     """Give a bench whose recorders end with the test."""
-    bench = DemoBench(folder, speed, repeats, fault)
+    bench = DemoBench(folder, speed, repeats, fault, bumps)
     try:
-        yield bench
+        with mock.patch.object(recorders, "PATIENCE_S", PATIENCE_S):
+            yield bench
     finally:
         for process in bench.processes:
             process.kill()

@@ -45,7 +45,7 @@ RUNNABLE = [
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("docs")
-    write_session(made / "session.h5", stress_session("linear", 1))
+    write_session(made / "session.h5", stress_session("linear", 1, 100.0, repeats=1))
     return made
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
@@ -13,17 +14,19 @@ from daq.control.messages import SessionState
 from daq.errors import InputError
 from daq.replay.recorded_source import whole_frames
 from daq.runlog.runlog import LoggedStatus
+from tui.recorders import process as recorders
 from tui.recorders.process import start_replay_recorder, wait_for_recorder
 from tui.terminal.state.steps import BenchStep, progress
 
-from .bench_terminal import PtyTerminal, demo_bench, seat, terminal_on
+from .bench_terminal import PATIENCE_S, SHIPPED_BUMPS, PtyTerminal, demo_bench, seat, terminal_on
 
 KINDS = 6
+SPEED = 5.0
 RECORDING = ["Vehicle", "Check", "Run", "Masses", "Run", "Identify"]
 RESULTS = ["Identify", "Results"]
 
 
-def campaign_by_space(folder: Path, speed: float, repeats: int) -> Path:
+def campaign_by_space(folder: Path, runs: int, bumps: str) -> Path:
     """Record a campaign, pressing SPACE whenever the screen says so; return the session."""
 
     async def act() -> Path:
@@ -32,13 +35,11 @@ def campaign_by_space(folder: Path, speed: float, repeats: int) -> Path:
             await operator.until(
                 lambda: operator.went_through()[-1:] == RECORDING[-1:], operator.space_if_told
             )
-            await operator.until(operator.sees(f"{KINDS * repeats} runs accepted"))
+            await operator.until(operator.sees(f"{runs} runs accepted"))
             assert operator.went_through() == RECORDING
             status = app.status
             assert status is not None
-            assert [run.status for run in status.runs].count(
-                LoggedStatus.ACCEPTED
-            ) == KINDS * repeats
+            assert [run.status for run in status.runs].count(LoggedStatus.ACCEPTED) == runs
             await operator.until(
                 lambda: app.status is not None and app.status.session.state is SessionState.READY,
                 operator.space_if_told,
@@ -46,12 +47,12 @@ def campaign_by_space(folder: Path, speed: float, repeats: int) -> Path:
             assert app.status is not None
             return Path(app.status.session.path)
 
-    with demo_bench(folder, speed, repeats) as bench:
+    with demo_bench(folder, SPEED, bumps=bumps) as bench:
         bench.started()
         return asyncio.run(act())
 
 
-def results_by_space(folder: Path, session: Path, speed: float) -> Path:
+def results_by_space(folder: Path, session: Path) -> Path:
     """Play a session to a terminal, then press SPACE until its report is there; return that."""
 
     async def act() -> Path:
@@ -72,25 +73,35 @@ def results_by_space(folder: Path, session: Path, speed: float) -> Path:
             assert operator.went_through()[-2:] == RESULTS
             return Path(app.status.session.path).with_suffix(".html")
 
-    player = start_replay_recorder(folder, session, speed)
+    player = start_replay_recorder(folder, session, 4.0 * SPEED)
     try:
-        wait_for_recorder(player, folder)
+        with mock.patch.object(recorders, "PATIENCE_S", PATIENCE_S):
+            wait_for_recorder(player, folder)
         return asyncio.run(act())
     finally:
         player.kill()
         player.wait()
 
 
-def test_a_campaign_by_space_alone_and_from_its_replay_to_the_report(tmp_path: Path) -> None:
-    session = campaign_by_space(tmp_path, 10.0, 1)
-    recorded = read_session(session)
-    assert len(recorded.runs) == KINDS
-    report = results_by_space(tmp_path / "replayed", session, 20.0)
-    assert recorded.vehicle.name in report.read_text("utf-8")
+def test_a_campaign_by_space_alone(tmp_path: Path) -> None:
+    session = campaign_by_space(tmp_path, 2, '["bounce"]')
+    assert [run.label for run in read_session(session).runs] == [
+        "baseline_bounce_1",
+        "added_bounce_1",
+    ]
     alone = tmp_path / "alone.h5"  # what lay between the runs is in the journal only
     shutil.copy(session, alone)
     with pytest.raises(InputError, match="next to its journal"):
         whole_frames(read_session(alone), alone)
+
+
+@pytest.mark.long
+def test_a_campaign_by_space_and_from_its_replay_to_the_report(tmp_path: Path) -> None:
+    session = campaign_by_space(tmp_path, KINDS, SHIPPED_BUMPS)
+    recorded = read_session(session)
+    assert len(recorded.runs) == KINDS
+    report = results_by_space(tmp_path / "replayed", session)
+    assert recorded.vehicle.name in report.read_text("utf-8")
 
 
 def test_auto_begins_by_itself(tmp_path: Path) -> None:

@@ -11,8 +11,9 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,9 @@ PATIENCE_S = 150
 WRITTEN_S = 25
 """A recorder that has all runs builds its session file within this."""
 TRIES = 4
-TRANSPORTS = ("udp_multicast", "slcan")
+TRANSPORTS = ("udp_multicast", pytest.param("slcan", marks=pytest.mark.long))
 
-Documents = dict[str, dict[str, dict[str, Any]]]
+Document = dict[str, dict[str, Any]]
 
 
 @contextmanager
@@ -68,75 +69,80 @@ def _wait_for_journal(folder: Path, recorder: subprocess.Popen[str]) -> None:
         time.sleep(0.05)
 
 
-def _campaign(tmp_path_factory: pytest.TempPathFactory) -> Documents | None:
-    """Run the campaign over both transports at once; None where a run is missing at its end.
+def _campaign(transport: str, folder: Path) -> Document | None:
+    """Run the campaign over one transport; None where a run is missing at its end.
 
     A host that is kept from sending for 0.25 s makes a silence, for which the recorder rejects the
     run, as it should; the car then goes on with the next bump and not with that one.
     """
-    running: dict[str, tuple[subprocess.Popen[str], subprocess.Popen[str]]] = {}
-    documents: Documents = {}
+    running: list[subprocess.Popen[str]] = []
     with _first(), pty_pair() as (left, right):
-        ends = {"udp_multicast": ("239.74.163.77", "239.74.163.77"), "slcan": (left, right)}
+        group = "239.74.163.77"
+        sender, receiver = (group, group) if transport == "udp_multicast" else (left, right)
+        bench = folder / "bench.toml"
+        default = (Path(__file__).parents[2] / "daq" / "bench.toml").read_text()
+        bench.write_text(default.replace("repeats = 2", "repeats = 1"))
+        bus = ["--interface", transport, "--channel"]
         try:
-            for transport, (sender, receiver) in ends.items():
-                folder = tmp_path_factory.mktemp(transport)
-                bench = folder / "bench.toml"
-                default = (Path(__file__).parents[2] / "daq" / "bench.toml").read_text()
-                bench.write_text(default.replace("repeats = 2", "repeats = 1"))
-                bus = ["--interface", transport, "--channel"]
-                out = ["--out", str(folder), "--json"]
-                recorder = _start("record", str(bench), *bus, receiver, *out)
-                _wait_for_journal(folder, recorder)
-                car = _start("simulate", str(bench), *bus, sender, "--seed", "5", "--json")
-                running[transport] = (recorder, car)
-            for transport, (recorder, car) in running.items():
-                documents[transport] = {"simulate": _result(car, {0})}
-                # A lost frame is no failure of the recorder as long as it says so (exit code 3).
-                documents[transport]["record"] = _result(recorder, {0, 3}, WRITTEN_S)
+            out = ["--out", str(folder), "--json"]
+            recorder = _start("record", str(bench), *bus, receiver, *out)
+            running.append(recorder)
+            _wait_for_journal(folder, recorder)
+            car = _start("simulate", str(bench), *bus, sender, "--seed", "5", "--json")
+            running.append(car)
+            simulated = _result(car, {0})
+            # A lost frame is no failure of the recorder as long as it says so (exit code 3).
+            return {"simulate": simulated, "record": _result(recorder, {0, 3}, WRITTEN_S)}
         except subprocess.TimeoutExpired:
             return None
         finally:
-            for process in (process for pair in running.values() for process in pair):
+            for process in running:
                 if process.poll() is None:
                     process.kill()
                 process.communicate()
-    return documents
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Documents:
-    """Record the car over both transports and identify each session."""
-    for _ in range(TRIES):
-        documents = _campaign(tmp_path_factory)
-        if documents is not None:
-            break
-    assert documents is not None
-    for document in documents.values():
+def results(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Document]:
+    """Return what records the car over a transport, once, and identifies the session."""
+
+    @cache
+    def recorded(transport: str) -> Document:
+        for _ in range(TRIES):
+            document = _campaign(transport, tmp_path_factory.mktemp(transport))
+            if document is not None:
+                break
+        assert document is not None
         session = str(document["record"]["session"])
-        document["identify"] = _result(_start("identify", session, "--json"), {0})
-    return documents
+        return {**document, "identify": _result(_start("identify", session, "--json"), {0})}
+
+    return recorded
 
 
 @pytest.mark.parametrize("transport", TRANSPORTS)
-def test_every_run_is_recorded_and_labelled(results: Documents, transport: str) -> None:
-    runs = results[transport]["record"]["runs"]
+def test_every_run_is_recorded_and_labelled(
+    results: Callable[[str], Document], transport: str
+) -> None:
+    document = results(transport)
+    runs = document["record"]["runs"]
     assert [run["label"] for run in runs] == [
         f"{state}_{bump}_1"
         for state in ("baseline", "added")
         for bump in ("bounce", "pitch", "roll")
     ]
-    sent = results[transport]["simulate"]["frames"]
     missing = sum(run["losses"]["counter_gaps"] for run in runs)
-    assert missing < 0.001 * sent
+    assert missing < 0.001 * document["simulate"]["frames"]
     for run in runs:
         assert run["status"] == "accepted", run["reasons"]
         assert run["losses"]["crc_bad"] == run["losses"]["unknown_id"] == 0
 
 
 @pytest.mark.parametrize("transport", TRANSPORTS)
-def test_the_car_is_found_within_its_intervals(results: Documents, transport: str) -> None:
-    found, truth = results[transport]["identify"], results[transport]["simulate"]["truth"]
+def test_the_car_is_found_within_its_intervals(
+    results: Callable[[str], Document], transport: str
+) -> None:
+    document = results(transport)
+    found, truth = document["identify"], document["simulate"]["truth"]
     assert found["verdict"] == "ok", found["reasons"]
     assert 0.9 < found["chi2_per_n"] < 1.1
     for name, estimate in found["parameters"].items():
@@ -144,8 +150,9 @@ def test_the_car_is_found_within_its_intervals(results: Documents, transport: st
         assert abs(estimate["value"] - truth[name]) < 4 * estimate["std"], name
 
 
-def test_both_ways_give_the_same_car(results: Documents) -> None:
-    one, other = (results[transport]["identify"]["parameters"] for transport in TRANSPORTS)
+@pytest.mark.long
+def test_both_ways_give_the_same_car(results: Callable[[str], Document]) -> None:
+    one, other = (results(way)["identify"]["parameters"] for way in ("udp_multicast", "slcan"))
     for name in one:
         # The same seed: the same noise, so the two differ by the transport alone.
         gap = abs(one[name]["value"] - other[name]["value"])

@@ -30,6 +30,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
+@pytest.mark.long
 def test_every_public_name_is_in_the_reference(pages: Path) -> None:
     text = "".join((pages / f"{face}.html").read_text("utf-8") for face in FACES)
     shown = set(re.findall(r'<dt class="sig sig-object py" id="([\w.]+)"', text))
@@ -38,6 +39,7 @@ def test_every_public_name_is_in_the_reference(pages: Path) -> None:
     assert "identify.Estimate.std" in shown  # fields, too
 
 
+@pytest.mark.long
 def test_the_pages_load_nothing_from_elsewhere(pages: Path) -> None:
     for page in pages.rglob("*.html"):
         assert not re.findall(r'(?:src|<link[^>]* href)="(?:https?:)?//', page.read_text("utf-8"))

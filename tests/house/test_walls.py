@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -40,8 +41,13 @@ RESERVED = {
 FORBIDDEN_IN_IDENTIFY = {"can", "cantools", "h5py", "textual", "threading", "asyncio", "socket"}
 
 
-def _imports(path: Path) -> Iterator[str]:
-    """Yield the absolute dotted name of every import in a file, function bodies included."""
+@cache
+def _imports(path: Path) -> frozenset[str]:
+    """Return the absolute dotted name of every import in a file, function bodies included."""
+    return frozenset(_imported(path))
+
+
+def _imported(path: Path) -> Iterator[str]:
     package = path.relative_to(ROOT).with_suffix("").parts
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Import):

@@ -169,10 +169,11 @@ def stress_session(
     vehicle: Vehicle | None = None,
     noise: Spread = NOISE,
     extra: tuple[Excitation, ...] = (),
+    repeats: int = REPEATS,
 ) -> Session:
     """Return a campaign with one thing wrong.
 
-    Baseline and the weights of the shipped bench, `REPEATS` of each excitation, each device with
+    Baseline and the weights of the shipped bench, some runs of each excitation, each device with
     its own sampling instants.
 
     Parameters
@@ -191,6 +192,8 @@ def stress_session(
         White noise of the sensors.
     extra : tuple of Excitation
         Driven beside those of the stress: the warp that the campaign lacks.
+    repeats : int
+        Runs of each excitation in each mass state.
     """
     stress = STRESSES[name]
     channels = stress_channels(travels)
@@ -198,7 +201,7 @@ def stress_session(
     runs: list[ArrayRun] = []
     for state in (BASELINE, ADDED):
         for excitation in stress.excitations + extra:
-            for repeat in range(1, REPEATS + 1):
+            for repeat in range(1, repeats + 1):
                 key = (state, excitation, repeat)
                 record = {c.name: samples(stress, c, key, rate_hz, noise, rng) for c in channels}
                 runs.append((state, excitation.value, record))

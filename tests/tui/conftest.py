@@ -6,5 +6,6 @@ import pytest
 
 
 @pytest.fixture(autouse=True)
-def _in_this_process(without_children: None) -> None:
+def _in_this_process(request: pytest.FixtureRequest) -> None:
     """Read session files and DBCs here."""
+    request.getfixturevalue("without_children")

@@ -104,7 +104,7 @@ def test_a_car_without_dampers_loses_four_friction_forces_a_cycle() -> None:
     rest, lift = standing(plant), np.zeros((7, 1))
     lift[0] = 0.04
     start = replace(rest, pose=rest.pose + lift)
-    motion = drive(plant, Bump(Excitation.BOUNCE, 0.0, 0.0, 0.1), 4.0, start)
+    motion = drive(plant, Bump(Excitation.BOUNCE, 0.0, 0.0, 0.1), 2.6, start)
     period = 2 * np.pi * np.sqrt(even.m_s / 80e3)
     cycles = np.arange(4)
     found = motion.at(cycles * period).pose[0] - static_pose(plant)[0]

@@ -35,7 +35,7 @@ def _percent(
 
 
 def test_errors_are_at_the_bound_and_no_fit_is_lost() -> None:
-    errors, stated = _percent(PAPER_CASES, 20)
+    errors, stated = _percent(PAPER_CASES, 10)
     # docs/method.md, "Noise and the bound": that of another program.
     bound = np.array(
         [0.64, 0.74, 0.82, 0.76, 0.71, 0.77, 0.68, 0.73, 0.67, 0.73, 0.67, 0.52, 0.34, 1.14, 0.84]
@@ -54,7 +54,7 @@ def test_a_warp_run_brings_every_parameter_below_one_per_cent() -> None:
     assert np.max(stated.mean(axis=0)) < 0.80  # docs/method.md: 0.75
 
 
-@pytest.mark.parametrize("rate_hz", [100.0, 200.0, 1000.0])
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
 def test_clean_data_give_the_vehicle_back_by_both_ways(rate_hz: float) -> None:
     runs = []
     for record in paper_records(rate_hz, np.inf, 0):

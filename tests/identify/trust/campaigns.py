@@ -15,6 +15,8 @@ from identify.pipeline import grey_box, usable_records
 from ..stress import stress_session
 
 SEEDS = (1, 2)
+TWICE = {"second_bump", "hot_damper", "gain"}
+"""Where one run is unlike its repeat, and a gain of 2 % on one hub."""
 
 
 @cache
@@ -24,7 +26,21 @@ def campaign(name: str, seed: int) -> Session:
 
 @cache
 def estimated(name: str, seed: int) -> Estimation:
-    session = campaign(name, seed)
+    return _estimation(campaign(name, seed))
+
+
+@cache
+def short_campaign(name: str, seed: int) -> Session:
+    """Return the campaign with one run of each kind, where that shows what is wrong."""
+    return campaign(name, seed) if name in TWICE else stress_session(name, seed, repeats=1)
+
+
+@cache
+def shortly_estimated(name: str, seed: int) -> Estimation:
+    return _estimation(short_campaign(name, seed))
+
+
+def _estimation(session: Session) -> Estimation:
     records = usable_records(session)
     return estimate(grey_box(session, records), records, generic_vehicles())
 

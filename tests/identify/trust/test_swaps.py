@@ -14,7 +14,7 @@ from identify.pipeline import grey_box, usable_records
 from identify.trust.cause_texts import causes_of
 from identify.trust.swaps import swap_explanation
 
-from .campaigns import campaign, estimated, with_runs
+from .campaigns import short_campaign, shortly_estimated, with_runs
 
 
 def _other_state(session: Session) -> Session:
@@ -38,12 +38,12 @@ def _exchanged(session: Session, a: str, b: str) -> Session:
 
 
 SWAPPED = {
-    "mass states swapped": lambda: _other_state(campaign("linear", 1)),
+    "mass states swapped": lambda: _other_state(short_campaign("linear", 1)),
     "hub acceleration of front left and rear left swapped": lambda: _exchanged(
-        campaign("linear", 1), "hub_acc_fl", "hub_acc_rl"
+        short_campaign("linear", 1), "hub_acc_fl", "hub_acc_rl"
     ),
     "pitch_rate and roll_rate swapped": lambda: _exchanged(
-        campaign("friction", 1), "pitch_rate", "roll_rate"
+        short_campaign("friction", 1), "pitch_rate", "roll_rate"
     ),
 }
 
@@ -62,4 +62,4 @@ def test_a_swap_is_named_and_refused(name: str) -> None:
     "name", ["linear", "friction", "hubs_late_5ms", "hot_damper", "tyre_damping"]
 )
 def test_what_is_no_swap_is_not_taken_for_one(name: str) -> None:
-    assert swap_explanation(estimated(name, 1)) is None
+    assert swap_explanation(shortly_estimated(name, 1)) is None

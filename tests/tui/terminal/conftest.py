@@ -14,6 +14,7 @@ from textual.app import App
 from textual.pilot import Pilot
 
 from tui.terminal.app import BenchApp
+from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.state.glyphs import Glyphs, GlyphSet, choose_glyphs
 
 from .fake_recorder import FakeRecorder
@@ -110,6 +111,16 @@ def _same_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TZ", "UTC")
     monkeypatch.setenv("TEXTUAL_ANIMATIONS", "none")
     monkeypatch.delenv("NO_COLOR", raising=False)
+
+
+@pytest.fixture(autouse=True)
+def _no_outlook(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Start no planner in a process of its own whenever the masses are on the screen."""
+
+    async def compute(screen: MassesScreen, text: str) -> None:
+        """Leave the outlook open."""
+
+    monkeypatch.setattr(MassesScreen, "_compute", compute)
 
 
 @pytest.fixture

@@ -30,9 +30,9 @@ def check_items(**levels: float) -> tuple[CheckItem, ...]:
 
 
 async def until(pilot: Pilot[None], condition: Callable[[], object]) -> None:
-    """Wait until something is so; 30 s at most."""
+    """Wait until something is so; two minutes at most, for a busy machine."""
     clock = asyncio.get_running_loop().time
-    end_s = clock() + 30.0
+    end_s = clock() + 120.0
     while not condition():
         assert clock() < end_s, screen_text(pilot.app)
         await pilot.pause(0.02)

@@ -14,7 +14,6 @@ from textual.widgets import Input
 from daq.control.messages import Alarm, BusState, BusStatus, Phase, SessionState, SessionStatus
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.help import HelpScreen
-from tui.terminal.screens.masses import MassesScreen
 from tui.terminal.state.feed import Lost
 from tui.terminal.themes import THEMES
 
@@ -59,10 +58,7 @@ def _told_by(recorder: FakeRecorder, text: str) -> None:
 
 
 @pytest.mark.parametrize("name", FOREIGN)
-async def test_foreign_text_only_shows(
-    name: str, make_app: Callable[..., BenchApp], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(MassesScreen, "_predict", lambda _: None)
+async def test_foreign_text_only_shows(name: str, make_app: Callable[..., BenchApp]) -> None:
     text = FOREIGN[name]
     warned = replace(NOISY, subject=f"channel {text}", reason=text, advice=text)
     recorder = FakeRecorder(check=(warned, replace(UPSIDE_DOWN, reason=text, advice=text)))

@@ -23,6 +23,9 @@ GAIN = Gain(
 )
 
 
+OUTLOOK = MassesScreen._compute
+"""As it is; other tests have none."""
+
 # Masses -----------------------------------------------------------------------------------------
 
 
@@ -116,7 +119,10 @@ async def test_a_weight_half_typed_survives_esc_and_a_crash(make_app: Make) -> N
         assert "!Mass      [2x" in screen_text(after)
 
 
-async def test_the_outlook_comes_from_a_process_of_its_own(make_app: Make) -> None:
+async def test_the_outlook_comes_from_a_process_of_its_own(
+    make_app: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(MassesScreen, "_compute", OUTLOOK)
     recorder = _loaded()
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
