@@ -31,6 +31,14 @@ HARDWARE_SCATTER_S = 15e-6
 
 _FEWEST = 20
 
+_LATEST_SHARE = 0.9
+"""Lateness of nearly all frames, in cycles, from which on a tick cannot be told from the next."""
+_ROUNDING_S = 1e-12
+"""Heights above a line that differ by less than this are equal, s."""
+_EARLY_SHARE = 0.2
+"""Cycles by which a frame may come before its tick as far as that is known."""
+_MOST_GAPS = 0.1
+"""Share of frames behind a gap from which on the clock may have been taken twice too fast."""
 _BELIEVED_RATE = (0.8, 1.25)
 """Seconds of the bus per second of the sensor; outside, its unit or wrap is not what is stated."""
 _JUMP_S = 0.05
@@ -102,6 +110,56 @@ def sensor_times(
         time[rows] = _fitted(index[rows], arrival[rows], cycle_s)
     time[~repeated] = _increasing(time[~repeated])
     return SensorTimes(time, step)
+
+
+def even_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
+    """Return when the samples of a message without counter were taken, if it comes evenly.
+
+    Each frame belongs to a tick of an even clock that it follows by less than a cycle; the clock is
+    then fitted as with a counter.  Frames that come when they like have their arrival times.
+
+    `t_ns`, (n,) int64: arrival time stamps, in order of arrival.  `t0_ns`: origin of the result.
+    """
+    if len(t_ns) < _FEWEST:
+        return arrival_times(t_ns, t0_ns)
+    arrival: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
+    cycle_s = float(np.median(np.diff(arrival)))
+    if not cycle_s > 0.0:
+        return arrival_times(t_ns, t0_ns)
+    index, late_s, cycle_s = _ticks(arrival, cycle_s)
+    if (
+        np.quantile(late_s, 0.95) > _LATEST_SHARE * cycle_s
+        or np.mean(np.diff(index) > 1) > _MOST_GAPS
+    ):
+        return arrival_times(t_ns, t0_ns)
+    step = np.concatenate([[1], np.diff(index)]).astype(np.int64)
+    return SensorTimes(_increasing(_fitted(index, arrival, cycle_s)), step)
+
+
+def _ticks(
+    arrival: NDArray[np.float64], cycle_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return the tick of an even clock that sent each frame, its lateness, and the cycle.
+
+    The median gap is wrong by a part of the scatter, so the clock is fitted to the first frames and
+    followed over a quarter more each time.  A frame that seems to come after the next tick was sent
+    before it if a frame behind it was: frames of one message do not overtake each other.
+    """
+    n = _FEWEST
+    since = arrival - arrival[0]
+    start_s = float(np.min(since[:n] - cycle_s * np.rint(since[:n] / cycle_s)))
+    while True:
+        count = np.arange(min(n, len(since)))
+        part = since[:n]
+        lost = np.floor((part - start_s) / cycle_s + _EARLY_SHARE) - count
+        index = np.asarray(np.minimum.accumulate(lost[::-1])[::-1] + count, np.float64)
+        middle = float(index.mean())
+        k = np.asarray(index - middle, np.float64)
+        low, cycle_s = lower_line(k, part, cycle_s, LARGEST_TOLERANCE)
+        start_s = low - cycle_s * middle
+        if n >= len(since):
+            return index, np.asarray(part - start_s - cycle_s * index, np.float64), cycle_s
+        n += n // 4
 
 
 def stamped_times(
@@ -217,7 +275,8 @@ def lower_line(
         slope = float((y[right] - y[left]) / (k[right] - k[left]))
         height = y - slope * k
         lowest = int(np.argmin(height))
-        if height[lowest] >= min(height[left], height[right]):
+        # Points of one line differ by rounding: each would be the lowest in turn, for ever.
+        if height[lowest] >= min(height[left], height[right]) - _ROUNDING_S:
             return float(height[lowest]), slope
         if k[lowest] < 0:
             left = lowest

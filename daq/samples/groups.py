@@ -15,7 +15,7 @@ from dbc.samples import UNUSABLE, Decoded, Quality, Samples
 from ..bench.config import Bench
 from ..bench.message_rules import SampleSet, SensorClock, sensor_clocks
 from ..runs import SampleGroup
-from .clock import SensorTimes, arrival_times, sensor_times, stamped_times
+from .clock import SensorTimes, arrival_times, even_times, sensor_times, stamped_times
 from .mapping import MappedChannel
 from .sample_sets import bind, bind_counted
 
@@ -93,7 +93,8 @@ def _message_group(
     times = None if first.is_multiplexed else _own_times(first.message, decoded, keeping, t0_ns)
     if times is None:
         rows, quality = np.arange(len(t_ns)), np.zeros(len(t_ns), np.uint8)
-        time_s = arrival_times(t_ns, t0_ns).time_s
+        by_arrival = arrival_times if first.is_multiplexed else even_times
+        time_s = by_arrival(t_ns, t0_ns).time_s
     else:
         rows, time_s, quality = _between(*times)
     for m in channels:

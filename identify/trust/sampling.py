@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channels import Quantity
-from daq.runs import Run, RunStatus
+from daq.runs import Run, RunStatus, SampleGroup
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
 
@@ -33,6 +33,8 @@ LOST_SHARE = 0.1
 """So many losses have a cause (bus load, a loose plug) that may well know of the bump."""
 JITTER_S = 1e-4
 """The acceleration of a wheel changes by the noise of its sensor in about this time."""
+_MOSTLY = 0.5
+"""Share of samples at their arrival from which on no clock was found for their message."""
 _EVEN = 0.12  # of the period; times that know of no clock scatter by 0.2 or more
 
 
@@ -64,6 +66,8 @@ class _Stretch:
     """Usable samples from just before the decay on, s since the decay's start, shape (n,)."""
     period_s: float
     """The group's median interval over all runs."""
+    arrival_sigma_s: float | None = None
+    """Where the times are those at which frames arrived: stated uncertainty of their lateness."""
 
     @property
     def intervals_s(self) -> NDArray[np.float64]:
@@ -82,6 +86,11 @@ class _Stretch:
         return float(np.std(self.intervals_s - steps * self.period_s) / np.sqrt(2.0))
 
     @property
+    def is_unsure(self) -> bool:
+        """True if frames arrived with more scatter than is stated of their lateness."""
+        return self.arrival_sigma_s is not None and self.jitter_s > self.arrival_sigma_s
+
+    @property
     def even(self) -> bool:
         """True if the samples are meant to come at equal intervals."""
         return self.jitter_s < _EVEN * self.period_s
@@ -96,23 +105,34 @@ class _Stretch:
 
 
 def _stretches(runs: Sequence[Run], session: Session) -> list[_Stretch]:
-    found: list[tuple[str, tuple[str, ...], NDArray[np.float64]]] = []
+    found: list[tuple[str, tuple[str, ...], NDArray[np.float64], float | None]] = []
     for run in runs:
         record = record_of(run, session.channels)
         if not record.recordings:
             continue
         start = decay_start_s(record)
+        by_arrival = {group.name for group in run.groups if _by_arrival(run, group)}
         for recording in record.recordings:
             time = recording.time_s - start
             # The sample before the decay too: a gap may begin on the bump.
             time = time[max(int(np.searchsorted(time, 0.0)) - 1, 0) :]
             if len(time) > 2:
                 place = f"{recording.group.name} in {run.label}"
-                found.append((place, _names(recording), time))
+                sigma_s = recording.group.delay_sigma_s
+                own = sigma_s if recording.group.name in by_arrival else None
+                found.append((place, _names(recording), time, own))
     periods: dict[tuple[str, ...], list[float]] = {}
-    for _, names, time in found:
+    for _, names, time, _ in found:
         periods.setdefault(names, []).append(float(np.median(np.diff(time))))
-    return [_Stretch(place, t, float(np.median(periods[names]))) for place, names, t in found]
+    return [
+        _Stretch(place, t, float(np.median(periods[names])), own) for place, names, t, own in found
+    ]
+
+
+def _by_arrival(run: Run, group: SampleGroup) -> bool:
+    """Return whether a group from a bus has the times at which its frames arrived."""
+    arrival_s = (group.t_ns - run.t0_ns) * 1e-9
+    return len(run.frames) > 0 and bool(np.mean(group.time_s == arrival_s) > _MOSTLY)
 
 
 def _names(recording: Recording) -> tuple[str, ...]:
@@ -157,6 +177,17 @@ def _lost(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
 
 def _jitter(stretches: Sequence[_Stretch]) -> Iterator[Finding]:
     scattered = sorted((s for s in stretches if s.jitter_s > JITTER_S), key=lambda s: -s.jitter_s)
+    late = [s for s in scattered if s.is_unsure]
+    if late:
+        yield Finding(
+            "arrival_times",
+            Severity.WARNING,
+            f"the samples of {listed(s.place.split(' in ')[0] for s in late)} have the times at "
+            f"which their frames arrived, and these scatter by {late[0].jitter_s * 1e3:.2f} ms, "
+            "more than is stated of their lateness: the true times are not known; give the "
+            "message a rolling counter or a time stamp, or state delay_sigma_s",
+        )
+    scattered = [s for s in scattered if not s.is_unsure]
     if scattered:
         worst = scattered[0]
         groups = listed(s.place.split(" in ")[0] for s in scattered)

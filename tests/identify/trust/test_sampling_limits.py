@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -110,3 +112,15 @@ def test_a_sample_that_comes_twice_is_no_loss() -> None:
 def test_three_places_are_listed_and_the_others_counted() -> None:
     assert listed(["a", "b", "c"]) == "a, b, c"
     assert listed(["a", "b", "a", "c", "d", "e"]) == "a, b, c and 2 more"
+
+
+@pytest.mark.parametrize(
+    ("sigma_s", "severity"),
+    [(None, Severity.NOTE), (2.9e-4, Severity.WARNING), (3.1e-4, Severity.NOTE)],
+)
+def test_arrivals_that_scatter_more_than_is_stated_are_doubtful(
+    sigma_s: float | None, severity: Severity
+) -> None:
+    (finding,) = _jitter([replace(scattered(3e-4, 0.01), arrival_sigma_s=sigma_s)])
+    assert finding.severity is severity
+    assert finding.code == ("arrival_times" if severity is Severity.WARNING else "jitter")
