@@ -144,7 +144,8 @@ class JournalReader:
                 self._lost = _plus(self._lost, JournalLoss(bytes_cut=cut, notes=(note,)))
         if not found:
             where = ", ".join(str(path) for path in paths) or "journal"
-            raise InputError(where, "holds no recording", "name the files journal_*.mcap")
+            advice = "it is damaged at its beginning, or no journal; journals are journal_*.mcap"
+            raise InputError(where, "holds no recording", advice)
         self._paths = sorted(found, key=lambda path: found[path][1])
         self._heads = {path: found[path][0] for path in self._paths}
         self.head: JournalHead = self._heads[self._paths[0]]
