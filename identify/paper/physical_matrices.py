@@ -6,9 +6,8 @@ delta-M, give the scale that the first leaves open.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +23,6 @@ _SINGULAR = 1e-9
 _N_GEOMETRY = 4
 _MAX_STEPS = 100
 """Ten lead to a vehicle; a fit that needs more wanders among matrices that are none."""
-_SETTLED = 1e-14
-"""Relative step with which that fit ends: rounding."""
 _LEAST_SHARE = 1e-3
 """Least diagonal element, as a share of the largest, by which a row is scaled; noise may make one
 vanish, and its row would weigh without bound."""
@@ -189,42 +186,22 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
     def jacobian(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
         return elements(scaled + 1e-30j * np.eye(free)).imag.T / 1e-30
 
-    found = _least_squares(
+    from scipy.optimize import least_squares  # a third of a second to import
+
+    fit = least_squares(
         lambda scaled: elements(scaled.astype(complex)).real - target,
-        jacobian,
         start[:free] / size,
+        jac=jacobian,
+        method="lm",
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
+        max_nfev=_MAX_STEPS,
     )
-    theta = np.full(len(start), nan) if found is None else np.append(found * size, start[free:])
-    if not np.all(theta > 0.0):
+    theta = np.concatenate([fit.x * size, start[free:]])
+    if not (fit.success and np.all(theta > 0.0)):
         raise InputError("structured fit", "no vehicle comes near the matrices", "check the modes")
     return VehicleParameters(*(float(value) for value in theta))
-
-
-def _least_squares(
-    residual: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    jacobian: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    x: NDArray[np.float64],
-) -> NDArray[np.float64] | None:
-    """Return the point of the least squares from `x` on (Levenberg, Marquardt); None if it is far.
-
-    `scipy.optimize` has it as well, and takes as long to import as all the modes to find.
-    """
-    left, damping = residual(x), 1e-3
-    for _ in range(_MAX_STEPS):
-        J = jacobian(x)
-        size = np.maximum(np.linalg.norm(J, axis=0), np.finfo(float).tiny)
-        raised = np.vstack([J / size, np.sqrt(damping) * np.eye(len(x))])
-        step = np.linalg.lstsq(raised, np.append(-left, np.zeros(len(x))), rcond=None)[0] / size
-        trial = residual(x + step)
-        if trial @ trial <= left @ left:
-            x, left, damping = x + step, trial, damping / 10.0
-        elif damping > 1e8:
-            return x
-        else:
-            damping *= 10.0
-        if np.linalg.norm(step) <= _SETTLED * np.linalg.norm(x):
-            return x
-    return None
 
 
 def _start(model: PhysicalModel, geometry: VehicleGeometry | None) -> NDArray[np.float64]:
