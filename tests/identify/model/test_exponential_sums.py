@@ -8,7 +8,7 @@ import pytest
 from identify.model.exponential_sums import series_of, waves
 
 RATES = np.array([-1.7 + 6j, -18 + 67j, -3.0, -628 + 628j, 0])
-EVEN_S = 0.0008 + 0.002000012 * np.arange(1144)
+EVEN_S = np.asarray(0.0008 + 0.002000012 * np.arange(1144), dtype=np.float64)
 TIMES = {
     "even": (EVEN_S, EVEN_S[:-1] + 1e-4),
     "a gap": (np.delete(EVEN_S, slice(300, 310)), EVEN_S),
@@ -27,7 +27,8 @@ def test_sums_are_those_of_a_table(kind: str) -> None:
         at = waves(series, RATES, late_s)
         mixed, plain = at.grams()
         sums, plain_sums = at.with_samples(), at.sums()
-        amplitudes = rng.standard_normal((len(series.members), 2, len(RATES))) * (1 + 1j)
+        drawn = rng.standard_normal((2, len(series.members), 2, len(RATES)))
+        amplitudes = np.asarray(drawn[0] + 1j * drawn[1], dtype=np.complex128)
         steps, rest = at.values(amplitudes)
         for i, member in enumerate(series.members):
             time, values = TIMES[kind][member] - late_s, samples[member]
@@ -53,7 +54,8 @@ def test_sums_are_those_of_a_table(kind: str) -> None:
 
 
 def test_recordings_that_are_sampled_alike_are_handled_together() -> None:
-    samples = [np.zeros((len(time), 1)) for time in (EVEN_S, EVEN_S[:-1])]
-    (series,) = series_of((EVEN_S, EVEN_S[:-1]), samples)
+    times = [EVEN_S, EVEN_S[:-1]]
+    samples = [np.zeros((len(time), 1)) for time in times]
+    (series,) = series_of(times, samples)
     assert series.members == (0, 1)
     assert series.count.tolist() == [1144, 1143]
