@@ -193,7 +193,7 @@ def test_a_child_that_only_waits_is_ended(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, path: Path
 ) -> None:
     _child_runs(monkeypatch, tmp_path, "import time; time.sleep(60)")
-    monkeypatch.setattr(guard, "_PATIENCE", 0.2)
+    monkeypatch.setattr(guard, "_PATIENCE", 0.1)
     began = time.monotonic()
     with pytest.raises(InputError, match="no answer for 1 s") as told:
         read_foreign_session(path)
