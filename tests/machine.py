@@ -23,6 +23,8 @@ MACHINE = """
 -virtfs local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap
 """
 DIRECTORY, EXECUTABLE, FILE = 0o040755, 0o100755, 0o100644
+_CONTROL = re.compile(rb"\x1b\[[0-9;?]*[A-Za-z]|[^ -~]")
+"""What moves or colours the text of a console: systemd does before lines of ours."""
 
 
 def run_guest(
@@ -53,7 +55,7 @@ def run_guest(
         limit.start()
         assert guest.stdout is not None
         for raw in guest.stdout:
-            said.append(re.sub(rb"[^ -~]", b"", raw).decode())
+            said.append(_CONTROL.sub(b"", raw).decode())
             sys.stdout.write(said[-1] + "\n")
             sys.stdout.flush()
         limit.cancel()

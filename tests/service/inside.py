@@ -21,6 +21,7 @@ from daq.control.address import control_address
 from daq.control.client import Client, RecorderGone
 from daq.control.messages import SessionState, Status
 from daq.control.orders import AskStatus, Order, Start, Stop
+from daq.session.load import load_tree
 
 from ..daq.small_campaign import small_codec
 
@@ -223,8 +224,8 @@ def another_user() -> str:
         assert len(said.stderr.splitlines()) == 1, (command, said.stderr)
         assert "Traceback" not in said.stderr
     assert "denied" in said.stderr.lower(), said.stderr
-    # An emulated processor may need longer to start Python than the guard of a session waits.
-    until(lambda: run("bumpbench", "inspect", str(session)).returncode == 0)
+    # Read without the guard: an emulated processor starts no Python within the guard's 3 s.
+    assert load_tree(session).groups["runs"].groups
     return said.stderr.strip()
 
 
