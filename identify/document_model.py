@@ -1,4 +1,4 @@
-"""What a document needs to be cited: its source, the model as matrices, shapes and covariance."""
+"""Source of a document, and its model as matrices, shapes and covariance, to cite it by."""
 
 from __future__ import annotations
 

@@ -198,7 +198,7 @@ class LeftOut:
     label: str
     """Label of the run."""
     text: str
-    """What it differs in."""
+    """Its difference from the others, in words."""
 
 
 @dataclass(frozen=True, slots=True)

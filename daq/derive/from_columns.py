@@ -42,7 +42,7 @@ _EDGE_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What a file holds of the channels of a map."""
+    """The channels of a map, as far as a file holds them."""
 
     start_ns: int
     """UTC of its time zero; 0 if it is not known."""
@@ -77,7 +77,7 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
                 break
         else:
             members[name, filled.tobytes()] = [(own, value)]
-    # Two clocks of one table are told apart by their first channels.
+    # The first channel distinguishes two clocks of one table.
     names = [clock for clock, _ in members]
     labels = [
         clock if names.count(clock) == 1 else f"{clock} {together[0][0].name}"

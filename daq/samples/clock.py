@@ -32,7 +32,7 @@ HARDWARE_SCATTER_S = 15e-6
 _FEWEST = 20
 
 _LATEST_SHARE = 0.9
-"""Lateness of nearly all frames, in cycles, from which on a tick cannot be told from the next."""
+"""Lateness of nearly all frames, in cycles, from which on a tick may be the next one."""
 _ROUNDING_S = 1e-12
 """Heights above a line that differ by less than this are equal, s."""
 _EARLY_SHARE = 0.2

@@ -36,7 +36,7 @@ _NOTABLE = 0.02
 
 
 class Sort(StrEnum):
-    """What a run differs in."""
+    """A way in which a run may differ from the others."""
 
     LEVEL = "level"
     """Level of a travel before the bump, over the largest peak of its quantity."""

@@ -92,7 +92,7 @@ def struck(due: Excitation, found: Pattern) -> Wheels | None:
 
 
 def mirrored(due: Excitation, found: Pattern) -> Iterator[Finding]:
-    """Tell a bump of the other side or axle from the one that is due; both count."""
+    """Report a bump of the other side or axle than the one that is due; both count."""
     wheels, own = struck(due, found), BUMPS[due].wheels
     if wheels is not None and wheels != own:
         text = f"{in_words(wheels)}, where {in_words(own)} were due: counted as it is"

@@ -1,4 +1,4 @@
-"""What a fit needs of the samples: products of its functions with each other and with them."""
+"""Products of the functions of a fit with each other and with the samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What acts on the tangents at a node of the path, as machine code (Numba).
+"""Slopes and forcing of the tangents at a node of the path, as machine code (Numba).
 
 The slopes of the four corners, by which the Jacobian acts, and the forcing by each unknown;
 `linearised` says the same with NumPy's arrays.

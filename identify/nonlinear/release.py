@@ -35,9 +35,9 @@ _LAST_KNOTS = "K21"
 _MOUNTS_PAY = 4.0
 """Logarithms of the number of samples that the mounts must gain: two of the criterion's limit."""
 _STATIC_PAYS = 4.0
-"""What static friction must gain, in units of chi2: two standard deviations.  It is far less than
-what names it, because without it the sliding friction reads up to 20 % high and wheels 1 % light;
-released where nothing asks for it, it leads the search astray."""
+"""Gain of static friction from which it joins, in units of chi2: two standard deviations.  Far less
+than what names it: without it the sliding friction reads up to 20 % high and wheels 1 % light.
+Released where nothing asks for it, it leads the search astray."""
 _STAGE_STEPS = 25
 _FAR = 5.0
 """chi2/n from which on the first stage counts as led astray: from good starts it ends at 1 to 4."""

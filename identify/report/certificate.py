@@ -1,4 +1,4 @@
-"""The certificate: who measured what with what, who answers for it, and how it is told apart."""
+"""The certificate: persons, sensors, hashes and versions that a result is cited by."""
 
 from __future__ import annotations
 

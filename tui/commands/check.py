@@ -11,6 +11,7 @@ import typer
 
 from ..diagnostics import ExitCode, say, say_left_out
 from ..options import BenchFile, Buses, Sensors
+from ..proposal_file import refuse_existing, write_proposal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -167,14 +168,13 @@ def _proposed(
     """Write the proposal; return it as a bench with the traffic, if there was any."""
     from dataclasses import replace
 
-    from daq import InputError, load_bench
+    from daq import load_bench
     from daq.bench import parse_bench, stored_text
     from daq.check import ORDER, propose_sensors, spoken
 
     from ..bench import reachable
 
-    if target.exists():
-        raise InputError(str(target), "exists already", "name a new file for the proposal")
+    refuse_existing(target)
     known = load_bench(config)
     databases = _databases(target, config, known, layouts, dbcs)
     buses = source.buses(known)
@@ -190,14 +190,7 @@ def _proposed(
                 say(f"push DOWN at each corner and let go: {order}; {source.push_s:.0f} s")
             pushes = _frames(listened, source.log, source.seconds, source.push_s)
     proposal = propose_sensors(databases, buses, frames, pushes)
-    try:
-        with target.open("x", encoding="utf-8") as file:
-            file.write(proposal.text)
-    except OSError as error:
-        raise InputError(str(target), error.strerror or str(error), "name another file") from error
-    say(f"wrote {target}: read it, and fill in what is marked")
-    for question in proposal.questions:
-        say(f"? {question}")
+    write_proposal(proposal, target)
     if frames is None or "[[channel]]" not in proposal.text:
         return None
     stored = stored_text(databases)

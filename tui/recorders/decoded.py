@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from ..diagnostics import ExitCode, say
 from ..output import Stage, print_json, progress
+from ..proposal_file import refuse_existing, write_proposal
 from .recording import print_summary, summary
 
 if TYPE_CHECKING:
@@ -28,17 +29,9 @@ def propose_channel_map(target: Path, files: Sequence[Path], has_map: bool) -> i
         what = "takes the one file from which the map is guessed, and no --channels"
         raise InputError("--propose", what, "name one file")
     (path,) = files
-    if target.exists():
-        raise InputError(str(target), "exists already", "name a new file for the proposal")
+    refuse_existing(target)
     proposal = propose_map(read_columns(path, ()))
-    try:
-        with target.open("x", encoding="utf-8") as file:
-            file.write(proposal.text)
-    except OSError as error:
-        raise InputError(str(target), error.strerror or str(error), "name another file") from error
-    say(f"wrote {target}: read it, and fill in what is marked")
-    for question in proposal.questions:
-        say(f"? {question}")
+    write_proposal(proposal, target)
     return ExitCode.OK
 
 

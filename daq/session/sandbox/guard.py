@@ -41,7 +41,7 @@ class Reader:
     child_s: int
     """Time of the child for starting and for a small file, s."""
     advice: str
-    """What to do if the file cannot be read."""
+    """Advice if the file cannot be read."""
 
 
 _SESSIONS = Reader(

@@ -1,0 +1,36 @@
+"""Writes what `check --propose` and `import --propose` guess, with the questions that are left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .diagnostics import say
+
+if TYPE_CHECKING:
+    from daq.check import Proposal
+
+
+def refuse_existing(target: Path) -> None:
+    """Raise InputError if there is a file already: a proposal overwrites nothing."""
+    from daq import InputError
+
+    if target.exists():
+        raise InputError(str(target), "exists already", "name a new file for the proposal")
+
+
+def write_proposal(proposal: Proposal, target: Path) -> None:
+    """Write a proposal to a new file and print its questions.
+
+    Raises InputError if the file cannot be written.
+    """
+    from daq import InputError
+
+    try:
+        with target.open("x", encoding="utf-8") as file:
+            file.write(proposal.text)
+    except OSError as error:
+        raise InputError(str(target), error.strerror or str(error), "name another file") from error
+    say(f"wrote {target}: read it, and fill in what is marked")
+    for question in proposal.questions:
+        say(f"? {question}")
