@@ -18,7 +18,7 @@ _LOSS = ("queue_dropped", "overrun", "bus_full")
 """Alarms of frames that did not arrive for a reason that is known."""
 _OF_MESSAGE = ("stale", "counter_gap", "crc_bad", "wrong_length")
 _OF_CHANNEL = ("stuck", "saturated", "no_value", "not_a_number", "out_of_range")
-_FOLLOWS_DISK = ("queue_dropped", "queue_high", "journal_warning", "disk_low")
+_FOLLOWS_DISK = ("not_recording", "queue_dropped", "queue_high", "journal_warning", "disk_low")
 _SHOWN = 4
 """Names that are listed in the text of an alarm; more are counted."""
 _FAULTS = {
@@ -147,18 +147,18 @@ def _together(shared: str, alarms: Sequence[Alarm], wiring: Wiring) -> Alarm:
     if len(alarms) == 1:
         return first
     names = [alarm.subject for alarm in alarms]
-    listed = ", ".join(names[:_SHOWN])
-    if len(names) > _SHOWN:
-        listed += f" and {len(names) - _SHOWN} more"
     kind = "messages" if first.code in _OF_MESSAGE else "channels"
     number = f"{len(names)} {kind}"
+    listed = ": " + ", ".join(names[:_SHOWN])
+    if len(names) > _SHOWN:
+        listed += f" and {len(names) - _SHOWN} more"
     if kind == "messages" and len(names) == len(wiring.on(shared)):
-        number = f"all {number}"
+        number, listed = f"all {number}", ""
     since_ns = min(alarm.since_ns for alarm in alarms)
     return replace(
         first,
         subject=shared,
-        text=f"{_FAULTS[first.code].format(number)}: {listed}",
+        text=f"{_FAULTS[first.code].format(number)}{listed}",
         advice=_ADVICE.get(first.code, first.advice),
         since_ns=since_ns,
         count=sum(alarm.count for alarm in alarms),

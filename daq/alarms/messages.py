@@ -273,7 +273,8 @@ def _stranger_symptoms(
         shown = ", ".join(f"{_id_text(k)} ({e.rate_hz:.0f} Hz)" for k, e in here[:_SHOWN_IDS])
         more = f" and {len(here) - _SHOWN_IDS} more" if len(here) > _SHOWN_IDS else ""
         name = names[bus] if bus < len(names) else str(bus)
-        text = f"{len(here)} identifiers are not in the DBC: {shown}{more}"
+        what = "1 identifier is" if len(here) == 1 else f"{len(here)} identifiers are"
+        text = f"{what} not in the DBC: {shown}{more}"
         found.append(fault("unknown_id", name, text))
     return found
 

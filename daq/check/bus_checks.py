@@ -61,7 +61,8 @@ def _load_lines(
 def _unknown_line(messages: Sequence[MessageLayout], unknown: Sequence[Arrivals]) -> Finding:
     shown = ", ".join(f"{id_text(a)} ({a.rate_hz:.0f} Hz)" for a in unknown[:_SHOWN_IDS])
     more = f" and {len(unknown) - _SHOWN_IDS} more" if len(unknown) > _SHOWN_IDS else ""
-    reason = f"{len(unknown)} identifiers are not in the DBC: {shown}{more}"
+    what = "1 identifier is" if len(unknown) == 1 else f"{len(unknown)} identifiers are"
+    reason = f"{what} not in the DBC: {shown}{more}"
     advice = "foreign devices, or the DBC is not the one of this bus"
     by_id = {m.can_id: m for m in messages}
     for a in unknown:

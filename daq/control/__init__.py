@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .lock import is_locked as is_locked
     from .lock import lone_recorder as lone_recorder
     from .messages import STATUS as STATUS
+    from .messages import Alarm as Alarm
     from .messages import BusState as BusState
     from .messages import CheckItem as CheckItem
     from .messages import Live as Live

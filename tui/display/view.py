@@ -5,7 +5,6 @@ The page decides nothing: it shows these words, and speaks or sounds when `cue` 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -18,12 +17,14 @@ from daq.runlog import LoggedRun, LoggedStatus
 
 from ..terminal.state.feed import Lost
 from ..terminal.state.next_action import next_action
+from ..terminal.state.obstacle import cause_words, first_obstacle
 from ..terminal.state.run_words import (
     COMPLETE,
     HANDS_OFF,
     PAUSED,
     accepted_words,
     count_words,
+    countdown_digits,
     due_words,
     halted_words,
     instruction_words,
@@ -153,6 +154,10 @@ def _view(status: Status, bench: Bench | None) -> View:
 
 def headline(status: Status) -> Headline:
     """Return the word of a status."""
+    if (alarm := first_obstacle(status)) is not None:
+        name, advice, _ = cause_words(alarm)
+        cue, speech = f"stop {alarm.code} {alarm.subject}", f"Stop. {name.capitalize()}. {advice}"
+        return Headline(Kind.STOPPED, ("STOP",), name, advice, cue=cue, speech=speech)
     label = status.due.step.label if status.due else ""
     match status.phase:
         case Phase.WAITING:
@@ -214,7 +219,7 @@ def _hands_off(status: Status) -> Headline:
 def _accepted(status: Status) -> Headline:
     run = last_judged(status)
     what = f"{run_words(run)}, {count_words(status, run)}" if run else ""
-    digits = _countdown(status)
+    digits = countdown_digits(status)
     return Headline(
         Kind.ACCEPTED,
         ("ACCEPTED",),
@@ -230,7 +235,7 @@ def _accepted(status: Status) -> Headline:
 def _again(status: Status) -> Headline:
     run = last_judged(status)
     why, advice = rejected_words(run) if run else ("", "")
-    digits = _countdown(status)
+    digits = countdown_digits(status)
     return Headline(
         Kind.AGAIN,
         ("AGAIN",),
@@ -251,10 +256,6 @@ def _spoken_reason(run: LoggedRun | None) -> str:
         return "Rejected by hand."
     failed = next((finding for finding in run.findings if not finding.passed), None)
     return f"{reason_words(failed.code).capitalize()}." if failed else ""
-
-
-def _countdown(status: Status) -> str:
-    return f"{math.ceil(status.countdown_s)}" if status.countdown_s is not None else ""
 
 
 def _title(status: Status) -> str:

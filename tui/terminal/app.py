@@ -16,7 +16,7 @@ from textual.binding import Binding, BindingType
 from textual.command import Provider
 from textual.filter import LineFilter
 from textual.message import Message
-from textual.screen import Screen
+from textual.screen import ModalScreen, Screen
 
 from daq import InputError, Status
 from daq.control import QUESTIONS, AskBench, AskHistory, Hello, Live, Order, Reply, Setup
@@ -33,6 +33,7 @@ from .state.lanes import Lanes
 from .state.signals import Signals, signal_of
 from .state.steps import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
 from .themes import THEMES
+from .widgets.bars import LOST_WORDS
 from .widgets.message_line import MessageApp
 from .widgets.plain_ascii import PlainAscii
 
@@ -180,6 +181,8 @@ class BenchApp(MessageApp, KeyboardApp):
                 self.signals.play(signal_of(self.lost, news))
                 self.lost, status = news, None
                 self._publish(RecorderLost())
+                if isinstance(self.screen, ModalScreen) and not news.starting:
+                    self.warn(LOST_WORDS)
             self._news.popleft()
         self.in_control, self.role_text = self._role.in_control, self._role.text
         if status is not None:

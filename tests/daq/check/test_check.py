@@ -179,7 +179,7 @@ def test_a_missing_message_and_who_may_be_it() -> None:
     can_id = np.where(frames.can_id == _id("SUSP_Rear"), 0x3A1, frames.can_id).astype(np.uint32)
     moved = FrameBatch(frames.t_ns, can_id, frames.flags, frames.bus, frames.length, frames.data)
     unknown, missing, *channels = _bad(_check(moved))
-    assert unknown.text.startswith("1 identifiers are not in the DBC: 0x3a1 (500 Hz)")
+    assert unknown.text.startswith("1 identifier is not in the DBC: 0x3a1 (500 Hz)")
     assert (missing.severity, missing.subject) == (Severity.ERROR, "message SUSP_Rear")
     assert "0x3a1 has its length and rate" in missing.advice
     assert [line.subject for line in channels] == ["channel travel_rl", "channel travel_rr"]
@@ -302,7 +302,7 @@ def test_error_frames_and_foreign_traffic_are_warnings() -> None:
     report = _check(frames.select(np.argsort(frames.t_ns, kind="stable")))
     assert [line.text.split(":")[0] for line in _bad(report)] == [
         "10 error frames",
-        "1 identifiers are not in the DBC",
+        "1 identifier is not in the DBC",
     ]
     assert report.verdict is Severity.WARNING
 

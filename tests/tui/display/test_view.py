@@ -121,7 +121,7 @@ def test_three_rejects_stop_the_loop(recorder: FakeRecorder) -> None:
     recorder.tell(halted="double_bump")
     head = shown(recorder).headline
     assert head.word == ("STOPPED",)
-    assert head.why == "three rejects for one reason: double bump"
+    assert head.why == "three rejects for one reason: bumped twice"
 
 
 def test_the_gravest_alarm_is_shown_and_the_others_are_counted(recorder: FakeRecorder) -> None:

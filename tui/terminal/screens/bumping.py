@@ -20,6 +20,7 @@ from daq.control import (
 from daq.runlog import LoggedRun, LoggedStatus
 
 from ..state.next_action import NextAction, next_action, weights_question
+from ..state.obstacle import RUNNING
 from ..state.run_words import run_words
 from ..state.steps import BenchStep, bump_step
 from ..widgets.lists import TallyList
@@ -71,7 +72,7 @@ class BumpingScreen(BenchScreen):
         status = self.bench_app.status
         if action == "start_recorder":
             return super().check_action(action, parameters)
-        if status is None:
+        if status is None or self.bench_app.lost is not None:
             return action not in ("take_back", "more", "acknowledge", "press")
         match (action, parameters):
             case ("press", ("undo",)):
@@ -130,8 +131,8 @@ class BumpingScreen(BenchScreen):
         status = self.bench_app.status
         if status is None or status.phase in (*AT_EASE, Phase.PAUSED):
             await self.bench_app.open("home")
-        else:
-            await self.bench_app.ask(Pause())
+        elif await self.bench_app.ask(Pause()) is not None and status.phase in RUNNING:
+            self.bench_app.inform("pauses after this run")
 
     async def action_acknowledge(self) -> None:
         """Acknowledge the overload lamps."""

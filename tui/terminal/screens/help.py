@@ -11,6 +11,7 @@ from textual.screen import ModalScreen, Screen
 from textual.widgets import Markdown, Static
 
 from ..state.help_pages import page_of
+from .news import RecorderLost
 
 
 class HelpScreen(ModalScreen[None]):
@@ -40,6 +41,10 @@ class HelpScreen(ModalScreen[None]):
             with VerticalScroll(can_focus=True):
                 yield Markdown(page_of(self._page), open_links=False)
                 yield Static("\n".join(self._keys()), id="keys", markup=False)
+
+    def on_recorder_lost(self, _: RecorderLost) -> None:
+        """Close: the screen below says what to do."""
+        self.dismiss()
 
     def _keys(self) -> list[str]:
         """Return the keys of the screen below, hidden ones included, with their actions."""

@@ -54,7 +54,7 @@ class HomeScreen(BumpingScreen):
         self.query_one(TallyList).show(status)
         self.query_one(RunList).show(status)
         self.query_one(Journal).show(status)
-        self.query_one(AlarmList).show(status)
+        self.query_one(AlarmList).show(None if self.bench_app.lost else status)
         self.refresh_bindings()
 
     def on_live_arrived(self, _: LiveArrived) -> None:
@@ -64,6 +64,7 @@ class HomeScreen(BumpingScreen):
     def on_recorder_lost(self, message: RecorderLost) -> None:
         """Show what to do."""
         super().on_recorder_lost(message)
+        self.query_one(AlarmList).show(None)
         self._show_next()
         self.refresh_bindings()
 

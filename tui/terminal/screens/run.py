@@ -48,7 +48,7 @@ class RunScreen(BumpingScreen):
         self.query_one(TallyList).show(status)
         self.query_one(RunList).show(status)
         self.query_one(Journal).show(status)
-        self.query_one(AlarmList).show(status)
+        self.query_one(AlarmList).show(None if self.bench_app.lost else status)
         self.query_one(ProgressLine).show(status)
         self.refresh_bindings()
 
@@ -59,6 +59,7 @@ class RunScreen(BumpingScreen):
     def on_recorder_lost(self, message: RecorderLost) -> None:
         """Show in the banner what to do."""
         super().on_recorder_lost(message)
+        self.query_one(AlarmList).show(None)
         self._show_banner()
         self.refresh_bindings()
 

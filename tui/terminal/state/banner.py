@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from daq import Status
@@ -12,12 +11,14 @@ from daq.errors import printable
 from .feed import Lost
 from .glyphs import Glyphs
 from .next_action import NextAction
+from .obstacle import cause_words, first_obstacle
 from .run_words import (
     COMPLETE,
     HANDS_OFF,
     PAUSED,
     accepted_words,
     count_words,
+    countdown_digits,
     due_words,
     halted_words,
     instruction_words,
@@ -63,6 +64,9 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         return Banner("bad", glyphs.bad, "RECORDER LOST", "", printable(lost.text, 300), advice)
     if status is None:
         return Banner("quiet", glyphs.paused, "CONNECTING", "", "waiting for the recorder")
+    if (alarm := first_obstacle(status)) is not None:
+        name, advice, details = cause_words(alarm)
+        return Banner("bad", glyphs.bad, "STOP", name, advice, details)
     instruction, title = instruction_words(status), due_words(status)
     match status.phase:
         case Phase.WAITING:
@@ -116,13 +120,9 @@ def _left(status: Status, glyphs: Glyphs) -> str:
     return f"{share:3.0%} of the peak left  [{glyphs.full * full}{glyphs.empty * (_BAR - full)}]"
 
 
-def _countdown(status: Status) -> str:
-    return f"{math.ceil(status.countdown_s)}" if status.countdown_s is not None else ""
-
-
 def _accepted(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     run = last_judged(status)
-    seconds = _countdown(status)
+    seconds = countdown_digits(status)
     after = f"The next run arms itself in {seconds} s." if seconds else "The last of its kind."
     second = "   ".join(part for part in (after, "Bksp = reject", action.words) if part)
     title = f"{run_words(run)}   {count_words(status, run)}" if run else ""
@@ -134,8 +134,9 @@ def _rejected(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
     if run is None:
         return Banner("bad", glyphs.bad, "REJECTED", "", "", action.words)
     title = f"{run_words(run)}   kept, not counted   {action.words}".rstrip()
-    if status.countdown_s is not None and action.words:
-        title = f"{title}, or in {_countdown(status)} s"
+    seconds = countdown_digits(status)
+    if seconds and action.words:
+        title = f"{title}, or in {seconds} s"
     why, advice = rejected_words(run)
     return Banner(
         "bad",
@@ -144,6 +145,6 @@ def _rejected(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
         title,
         why,
         advice or "U = undo.",
-        _countdown(status),
+        seconds,
         folds=False,
     )

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 from daq import Status
 from daq.errors import printable
 from daq.runlog import LoggedRun, LoggedStatus
+
+from .obstacle import frames_stand_still
 
 HANDS_OFF = "Hands off. Recording the bump."
 PAUSED = "Bumps are not counted; frames are still recorded."
@@ -44,6 +48,13 @@ def count_words(status: Status, run: LoggedRun) -> str:
     kind = (run.mass_state, run.excitation)
     same = next((t for t in status.tallies if (t.mass_state, t.excitation) == kind), None)
     return f"{same.accepted} of {same.planned} accepted" if same else ""
+
+
+def countdown_digits(status: Status) -> str:
+    """Return the seconds to the next run; empty if none arms itself, or no frame counts them."""
+    if status.countdown_s is None or frames_stand_still(status):
+        return ""
+    return f"{math.ceil(status.countdown_s)}"
 
 
 def waiting_words(status: Status) -> str:
@@ -86,4 +97,7 @@ def reason_words(code: str) -> str:
 
 def halted_words(code: str) -> str:
     """Return why the run loop stopped by itself."""
-    return f"three rejects for one reason: {printable(reason_words(code), 60)}"
+    from daq.verdict import WORDS
+
+    reason = WORDS[code].title if code in WORDS else reason_words(code)
+    return f"three rejects for one reason: {printable(reason, 60)}"

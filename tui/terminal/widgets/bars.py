@@ -65,7 +65,9 @@ class TopLine(Words):
         lost = status.losses.measured
         if wide or lost:
             right += [(f"lost {lost}  ", "bold $warning" if lost else "")]
-        right += [f"disk {status.disk.free_bytes / 1e9:.0f} GB"]
+        free = status.disk.free_bytes
+        room = f"{free / 1e9:.0f} GB" if free >= 1e9 else f"{free / 1e6:.0f} MB"
+        right += [(f"disk {room}", "bold reverse $error" if status.disk.failed else "")]
         if not app.signals.sound:
             right += ["  muted"]
         if status.overloaded:
@@ -73,11 +75,9 @@ class TopLine(Words):
             right = [(f"{self._glyphs.overload} OVERLOAD {names}  ", "bold reverse $error"), *right]
         gap = " │ "
         tail = Content.assemble(*right)
-        room = max(8, width - tail.cell_length - len(gap))
-        left = next(
-            (c for words in lefts if (c := Content(words)).cell_length <= room), Content(lefts[-1])
-        )
-        head = left.truncate(room, pad=True)
+        left_room = max(8, width - tail.cell_length - len(gap))
+        shown = (c for words in lefts if (c := Content(words)).cell_length <= left_room)
+        head = next(shown, Content(lefts[-1])).truncate(left_room, pad=True)
         self.say(head + Content(gap) + tail)
 
 

@@ -17,8 +17,9 @@ from ..state.glyphs import Glyphs
 from .words import Words
 
 _KEPT = 200
-_ALARM_ROWS = 3
+_ALARM_ROWS = 4
 _ROWS_EACH = 2
+"""Rows of each alarm but the gravest, whose advice is shown whole."""
 _WITH_REASONS = 48
 
 
@@ -124,14 +125,17 @@ class Journal(Words):
 
 
 class AlarmList(Words):
-    """Active alarms with their advice; hidden without any."""
+    """Active alarms with their advice; hidden without any, and while no recorder answers."""
 
     def __init__(self, glyphs: Glyphs) -> None:
         super().__init__()
         self._glyphs = glyphs
 
-    def show(self, status: Status) -> None:
-        """Show the alarms."""
+    def show(self, status: Status | None) -> None:
+        """Show the alarms of a status; none without a recorder that answers."""
+        if status is None:
+            self.display = False
+            return
         alarms = [
             (
                 f"{self._glyphs.warn} {printable(_upper(alarm.code), 40)}",
@@ -155,7 +159,7 @@ class AlarmList(Words):
         for i, (head, text) in enumerate(alarms):
             first, *rest = wrap(f"{head} {text}", width, subsequent_indent="  ")
             lines = [Content.assemble((head, "bold $error"), first.removeprefix(head))]
-            lines += [Content(line) for line in rest[: _ROWS_EACH - 1]]
+            lines += [Content(line) for line in rest[: (_ROWS_EACH if i else _ALARM_ROWS - 1) - 1]]
             last = i == len(alarms) - 1
             if len(rows) + len(lines) > _ALARM_ROWS - (not last):
                 return [*rows, Content(f"{self._glyphs.warn} and {len(alarms) - i} more")]

@@ -52,9 +52,11 @@ class MessageApp(App[None]):
         markup: bool = True,
     ) -> None:
         """Show a message to the operator; over a dialog in a corner."""
-        super().notify(message, title=title, severity=severity, timeout=timeout, markup=markup)
-        for line in self.screen.query(MessageLine):
+        lines = self.screen.query(MessageLine)
+        for line in lines:
             line.say(message, severity != "information")
+        if not lines:
+            super().notify(message, title=title, severity=severity, timeout=timeout, markup=markup)
 
     def warn(self, text: str) -> None:
         """Show the operator a warning above the keys, or over a dialog."""

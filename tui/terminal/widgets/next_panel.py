@@ -11,6 +11,7 @@ from ..state.banner import banner
 from ..state.feed import Lost
 from ..state.glyphs import Glyphs
 from ..state.next_action import NextAction
+from ..state.obstacle import cause_words, obstacle
 from ..state.run_words import proposal_words
 from ..state.steps import progress
 from .words import Words
@@ -40,6 +41,10 @@ class NextPanel(Words):
             lines = [Content("waiting for the recorder; to start it takes some seconds")]
         elif action.step is not None:
             lines = [Content.assemble((f"{self._glyphs.now} Step {action.step.title}", "bold"))]
+        elif (alarm := obstacle(status)) is not None:
+            name, advice, details = cause_words(alarm)
+            head = Content.assemble((f"{self._glyphs.bad} STOP  {name}", "bold $error"))
+            lines = [head, Content(f"  {advice}"), Content(f"  {details}")]
         elif status.due is not None:
             due = status.due
             title = f"{due.step.mass_state.capitalize()} · {due.step.excitation.words.upper()}"
