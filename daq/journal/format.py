@@ -31,8 +31,10 @@ HEAD_RECORD, BENCH_NAME, DBC_NAME = "bumpbench", "bench.toml", "bench.dbc"
 _CAMPAIGN, _BETWEEN = "campaign", "between"
 _CRC = struct.Struct("<I")
 _BLOCK = struct.Struct("<QII4Q")  # number, frames, payload width, HopLosses
-_COLUMNS = (("t_ns", "<i8"), ("can_id", "<u4"), ("flags", "<u2"), ("bus", "u1"), ("length", "u1"))
-_COLUMN_BYTES = sum(np.dtype(form).itemsize for _, form in _COLUMNS)
+_FORMS = {"t_ns": "<i8", "can_id": "<u4", "flags": "<u2", "bus": "u1", "length": "u1"}
+_COLUMNS = tuple((name, np.dtype(form)) for name, form in _FORMS.items())
+_PAYLOADS = {width: np.dtype((np.uint8, width)) for width in (8, 64)}
+_COLUMN_BYTES = sum(form.itemsize for _, form in _COLUMNS)
 _BLOCK_HEAD = _CRC.size + _BLOCK.size
 """Bytes of a message of frames before its first column, which is `t_ns`."""
 
@@ -161,8 +163,8 @@ def unpack_frames(blocks: Sequence[FrameBlock]) -> FrameBatch:
     columns = {}
     before = _BLOCK_HEAD  # bytes of a block before the column, of which `row` in each frame
     row = 0
-    for name, form in (*_COLUMNS, ("data", f"{blocks[0].width}u1")):
-        size = np.dtype(form).itemsize
+    for name, form in (*_COLUMNS, ("data", _PAYLOADS[blocks[0].width])):
+        size = form.itemsize
         parts = [
             block.message[before + row * block.frames : before + (row + size) * block.frames]
             for block in blocks

@@ -139,7 +139,10 @@ def _between(
         return good, np.zeros(0), np.zeros(0, np.uint8)
     fresh = times.step > 0
     sure, time_s, step = good[fresh], times.time_s[fresh], times.step[fresh]
-    rows = np.setdiff1d(np.arange(sure[0], sure[-1] + 1), good[~fresh])
+    is_sample = np.ones(sure[-1] + 1 - sure[0], bool)
+    repeated = good[~fresh]
+    is_sample[repeated[(repeated > sure[0]) & (repeated < sure[-1])] - sure[0]] = False
+    rows = np.flatnonzero(is_sample) + sure[0]
     place = np.searchsorted(rows, sure)
     quality = np.zeros(len(rows), np.uint8)
     quality[place[1:][step[1:] > np.diff(place)]] = Quality.COUNTER_GAP

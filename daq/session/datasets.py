@@ -1,59 +1,73 @@
-"""Writes datasets and attributes of a session file, by h5py's calls of the HDF5 library.
+"""Writes groups, datasets and attributes of a session file, by HDF5's own calls.
 
-A run has some 50 datasets and 130 attributes.  h5py's own objects look each one up by its name
-again and guess its type, which took four times as long as packing the numbers.
+A run has some 50 datasets and 190 attributes.  h5py's own objects look each one up by its name
+again and guess its type, which takes several times as long as writing it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import h5py
 import numpy as np
-from h5py import h5a, h5d, h5p, h5s, h5t
+from h5py import h5a, h5d, h5ds, h5g, h5p, h5s, h5t
+from h5py.h5d import DatasetID
+from h5py.h5g import GroupID
 from numpy.typing import NDArray
 
-_CHUNK_ROWS = 8192
-_GZIP_LEVEL = 1
+from .chunks import LEVEL, ROWS, packed_chunks
+
 _TEXT = h5py.string_dtype()
 
 
-def write_attributes(item: h5py.HLObject, values: Mapping[str, Any]) -> None:
+def write_group(parent: GroupID, name: str) -> GroupID:
+    """Make a group in another one, and return it."""
+    return h5g.create(parent, name.encode(), None if name.isascii() else _utf8())
+
+
+def write_attributes(item: GroupID | DatasetID, values: Mapping[str, Any]) -> None:
     """Write attributes that are not there yet: texts, numbers or arrays of numbers."""
     for name, value in values.items():
-        array = np.asarray(value, _TEXT if isinstance(value, str) else None)
+        array = _text(value) if isinstance(value, str) else np.asarray(value)
         space = h5s.create_simple(array.shape) if array.shape else _scalar()
-        attribute = h5a.create(item.id, name.encode(), _type(array.dtype), space)
-        attribute.write(array)
+        h5a.create(item, name.encode(), _type(array.dtype), space).write(array)
 
 
-def write_column(group: h5py.Group, name: str, values: NDArray[Any]) -> h5py.Dataset:
+def write_column(group: GroupID, name: str, values: NDArray[Any]) -> DatasetID:
     """Write a packed dataset with a checksum, and return it."""
-    values = np.ascontiguousarray(values)
+    chunk = (min(len(values), ROWS), *values.shape[1:])
     space = h5s.create_simple(values.shape)
-    chunk = (min(len(values), _CHUNK_ROWS), *values.shape[1:])
-    made = h5d.create(group.id, name.encode(), _type(values.dtype), space, _packed(chunk))
+    made = h5d.create(group, name.encode(), _type(values.dtype), space, _packed(chunk))
     if values.size:
-        made.write(h5s.ALL, h5s.ALL, values)
-    return h5py.Dataset(made)
+        for offset, packed in packed_chunks(values):
+            made.write_direct_chunk(offset, packed)
+    return made
 
 
-def write_scale(group: h5py.Group, name: str, values: NDArray[Any]) -> h5py.Dataset:
+def write_scale(group: GroupID, name: str, values: NDArray[Any]) -> DatasetID:
     """Write a dataset that counts or dates the rows of others, and return it."""
     scale = write_column(group, name, values)
-    scale.make_scale(name)
+    h5ds.set_scale(scale, name.encode())
     return scale
 
 
-def write_along(
-    scale: h5py.Dataset, group: h5py.Group, name: str, values: NDArray[Any]
-) -> h5py.Dataset:
+def write_along(scale: DatasetID, group: GroupID, name: str, values: NDArray[Any]) -> DatasetID:
     """Write a dataset whose rows are those of `scale`, and return it."""
     column = write_column(group, name, values)
-    column.dims[0].attach_scale(scale)
+    attach(scale, column, 0)
     return column
+
+
+def attach(scale: DatasetID, column: DatasetID, axis: int) -> None:
+    """Make `scale` what counts or dates an axis of a dataset."""
+    h5ds.attach_scale(column, scale, axis)
+
+
+@lru_cache(1024)  # most of them are those of the run before
+def _text(value: str) -> NDArray[Any]:
+    return np.asarray(value, _TEXT)
 
 
 @cache
@@ -67,6 +81,13 @@ def _type(dtype: np.dtype[Any]) -> h5t.TypeID:
 
 
 @cache
+def _utf8() -> h5p.PropLCID:
+    properties = h5p.create(h5p.LINK_CREATE)
+    properties.set_char_encoding(h5t.CSET_UTF8)
+    return properties
+
+
+@cache
 def _packed(chunk: tuple[int, ...]) -> h5p.PropDCID:
     """Return the properties of a dataset: no time of creation, so that equal files are equal."""
     properties = h5p.create(h5p.DATASET_CREATE)
@@ -74,6 +95,6 @@ def _packed(chunk: tuple[int, ...]) -> h5p.PropDCID:
     if chunk[0]:  # HDF5 cannot chunk nothing
         properties.set_chunk(chunk)
         properties.set_shuffle()
-        properties.set_deflate(_GZIP_LEVEL)
+        properties.set_deflate(LEVEL)
         properties.set_fletcher32()
     return properties

@@ -11,6 +11,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from h5py.h5g import GroupID
 
 from dbc.frames import FrameBatch
 
@@ -20,7 +21,14 @@ from ..files import write_bytes
 from ..runs import Event, Run, SampleGroup
 from ..sessions import Session
 from ..vehicle import BodyWeight, MassState
-from .datasets import write_along, write_attributes, write_column, write_scale
+from .datasets import (
+    attach,
+    write_along,
+    write_attributes,
+    write_column,
+    write_group,
+    write_scale,
+)
 from .schema import (
     CHANNEL_COLUMNS,
     EVENT_COLUMNS,
@@ -95,48 +103,52 @@ def _fill(file: h5py.File, session: Session) -> None:
 
 def write_head(file: h5py.File, session: Session) -> None:
     """Write all of a session but its runs and the short texts of its provenance."""
-    file.attrs.update(
+    root = file["/"].id
+    write_attributes(
+        root,
         {
             "Conventions": "CF-1.10",
             "NX_class": "NXroot",
             "schema": SCHEMA,
             "schema_version": VERSION,
-        }
+        },
     )
-    about = file.create_group("session")
-    about.attrs["vehicle"] = session.vehicle.name
-    if session.vehicle.geometry is not None:
-        for name, value in asdict(session.vehicle.geometry).items():
-            about.attrs[f"{name}_m"] = value
-    for name, value in asdict(session.vehicle.structure).items():
-        about.attrs[f"structure_{name}"] = int(value)
-    for name, value in session.vehicle.elements.items():
-        about.attrs[f"element_{name}"] = int(value)
-    facts = [asdict(fact) for fact in session.vehicle.facts]
-    _table(about.create_group("facts"), "fact", FACT_COLUMNS, facts)
-    config = file.create_group("config")
+    about = write_group(root, "session")
+    vehicle = session.vehicle
+    geometry = {} if vehicle.geometry is None else asdict(vehicle.geometry)
+    structure, elements = asdict(vehicle.structure), vehicle.elements
+    write_attributes(
+        about,
+        {"vehicle": vehicle.name}
+        | {f"{name}_m": value for name, value in geometry.items()}
+        | {f"structure_{name}": int(value) for name, value in structure.items()}
+        | {f"element_{name}": int(value) for name, value in elements.items()},
+    )
+    facts = [asdict(fact) for fact in vehicle.facts]
+    _table(write_group(about, "facts"), "fact", FACT_COLUMNS, facts)
+    config = write_group(root, "config")
     for name, text in session.provenance.items():
         if name in TEXTS:
             raw = text.encode("utf-8", "surrogateescape")
             whole = write_scale(config, name, np.frombuffer(raw, np.uint8))
             write_attributes(whole, {"sha256": sha256(raw).hexdigest()})
     rows = [asdict(channel) | {"corner": channel.corner or ""} for channel in session.channels]
-    _table(file.create_group("channels"), "channel", CHANNEL_COLUMNS, rows)
+    _table(write_group(root, "channels"), "channel", CHANNEL_COLUMNS, rows)
+    states = write_group(root, "mass_states")
     for order, state in enumerate(session.mass_states):
-        group = file.create_group(f"mass_states/{state.name}")
-        group.attrs["order"] = order
+        group = write_group(states, state.name)
+        write_attributes(group, {"order": order})
         _mass_state(group, state)
-    file.create_group("runs")
+    write_group(root, "runs")
 
 
 def write_provenance(file: h5py.File, provenance: Mapping[str, str]) -> None:
     """Write the short texts of a session's provenance."""
-    for name, text in provenance.items():
-        if name not in TEXTS:
-            file["session"].attrs[f"provenance_{name}"] = text
+    said = {f"provenance_{name}": t for name, t in provenance.items() if name not in TEXTS}
+    write_attributes(file["session"].id, said)
 
 
-def _mass_state(group: h5py.Group, state: MassState) -> None:
+def _mass_state(group: GroupID, state: MassState) -> None:
     rows: list[dict[str, Any]] = []
     for weight in state.added.weights:
         row: dict[str, Any] = dict.fromkeys(WEIGHT_COLUMNS, 0.0) | {"hub": ""}
@@ -148,12 +160,12 @@ def _mass_state(group: h5py.Group, state: MassState) -> None:
     _table(group, "weight", WEIGHT_COLUMNS, rows)
     matrix = write_column(group, "delta_mass", state.added.matrix)
     for axis, name in enumerate(("row", "column")):
-        matrix.dims[axis].attach_scale(write_scale(group, name, np.arange(7)))
+        attach(write_scale(group, name, np.arange(7)), matrix, axis)
 
 
 def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel]) -> None:
     """Write what was measured in a run, and the events in it; `number` counts from one."""
-    group = file.create_group(_name(number, run))
+    group = write_group(file["runs"].id, _name(number, run))
     facts = {
         "NX_class": "NXentry",
         "mass_state": run.mass_state,
@@ -166,27 +178,28 @@ def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel
     lost = {f"lost_{name}": count for name, count in asdict(run.losses).items()}
     write_attributes(group, facts | lost)
     for samples in run.groups:
-        _samples(group.create_group(samples.name), samples, channels)
-    for bus in np.unique(run.frames.bus):
-        frames = run.frames.select(run.frames.bus == bus)
-        _frames(group.create_group(f"raw_bus{bus}"), frames)
-    _events(group.create_group("events"), run.events)
+        _samples(write_group(group, samples.name), samples, channels)
+    for bus in np.flatnonzero(np.bincount(run.frames.bus)):
+        own = run.frames.bus == bus
+        frames = run.frames if own.all() else run.frames.select(own)
+        _frames(write_group(group, f"raw_bus{bus}"), frames)
+    _events(write_group(group, "events"), run.events)
     if number == 1 and run.groups:
-        file.attrs["default"] = f"{_name(number, run)}/{run.groups[0].name}"
+        first = f"runs/{_name(number, run)}/{run.groups[0].name}"
+        write_attributes(file["/"].id, {"default": first})
 
 
 def write_verdict(file: h5py.File, number: int, run: Run) -> None:
     """Write what was decided on a run that was written; nothing else of `run` is used."""
-    group = file[_name(number, run)]
-    group.attrs["status"] = str(run.status)
-    group.attrs["reasons"] = "\n".join(run.reasons)
+    group = file["runs"][_name(number, run)].id
+    write_attributes(group, {"status": str(run.status), "reasons": "\n".join(run.reasons)})
 
 
 def _name(number: int, run: Run) -> str:
-    return f"runs/r{number:03d}_{run.label}"
+    return f"r{number:03d}_{run.label}"
 
 
-def _samples(group: h5py.Group, samples: SampleGroup, channels: Sequence[Channel]) -> None:
+def _samples(group: GroupID, samples: SampleGroup, channels: Sequence[Channel]) -> None:
     names = list(samples.values)
     time = write_scale(group, "time", samples.time_s)
     write_attributes(time, {"units": "s", "long_name": "time since t0 of the run"})
@@ -195,38 +208,33 @@ def _samples(group: h5py.Group, samples: SampleGroup, channels: Sequence[Channel
     by_name = {channel.name: channel for channel in channels}
     for name, values in samples.values.items():
         channel = by_name[name]
-        about = {
-            "units": channel.unit,
-            "quantity": str(channel.quantity),
-            "dbc_signal": channel.signal,
-        }
-        write_attributes(write_along(time, group, name, values), about)
+        column = write_along(time, group, name, values)
+        said = {"units": channel.unit, "quantity": str(channel.quantity)}
+        write_attributes(column, said | {"dbc_signal": channel.signal})
     quality = write_along(time, group, "quality", samples.quality)
     write_attributes(quality, {"flag_masks": QUALITY_MASKS, "flag_meanings": QUALITY_FLAGS})
-    about = {"NX_class": "NXdata", "axes": "time", "channels": "\n".join(names)}
+    about: dict[str, Any] = {"NX_class": "NXdata", "axes": "time", "channels": "\n".join(names)}
     if names:
-        about["signal"] = names[0]
+        about |= {"signal": names[0], "auxiliary_signals": np.array(names[1:], "S64")}
     write_attributes(group, about)
-    if names:
-        group.attrs["auxiliary_signals"] = np.array(names[1:], dtype="S64")
 
 
-def _frames(group: h5py.Group, frames: FrameBatch) -> None:
+def _frames(group: GroupID, frames: FrameBatch) -> None:
     write_attributes(group, {"bus": int(frames.bus[0])})
     frame = write_scale(group, "frame", np.arange(len(frames)))
     for name, dtype in FRAME_COLUMNS.items():
-        column = write_along(frame, group, name, getattr(frames, name).astype(dtype))
+        column = write_along(frame, group, name, np.asarray(getattr(frames, name), dtype))
         if name == "data":
             byte = write_scale(group, "byte", np.arange(frames.data.shape[1]))
-            column.dims[1].attach_scale(byte)
+            attach(byte, column, 1)
 
 
-def _events(group: h5py.Group, events: Sequence[Event]) -> None:
+def _events(group: GroupID, events: Sequence[Event]) -> None:
     _table(group, "event", EVENT_COLUMNS, [asdict(event) for event in events])
 
 
 def _table(
-    group: h5py.Group, dimension: str, columns: Mapping[str, str], rows: Sequence[Mapping[str, Any]]
+    group: GroupID, dimension: str, columns: Mapping[str, str], rows: Sequence[Mapping[str, Any]]
 ) -> None:
     """Write rows as one dataset a column."""
     scale = write_scale(group, dimension, np.arange(len(rows)))
