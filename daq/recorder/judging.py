@@ -10,7 +10,7 @@ from dbc.finding import Finding, Severity
 from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..bench.message_rules import timed_messages
-from ..runlog.runlog import LoggedStatus, RunLog
+from ..runlog.runlog import LoggedRun, LoggedStatus, RunLog
 from ..runs import Losses
 from ..samples.blocks import SampleBlock
 from ..verdict import RunMeasure, RunWindow, judge, peak_left
@@ -22,6 +22,17 @@ UNJUDGED: Sequence[Finding] = (
 """Findings of a run whose verdict fails: it is accepted, not lost."""
 LOOK_NS = 300_000_000
 """Time between two computations of the motion that is left, ns."""
+
+
+def is_accepted(run: LoggedRun) -> bool:
+    """Return True if later runs have to repeat a run."""
+    return run.status is LoggedStatus.ACCEPTED
+
+
+def is_only_unlike(run: LoggedRun) -> bool:
+    """Return True if the recorder rejected a run only because it repeats no accepted one."""
+    failed = {finding.code for finding in run.findings if not finding.passed}
+    return run.status is LoggedStatus.REJECTED and not run.by and failed == {"not_repeatable"}
 
 
 class Judge:
@@ -56,12 +67,13 @@ class Judge:
         samples = self._samples.between(start_ns, stop_ns)
         saturated = tuple(name for name, t_ns in self._saturated.items() if t_ns >= bump_ns)
         window = RunWindow(bump_ns, samples, lost, (), saturated, self._timed)
-        accepted = [
-            self._measures[run.label]
-            for run in run_log.of(step.mass_state, step.excitation)
-            if run.status is LoggedStatus.ACCEPTED and run.label in self._measures
-        ]
-        findings, self._measures[step.label] = judge(self._bench, step, window, accepted)
+        kind = run_log.of(step.mass_state, step.excitation)
+        known = [run for run in kind if run.label in self._measures]
+        accepted, unlike = (
+            [self._measures[run.label] for run in known if chosen(run)]
+            for chosen in (is_accepted, is_only_unlike)
+        )
+        findings, self._measures[step.label] = judge(self._bench, step, window, accepted, unlike)
         return findings
 
     def peak_left(self, bump_ns: int, t_ns: int) -> float | None:

@@ -22,9 +22,10 @@ from ..journal.contents import JournalTail
 from ..journal.reader import read_journal
 from ..journal.scan import scan
 from ..runlog.fold import fold
-from ..runlog.runlog import LoggedRun, LoggedStatus
+from ..runlog.runlog import LoggedRun
 from ..samples.mapping import MappedChannel, map_channels
 from ..verdict import RunMeasure, RunWindow, judge
+from .judging import is_accepted, is_only_unlike
 
 PassOn = Callable[[Mapping[str, RunMeasure]], object]
 
@@ -48,11 +49,11 @@ def _recall(tail: JournalTail, bench: Bench, pass_on: PassOn) -> None:
 
 
 def remeasured(tail: JournalTail, bench: Bench, codec: Codec) -> Mapping[str, RunMeasure]:
-    """Return the measures of the accepted runs, by label.
+    """Return the measures of the runs that later ones are compared with, by label.
 
     Raises OSError or InputError if the journal cannot be read, or does not fit the bench.
     """
-    runs = [run for run in fold(tail.events).runs if run.status is LoggedStatus.ACCEPTED]
+    runs = [run for run in fold(tail.events).runs if is_accepted(run) or is_only_unlike(run)]
     spans = [_span(bench, run) for run in runs]
     paths = _overlapping(tail.segments, spans)
     if not paths:

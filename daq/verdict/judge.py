@@ -30,12 +30,17 @@ _CHECKS = (
 
 
 def judge(
-    bench: Bench, step: Step, window: RunWindow, accepted: Sequence[RunMeasure]
+    bench: Bench,
+    step: Step,
+    window: RunWindow,
+    accepted: Sequence[RunMeasure],
+    unlike: Sequence[RunMeasure] = (),
 ) -> tuple[tuple[Finding, ...], RunMeasure]:
     """Judge one run.
 
     `step`: the mass state and the kind of bump that were due.  `accepted`: of the accepted runs of
-    the same mass state and excitation, so far.  Returns every check with value and limit, also
+    the same mass state and excitation, so far.  `unlike`: of those that were rejected only as not
+    repeatable.  Returns every check with value and limit, also
     those that passed, and the measures, to judge later runs by; the run is good if all passed. The
     first that failed is the likeliest cause of the others.  A check that the sensors do not allow
     is left out.
@@ -52,8 +57,11 @@ def judge(
     findings += tuple(found for way in ways[:1] for found in mirrored(step.excitation, way))
     findings += tuple(motion.not_decayed(bench, window, seen))
     findings += tuple(motion.rest_changed(bench, window, seen))
-    alike = [other for other in accepted if other.wheels == measure.wheels]
-    findings += tuple(not_repeatable(seen, measure, alike))
+    before, doubted = (
+        [other for other in others if other.wheels == measure.wheels]
+        for others in (accepted, unlike)
+    )
+    findings += tuple(not_repeatable(seen, measure, before, doubted))
     return (*findings, _motion(measure)), measure
 
 

@@ -74,15 +74,40 @@ def roughness(seen: tuple[Trace, ...]) -> Mapping[str, float]:
 
 
 def not_repeatable(
-    seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMeasure]
+    seen: tuple[Trace, ...],
+    own: RunMeasure,
+    accepted: Sequence[RunMeasure],
+    unlike: Sequence[RunMeasure] = (),
 ) -> Iterator[Finding]:
-    """Compare peaks and course with the median of the accepted runs; none with the first."""
+    """Compare peaks and course with the median of the accepted runs; none with the first.
+
+    `unlike`: of the runs that were rejected only because they do not repeat the accepted ones.  A
+    run that is like at least as many of all these as it is unlike accepted ones is repeatable: else
+    a first run with a hand on the car would have every good one after it rejected.
+    """
     if not accepted:
         return
-    yield _by_peak(seen, own, accepted)
-    found = _by_course(seen, own, accepted)
-    if found is not None:
-        yield found
+    found = _compared(seen, own, accepted)
+    if unlike and not all(finding.passed for finding in found):
+        same = [_repeats(seen, own, other) for other in accepted]
+        like = sum(same) + sum(_repeats(seen, own, other) for other in unlike)
+        if like >= len(same) - sum(same):
+            text = (
+                f"like {like} of {len(accepted) + len(unlike)} runs, though not the accepted ones"
+            )
+            found = [finding("not_repeatable", True, like, len(same) - sum(same), "", text)]
+    yield from found
+
+
+def _repeats(seen: tuple[Trace, ...], own: RunMeasure, other: RunMeasure) -> bool:
+    return all(finding.passed for finding in _compared(seen, own, [other]))
+
+
+def _compared(
+    seen: tuple[Trace, ...], own: RunMeasure, accepted: Sequence[RunMeasure]
+) -> list[Finding]:
+    by_course = _by_course(seen, own, accepted)
+    return [_by_peak(seen, own, accepted), *([by_course] if by_course else [])]
 
 
 def _main(seen: tuple[Trace, ...], accepted: Sequence[RunMeasure]) -> list[str]:

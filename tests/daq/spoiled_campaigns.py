@@ -248,13 +248,18 @@ def _judged(
     described: Bench, session: Session
 ) -> tuple[tuple[tuple[Finding, ...], ...], tuple[RunMeasure, ...]]:
     accepted: dict[tuple[str, Excitation], list[RunMeasure]] = {}
+    unlike: dict[tuple[str, Excitation], list[RunMeasure]] = {}
     findings, measures = [], []
     for run in session.runs:
-        before = accepted.setdefault((run.mass_state, run.excitation), [])
+        kind = run.mass_state, run.excitation
+        before, doubted = accepted.setdefault(kind, []), unlike.setdefault(kind, [])
         step = Step(run.mass_state, run.excitation, run.repeat)
-        found, measure = judge(described, step, window(described, run), before)
-        if all(f.passed for f in found):
+        found, measure = judge(described, step, window(described, run), before, doubted)
+        failed = {f.code for f in found if not f.passed}
+        if not failed:
             before.append(measure)
+        elif failed == {"not_repeatable"}:
+            doubted.append(measure)
         findings.append(found)
         measures.append(measure)
     return tuple(findings), tuple(measures)

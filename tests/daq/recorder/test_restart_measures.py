@@ -16,13 +16,15 @@ from daq.control.orders import Arm, Until
 from daq.journal.folder import last_recording
 from daq.journal.format import JournalHead
 from daq.journal.writer import JournalWriter
+from daq.recorder.judging import is_accepted, is_only_unlike
 from daq.recorder.recording import Recording
 from daq.recorder.restart_measures import recall
-from daq.runlog.runlog import LoggedStatus
+from daq.runlog.runlog import LoggedRun, LoggedStatus
 from daq.runs import BASELINE, Excitation
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from daq.verdict import RunMeasure
+from dbc.finding import Finding, Severity
 
 from ..small_campaign import START_NS, blocks
 
@@ -78,3 +80,14 @@ def test_a_journal_that_has_gone_is_no_reason_to_stop(tmp_path: Path) -> None:
     thread.join(60.0)
     assert not thread.is_alive()
     assert found == {}
+
+
+def test_later_runs_are_compared_with_accepted_runs_and_those_that_are_only_unlike() -> None:
+    run = LoggedRun("baseline_bounce_2", BASELINE, Excitation.BOUNCE, 2, 0, LoggedStatus.REJECTED)
+    odd, weak = (Finding(code, Severity.ERROR, "") for code in ("not_repeatable", "too_weak"))
+    assert is_only_unlike(replace(run, findings=(odd,)))
+    assert not is_only_unlike(replace(run, findings=(weak, odd)))
+    assert not is_only_unlike(replace(run, findings=(odd,), by="Ann"))
+    assert not is_only_unlike(replace(run, findings=(odd,), status=LoggedStatus.ACCEPTED))
+    assert not is_accepted(replace(run, findings=(odd,)))
+    assert is_accepted(replace(run, status=LoggedStatus.ACCEPTED))

@@ -13,6 +13,7 @@ from daq.vehicle import Corner
 from daq.verdict import RunMeasure
 from daq.verdict.consistent import left_out
 
+from .. import spoiled_campaigns
 from ..spoiled_campaigns import BUMP_S, bench, campaign
 
 CHANNELS = (
@@ -97,3 +98,16 @@ def test_a_simulated_kind_loses_its_spoiled_run_and_no_other() -> None:
     assert all(f.passed for findings in found.findings for f in findings)
     out = left_out(described.channels, BUMP_S, found.of(kind), 3)
     assert set(out) == {labels[i] for i in found.spoiled}
+
+
+def test_a_first_run_with_a_hand_on_the_car_is_found_by_those_after_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(spoiled_campaigns, "SPOILS", ("hand on the car",))
+    kind = (BASELINE, Excitation.BOUNCE)
+    found = campaign(1000, bench(), repeats=5, spoiled=1, kinds=[kind])
+    assert list(found.spoiled) == [0]
+    passed = [all(f.passed for f in findings) for findings in found.findings]
+    assert passed == [True, False, True, True, True]
+    first = found.session.runs[0].label
+    assert set(left_out(bench().channels, BUMP_S, found.of(kind), 3)) == {first}

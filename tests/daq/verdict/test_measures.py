@@ -201,6 +201,26 @@ def test_a_run_is_compared_with_the_median_of_those_before() -> None:
     assert list(not_repeatable(seen(records), measure(1.0), [])) == []
 
 
+@pytest.mark.parametrize(
+    ("accepted", "unlike", "passes"),
+    [
+        ([2.0], [], False),
+        ([2.0], [1.0], True),  # one of each: the accepted one may be the odd one
+        ([2.0, 1.1], [1.0], True),
+        ([2.0, 2.1], [1.0], False),
+        ([2.0, 2.1], [1.0, 1.1], True),
+        ([2.0], [0.1], False),
+    ],
+)
+def test_a_first_run_that_is_odd_does_not_reject_all_others(
+    accepted: list[float], unlike: list[float], passes: bool
+) -> None:
+    records = {TRAVEL: np.where(np.isclose(T_S, 0.1), 1.0, 0.0)}
+    before, doubted = ([measure(peak) for peak in peaks] for peaks in (accepted, unlike))
+    found = list(not_repeatable(seen(records), measure(1.0), before, doubted))
+    assert all(finding.passed for finding in found) is passes
+
+
 def test_a_course_at_right_angles_is_not_alike() -> None:
     records = {TRAVEL: np.where(np.isclose(T_S, 0.1), 1.0, 0.0)}
     _, course = not_repeatable(seen(records), measure(1.0, np.array([4.0, -3.0])), [measure(1.0)])
