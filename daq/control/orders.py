@@ -116,6 +116,9 @@ class Arm:
     """Wait for bumps and count them as runs."""
 
     until: Until = Until.EXCITATION
+    mass_state: str = ""
+    """The weights that are on the car, as the sender has seen: needed where the next run is of
+    another mass state than the last one, unless all runs are armed for at once."""
     order: Literal["arm"] = "arm"
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from ..bench.campaign import Step
 from ..bench.config import Bench
 from ..control.orders import (
     Accept,
+    Arm,
     Choose,
     Configure,
     Mark,
@@ -14,15 +16,32 @@ from ..control.orders import (
     Redo,
     Reject,
     Undo,
+    Until,
 )
 from ..errors import printable
 from ..runlog.entries import entry
-from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog
-from ..runs import Event
+from ..runlog.runlog import Code, LoggedRun, LoggedStatus, RunLog, weights_change
+from ..runs import BASELINE, Event
 
 
 class OrderError(Exception):
     """An order that cannot be carried out now; the text is one line for a person."""
+
+
+def checked_arm(order: Arm, due: Step | None, run_log: RunLog) -> None:
+    """Check that a run is due, and that the sender has seen which weights are on the car.
+
+    Raises OrderError if not.
+    """
+    if due is None:
+        raise OrderError("the campaign is complete: choose a run first")
+    weights, answered = due.mass_state, order.mass_state == due.mass_state
+    if weights_change(run_log, due) and not answered and order.until is not Until.COMPLETE:
+        asked = "weights off" if weights == BASELINE else "weights on"
+        raise OrderError(
+            f"{asked}? the next run is of the car in state {printable(weights, 40)}: look at the "
+            f'car, then arm with "mass_state": "{printable(weights, 40)}"'
+        )
 
 
 def order_event(order: Order, by: str, t_ns: int, run_log: RunLog, bench: Bench) -> Event | None:

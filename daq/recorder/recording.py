@@ -36,7 +36,7 @@ from .fault_barrier import FaultBarrier
 from .frame_store import FrameStore
 from .judging import UNJUDGED, Judge
 from .live import LiveRing
-from .orders import OrderError, order_event
+from .orders import OrderError, checked_arm, order_event
 from .proposal import left_out_event, proposed
 from .recent import RecentFrames
 from .run_loop import LoopState, Surroundings
@@ -176,8 +176,8 @@ class Recording:
             event: Event | None = left_out_event(self._proposed, by, t_ns)
         else:
             event = order_event(order, by, t_ns, self._run_log, self._bench)
-        if isinstance(order, Arm) and self._due is None:
-            raise OrderError("the campaign is complete: choose a run first")
+        if isinstance(order, Arm):
+            checked_arm(order, self._due, self._run_log)
         bench = self._configured(order.bench_text) if isinstance(order, Configure) else None
         if event is not None:
             self._log_event(event, [])

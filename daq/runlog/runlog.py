@@ -153,6 +153,11 @@ class RunLog:
         return sum(run.status is LoggedStatus.ACCEPTED for run in kind)
 
 
+def weights_change(log: RunLog, step: Step) -> bool:
+    """Return True if a step is of another mass state than the last run."""
+    return bool(log.runs) and log.runs[-1].mass_state != step.mass_state
+
+
 def next_step(campaign: Campaign, log: RunLog) -> Step | None:
     """Return the next step of a campaign; None when every planned run is accepted.
 

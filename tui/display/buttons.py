@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from daq import Status
+from daq import BASELINE, Status
 from daq.control import Arm, Order, Pause, Phase, Reject
 from daq.runlog import LoggedStatus
 
-from ..terminal.state.next_action import BUSY, next_action
+from ..terminal.state.next_action import BUSY, changed_weights, next_action
 from ..terminal.state.run_words import run_words
 
 NEXT, REJECT, PAUSE = "next", "reject", "pause"
@@ -26,6 +26,9 @@ class Buttons:
 
     next: str = ""
     """Label of the first button."""
+    next_label: str = ""
+    """Mass state that the first button says is on the car: the page sends it back, so that a late
+    touch answers no other question."""
     reject: str = ""
     """Label of the second button."""
     reject_label: str = ""
@@ -43,8 +46,11 @@ def buttons_of(status: Status) -> Buttons:
     """Return what the buttons do in a status."""
     last = status.runs[-1] if status.runs else None
     rejects = last is not None and last.status is not LoggedStatus.REJECTED
+    weights = changed_weights(status) if _arms(status) else ""
+    start = "Weights are off: start" if weights == BASELINE else "Weights are on: start"
     return Buttons(
-        _NEXT_WORDS.get(status.phase, "Start") if _arms(status) else "",
+        start if weights else _NEXT_WORDS.get(status.phase, "Start") if _arms(status) else "",
+        weights,
         f"Reject {run_words(last)}" if last and rejects else "",
         last.label if last and rejects else "",
         "Pause" if status.phase in _RUNNING else "",
@@ -54,9 +60,9 @@ def buttons_of(status: Status) -> Buttons:
 def order_of(button: str, label: str, status: Status) -> Order | None:
     """Return the order of a button; None if it does nothing now.
 
-    `label`: for the second button, that of the run which the page named.
+    `label`: the one that the page named with the button.
     """
-    if button == NEXT and _arms(status):
+    if button == NEXT and _arms(status) and label == changed_weights(status):
         return next_action(status).order
     if button == REJECT and label and label == buttons_of(status).reject_label:
         return Reject(label)

@@ -16,7 +16,7 @@ from daq.errors import printable
 from daq.runlog import LoggedRun, LoggedStatus
 
 from ..terminal.state.feed import Lost
-from ..terminal.state.next_action import next_action
+from ..terminal.state.next_action import next_action, weights_question
 from ..terminal.state.obstacle import cause_words, first_obstacle
 from ..terminal.state.run_words import (
     COMPLETE,
@@ -158,6 +158,9 @@ def headline(status: Status) -> Headline:
         name, advice, _ = cause_words(alarm)
         cue, speech = f"stop {alarm.code} {alarm.subject}", f"Stop. {name.capitalize()}. {advice}"
         return Headline(Kind.STOPPED, ("STOP",), name, advice, cue=cue, speech=speech)
+    arms = status.phase in (Phase.IDLE, Phase.PAUSED) and next_action(status).order is not None
+    if arms and (question := weights_question(status)):
+        return _weights(question)
     label = status.due.step.label if status.due else ""
     match status.phase:
         case Phase.WAITING:
@@ -197,6 +200,19 @@ def headline(status: Status) -> Headline:
             speech=f"Go to the terminal, for step {step.title}.",
         )
     return Headline(Kind.READY, ("READY",), instruction_words(status), cue=f"ready {label}")
+
+
+def _weights(question: str) -> Headline:
+    """Return the question that comes before the first run of another mass state."""
+    word, why = question.split("? ")
+    return Headline(
+        Kind.STEP,
+        tuple(f"{word}?".upper().split()),
+        why,
+        "Yes: the first button, or SPACE at the terminal.",
+        cue=f"weights {word}",
+        speech=question,
+    )
 
 
 def _hands_off(status: Status) -> Headline:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 from textual.app import App
 from textual.command import DiscoveryHit, Hit, Hits, Provider
 
-from daq.control import Acknowledge, Arm, Build, Pause, Redo, Reject, ShutDown, Stop, Undo
+from daq.control import Acknowledge, Build, Pause, Redo, Reject, ShutDown, Stop, Undo
 
 from .context import BenchContext
 from .state.steps import BenchStep
@@ -21,7 +21,6 @@ Command = tuple[str, str, Callable[[], object]]
 """Name with its namespace, what the command does, and the call that does it."""
 
 _ORDERS: tuple[tuple[str, str, Order], ...] = (
-    ("run: arm", "wait for the next bump and count it", Arm()),
     ("run: pause", "count no bump until armed again; frames are still recorded", Pause()),
     ("run: reject last", "do not use the last run; it is kept", Reject()),
     ("run: undo", "take the last verdict back", Undo()),
@@ -55,6 +54,7 @@ class BenchCommands(Provider):
 def commands(app: App[Any]) -> Iterator[Command]:
     """Yield every command that can be given now."""
     bench = cast("BenchContext", app)
+    yield "run: arm", "wait for the next bump and count it", partial(_arm, bench)
     for name, words, order in _ORDERS:
         yield name, words, partial(bench.ask, order)
     for step in BenchStep:
@@ -94,6 +94,12 @@ def _of_screen(app: App[Any]) -> Iterator[Command]:
     for action, (name, words) in names.items():
         if hasattr(app.screen, f"action_{action}"):
             yield name, words, partial(app.screen.run_action, action)
+
+
+async def _arm(bench: BenchContext) -> None:
+    """Do what SPACE does on the run screen: it asks for the weights where they change."""
+    await bench.open("run")
+    await cast("App[Any]", bench).screen.run_action("next")
 
 
 async def _end(app: App[Any]) -> None:

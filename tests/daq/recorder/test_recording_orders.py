@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from daq.bench.campaign import Step
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses
 from daq.control.orders import (
     Accept,
     Acknowledge,
+    Arm,
     Choose,
     Configure,
     Mark,
@@ -18,18 +22,35 @@ from daq.control.orders import (
     Redo,
     Reject,
     Undo,
+    Until,
 )
 from daq.journal.reader import read_journal
 from daq.journal.writer import JournalWriter
-from daq.recorder.orders import OrderError
+from daq.recorder.orders import OrderError, checked_arm
 from daq.recorder.recording import Recording
 from daq.runlog.fold import fold
-from daq.runlog.runlog import LoggedStatus
-from daq.runs import Excitation
+from daq.runlog.runlog import LoggedRun, LoggedStatus, RunLog
+from daq.runs import ADDED, BASELINE, Excitation
 from dbc import Codec
 
 from ..small_campaign import blocks, bumps
 from .stepped import LINK, armed, feed, now, status_of
+
+
+def test_weights_that_change_are_asked_for_by_whoever_arms() -> None:
+    first = Step(BASELINE, Excitation.ROLL, 1)
+    done = RunLog(runs=(LoggedRun("baseline_roll_1", BASELINE, Excitation.ROLL, 1, 0),))
+    loaded = Step(ADDED, Excitation.BOUNCE, 1)
+    checked_arm(Arm(), first, RunLog())
+    checked_arm(Arm(), replace(first, repeat=2), done)
+    for order in (Arm(), Arm(Until.RUN, "baseline")):
+        with pytest.raises(OrderError, match=r'weights on[?].* arm with "mass_state": "added"'):
+            checked_arm(order, loaded, done)
+    checked_arm(Arm(mass_state="added"), loaded, done)
+    checked_arm(Arm(Until.COMPLETE), loaded, done)
+    back = RunLog(runs=(LoggedRun("added_roll_1", ADDED, Excitation.ROLL, 1, 0),))
+    with pytest.raises(OrderError, match=r'weights off[?].* arm with "mass_state": "baseline"'):
+        checked_arm(Arm(), first, back)
 
 
 def test_orders_are_written_down_and_those_that_make_no_sense_refused(

@@ -10,6 +10,7 @@ import pytest
 from daq.bench.origin import Origin
 from daq.control.messages import Alarm, Phase
 from daq.control.orders import Arm, Pause, Reject
+from daq.runs import Excitation
 from tui.display.buttons import order_of
 from tui.display.view import Kind, View, view
 from tui.terminal.state.feed import Lost
@@ -202,6 +203,25 @@ def test_what_the_buttons_do(recorder: FakeRecorder) -> None:
     )
     assert order_of("reject", label, recorder.status) == Reject(label)
     assert order_of("shutdown", label, recorder.status) is None
+
+
+def test_the_weights_are_asked_for_and_the_button_answers(recorder: FakeRecorder) -> None:
+    recorder.finish("baseline")
+    assert shown(recorder).headline.word == ("STEP", "4")
+    assert order_of("next", "added", recorder.status) is None
+    recorder.mark("masses")
+    page = shown(recorder)
+    assert page.headline.word == ("WEIGHTS", "ON?")
+    assert page.headline.why == "The next run is of the car with weights (added)."
+    assert (page.buttons.next, page.buttons.next_label) == ("Weights are on: start", "added")
+    assert order_of("next", "", recorder.status) is None  # touched before the question was there
+    assert order_of("next", "added", recorder.status) == Arm(mass_state="added")
+    recorder.bump()
+    recorder.judge()
+    recorder.choose("baseline", Excitation.ROLL)
+    recorder.turn(Phase.IDLE)
+    assert shown(recorder).headline.word == ("WEIGHTS", "OFF?")
+    assert shown(recorder).buttons.next == "Weights are off: start"
 
 
 def test_a_late_touch_rejects_no_other_run(recorder: FakeRecorder) -> None:

@@ -334,9 +334,9 @@ async def test_the_weights_are_asked_for_once_where_they_change(make_app: MakeAp
             now_s[0] += after_s
             await _press(pilot, key)
             assert ("Weights on?" in screen_text(app)) is asked
-        assert _given(recorder, Arm) == [Arm()]
+        assert _given(recorder, Arm) == [Arm(mass_state="added")]
         recorder.turn(Phase.PAUSED)
         await pilot.pause()
         now_s[0] += 1.0
         await _press(pilot, "space")
-        assert _given(recorder, Arm) == [Arm(), Arm()]
+        assert _given(recorder, Arm) == 2 * [Arm(mass_state="added")]

@@ -42,7 +42,7 @@ def _next_action(status: Status | None) -> NextAction:
     more = status.due is not None and status.due.accepted >= status.due.planned
     if not more and due not in _WITH_BUMPS and status.phase not in (Phase.PAUSED, Phase.REJECTED):
         return NextAction(f"SPACE = step {due.title}", step=due)
-    arm = Arm()
+    arm = Arm(mass_state=changed_weights(status))
     match status.phase:
         case Phase.PAUSED:
             return NextAction("SPACE = go on", arm)
@@ -59,12 +59,18 @@ def _next_action(status: Status | None) -> NextAction:
     return NextAction("SPACE starts", arm)
 
 
-def weights_question(status: Status | None) -> str:
-    """Return the question that comes before the first run of another mass state; else empty."""
+def changed_weights(status: Status | None) -> str:
+    """Return the mass state of the next run if the last one was of another; else empty."""
     if status is None or status.due is None or not status.runs:
         return ""
     state = status.due.step.mass_state
-    if status.runs[-1].mass_state == state:
+    return state if status.runs[-1].mass_state != state else ""
+
+
+def weights_question(status: Status | None) -> str:
+    """Return the question that comes before the first run of another mass state; else empty."""
+    state = changed_weights(status)
+    if not state:
         return ""
     if state == BASELINE:
         return "Weights off? The next run is of the car as it is (baseline)."
