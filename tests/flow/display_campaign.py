@@ -102,7 +102,7 @@ async def _campaign(bench: DemoBench, display: subprocess.Popen[str]) -> None:
                 seen.add(word)
                 for name, tab in reversed(shown.items()):
                     await _check(name, tab, word)
-            if word == "READY":
+            if word in ("READY", "WEIGHTS ON?"):
                 await phone.press(" ")
             elif word == "STEP 4":
                 _mark(bench, "step masses done")
@@ -113,7 +113,7 @@ async def _campaign(bench: DemoBench, display: subprocess.Popen[str]) -> None:
         passed_s = time.monotonic() - begun_s
         share = (_cpu_s(display.pid) - used_s) / passed_s
         print(f"{share:.1%} of a core for {len(SIZES)} pages over {passed_s:.0f} s")
-        assert seen >= {"BUMP NOW", "HANDS OFF", "ACCEPTED", "AGAIN", "STEP 4"}
+        assert seen >= {"BUMP NOW", "HANDS OFF", "ACCEPTED", "AGAIN", "STEP 4", "WEIGHTS ON?"}
         assert share < 0.05
         assert (await _state(tv))["word"] == "DONE", "it was loaded anew in mid-run"
         await _cut(phone, display)
