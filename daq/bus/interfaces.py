@@ -30,7 +30,7 @@ from .columns import frame_columns
 from .slcan.adapter import open_slcan
 from .socket_drops import SocketDrops
 from .socketcan.reader import open_socketcan
-from .source import BLOCK_FRAMES, GATHER_S, FrameSource, SourceLosses
+from .source import BLOCK_FRAMES, GATHER_S, LONG_GATHER_S, FrameSource, SourceLosses
 from .steady_clock import STEADY_CLOCK
 
 __all__ = ["FrameSource", "PythonCanSource", "SourceLosses", "open_bus", "open_source"]
@@ -45,6 +45,10 @@ FAULT_PAUSE_S = 0.02
 _POLL_S = 0.002
 _WALL_CLOCK_WAITS = frozenset({"pcan", "vector", "iscan", "canalystii", "robotell"})
 """Interfaces whose backends wait by the wall clock: set back by an hour, they wait an hour."""
+_STAMPED_BY_KERNEL = frozenset({"socketcan", "udp_multicast"})
+"""Interfaces whose frames wait in a socket's buffer, each with the time at which it came."""
+_STAMPED_BY_DRIVER = frozenset({"ixxat", "kvaser", "pcan", "vector", "virtual"})
+"""Interfaces whose stamped frames wait in a queue that holds a thousand at least."""
 _WALL_CLOCK_STAMPS = frozenset(
     {"udp_multicast", "socketcan", "iscan", "neousys", "robotell", "seeedstudio"}
 )
@@ -87,10 +91,20 @@ def open_source(config: BusConfig, bus: int) -> FrameSource:
             return open_socketcan(config.channel, bus)
     opened = open_bus(config)
     doze = doze_for(opened, config.interface)
+    gathered_s = _gathered_s(opened, config.interface)
     if config.interface in _WALL_CLOCK_STAMPS:
         on_axis = STEADY_CLOCK.from_wall
-        return PythonCanSource(opened, _name(config), bus, time.time_ns, doze, on_axis)
-    return PythonCanSource(opened, _name(config), bus, doze=doze)
+        return PythonCanSource(opened, _name(config), bus, time.time_ns, doze, on_axis, gathered_s)
+    return PythonCanSource(opened, _name(config), bus, doze=doze, gathered_s=gathered_s)
+
+
+def _gathered_s(bus: can.BusABC, interface: str) -> float:
+    """Return for how many seconds frames may gather unread in an interface."""
+    if interface in _STAMPED_BY_KERNEL:
+        with contextlib.suppress(Exception), socket.socket(fileno=os.dup(bus.fileno())) as twin:
+            if twin.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= RECEIVE_BUFFER_BYTES:
+                return LONG_GATHER_S
+    return GATHER_S if interface in _STAMPED_BY_KERNEL | _STAMPED_BY_DRIVER else 0.0
 
 
 def open_bus(config: BusConfig) -> can.BusABC:
@@ -199,6 +213,8 @@ class PythonCanSource:
     bus in its frames.  `now_ns`: the host's clock, ns since 1970.  `doze`: waits instead of the
     backend, which is then only asked for frames that have arrived; None lets the backend wait.
     `on_axis`: converts stamps of the wall clock, (n,) int64 (`SteadyClock.from_wall`).
+    `gathered_s`: seconds for which frames are left to gather in the interface once one has come;
+    with 0 each is taken as it comes, and the block ends `GATHER_S` after the first.
     """
 
     def __init__(
@@ -209,6 +225,7 @@ class PythonCanSource:
         now_ns: Callable[[], int] = STEADY_CLOCK.now_ns,
         doze: Doze | None = None,
         on_axis: Callable[[NDArray[np.int64]], NDArray[np.int64]] | None = None,
+        gathered_s: float = 0.0,
     ) -> None:
         self.name = name
         self._bus = bus
@@ -216,6 +233,7 @@ class PythonCanSource:
         self._now_ns = now_ns
         self._doze = doze
         self._on_axis = on_axis
+        self._gathered_s = gathered_s
         self._drops = SocketDrops(lambda: bus.fileno())
         self._garbled = 0
         self._restamped = 0
@@ -229,6 +247,9 @@ class PythonCanSource:
         wait_s, deadline_s = timeout_s, 0.0
         while len(messages) < BLOCK_FRAMES:
             try:
+                if messages and self._gathered_s:
+                    self._drain(messages, arrived_ns)
+                    break
                 message = self._receive(wait_s)
             except Exception as error:  # backends also raise ValueError, IndexError, NameError...
                 if self._failed(error):
@@ -243,10 +264,11 @@ class PythonCanSource:
             now_s = time.monotonic()
             if message is not None:
                 self._faults_in_a_row = self._garbled_in_a_row = 0
-                if not messages:
-                    deadline_s = now_s + GATHER_S
                 messages.append(message)
                 arrived_ns.append(self._now_ns())
+                if len(messages) == 1:
+                    deadline_s = now_s + GATHER_S
+                    time.sleep(self._gathered_s)
             wait_s = max(deadline_s - now_s, 0.0)
         return self._batch(messages, arrived_ns)
 
@@ -260,9 +282,19 @@ class PythonCanSource:
         with contextlib.suppress(Exception):  # some backends cannot close a lost device
             self._bus.shutdown()
 
+    def _drain(self, messages: list[can.Message], arrived_ns: list[int]) -> None:
+        """Add the frames that are there, up to a block of them."""
+        receive, now_ns = self._bus._recv_internal, self._now_ns
+        while len(messages) < BLOCK_FRAMES:
+            message = receive(0.0)[0]
+            if message is None:
+                break
+            messages.append(message)
+            arrived_ns.append(now_ns())
+
     def _receive(self, wait_s: float) -> can.Message | None:
         """Return the next frame; wait up to `wait_s` for it."""
-        if self._doze is None:
+        if self._doze is None or wait_s == 0.0:
             return self._bus._recv_internal(wait_s)[0]
         end_s = time.monotonic() + wait_s
         while True:

@@ -16,6 +16,9 @@ BLOCK_FRAMES = 2048
 GATHER_S = 0.01
 """Seconds for which a source waits for more after the first frame: the cost of a block is shared by
 all frames in it, and each still has the stamp of its own arrival."""
+LONG_GATHER_S = 0.06
+"""The same where the kernel stamps and holds frames meanwhile, in a buffer of our size: a block
+then has 540 frames of a full bus."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,19 +94,24 @@ class Load:
 
     seconds: float
     """Wall time."""
-    share: float
-    """CPU time of the process over it."""
+    spent_s: float
+    """CPU time of the process, s."""
     sent: int
     recorded: int
     high: int
     """`sent`, `recorded`, `high`: frames; most blocks that waited between readers and writer."""
+
+    @property
+    def us(self) -> float:
+        """CPU time per frame, us."""
+        return self.spent_s / self.recorded * 1e6
 
 
 def main() -> None:
     """Print cost per frame of each hop, ours and theirs, and what a load does."""
     logging.getLogger("can").setLevel(logging.CRITICAL)  # it misses options of a true CAN socket
     seconds = float(sys.argv[1]) if __name__ == "__main__" and len(sys.argv) > 1 else LOAD_SECONDS
-    bench, frames = load_bench(None), _frames()
+    bench, frames = load_bench(None), bump_frames()
     codec = bench_codec(bench)
     ours = _least(lambda: _receive_us(frames, _our_reader))
     ours |= _hops(_least(lambda: _our_hops(bench, codec, frames)))
@@ -121,7 +126,9 @@ def main() -> None:
     done = load(seconds)
     print(
         f"recorder, {BUSES} full buses for {done.seconds:.0f} s with a stall of {STALL_S:g} s: "
-        f"{done.share:.1%} of a core, {done.sent - done.recorded} of {done.sent:,} frames lost, "
+        f"{done.us:.2f} us/frame x {BUSES * FULL_BUS_HZ:,} frames/s = "
+        f"{done.us * 1e-6 * BUSES * FULL_BUS_HZ:.1%} of a core, "
+        f"{done.sent - done.recorded} of {done.sent:,} frames lost, "
         f"at most {done.high} blocks waited"
     )
 
@@ -154,7 +161,7 @@ def load(seconds: float) -> Load:
     def open_one(config: BusConfig, number: int) -> SocketCanSource:
         return SocketCanSource(receiving[number], config.channel, number)
 
-    with TemporaryDirectory() as folder, _wire_file(_frames()) as wire:
+    with TemporaryDirectory() as folder, _wire_file(bump_frames()) as wire:
         engine = Recorder(bench, Path(folder), open_one, software="benchmark")
         writer = threading.Thread(target=engine.run, args=(stop, publish))
         writer.start()
@@ -165,15 +172,15 @@ def load(seconds: float) -> Load:
             [sys.executable, "-c", SENDER, *arguments], stdout=subprocess.PIPE, check=True
         )
         time.sleep(0.5)
-        wall_s, share = time.monotonic() - began_s, time.process_time() - spent_s
+        wall_s, spent_s = time.monotonic() - began_s, time.process_time() - spent_s
         stop.set()
         writer.join()
     (last,) = told
     sent = int(sender.stdout)
-    return Load(wall_s, share / wall_s, sent, last.disk.recorded_frames, last.queue.high)
+    return Load(wall_s, spent_s, sent, last.disk.recorded_frames, last.queue.high)
 
 
-def _frames() -> FrameBatch:
+def bump_frames() -> FrameBatch:
     """Return the frames of one bump, in order."""
     bench = load_bench(None)
     return next(iter(campaign_frames(bench, bench_codec(bench), SimulatedCar(), 1, START_NS)))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from dbc.frames import FrameBatch
 
 from ...errors import BusError
-from ..source import BLOCK_FRAMES, GATHER_S, SourceLosses
+from ..source import BLOCK_FRAMES, GATHER_S, LONG_GATHER_S, SourceLosses
 from ..steady_clock import STEADY_CLOCK, SteadyClock
 from . import abi as abi
 from . import hardware_clock
@@ -30,10 +30,6 @@ from .messages import frame_columns
 
 RECEIVE_BUFFER_BYTES = 8 << 20
 """Receive buffer asked of the kernel: about 21,900 frames, 2.4 s of a full bus of 1 Mbit/s."""
-
-LONG_GATHER_S = 0.06
-"""Seconds for which frames gather if that buffer was granted: a block then has 540 frames of a full
-bus, which share its cost.  The default buffer holds 31 ms."""
 _ALL_ERRORS = 0x1FFFFFFF
 
 

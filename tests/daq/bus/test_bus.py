@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from daq.bench.config import BusConfig
+from daq.bus import interfaces
 from daq.bus.interfaces import (
     FAULTS_UNTIL_GONE,
     GARBLED_UNTIL_GONE,
@@ -33,9 +34,11 @@ class ScriptedBus:
 
     def __init__(self, script: list[can.Message | Exception | None]) -> None:
         self.script = script
+        self.waits: list[float | None] = []
         self.is_shut = False
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        self.waits.append(timeout)
         item = self.script.pop(0) if self.script else None
         if isinstance(item, Exception):
             raise item
@@ -46,8 +49,9 @@ class ScriptedBus:
         raise OSError("no such device")
 
 
-def source_of(*script: can.Message | Exception | None) -> PythonCanSource:
-    return PythonCanSource(ScriptedBus(list(script)), "scripted 0", 2, lambda: NOW_NS)  # type: ignore[arg-type]
+def source_of(*script: can.Message | Exception | None, gathered_s: float = 0.0) -> PythonCanSource:
+    bus = ScriptedBus(list(script))
+    return PythonCanSource(bus, "scripted 0", 2, lambda: NOW_NS, gathered_s=gathered_s)  # type: ignore[arg-type]
 
 
 def frame(can_id: int = 0x100, **other: object) -> can.Message:
@@ -183,6 +187,50 @@ def test_nothing_but_garbage_without_a_pause_is_a_bus_that_has_gone() -> None:
 def test_a_block_is_bounded_and_the_rest_comes_with_the_next() -> None:
     source = source_of(*[frame(i % 0x800) for i in range(2053)])
     assert [len(source.read(0.0)) for _ in range(3)] == [2048, 5, 0]
+
+
+def test_what_gathered_unread_is_read_without_a_wait() -> None:
+    source = source_of(*[frame(i) for i in range(5)], gathered_s=0.02)
+    began_s = time.monotonic()
+    assert list(source.read(0.1).can_id) == list(range(5))
+    assert time.monotonic() - began_s >= 0.02
+    assert source._bus.waits == [0.1, *[0.0] * 5]  # type: ignore[attr-defined]
+
+
+def test_what_gathered_unread_is_bounded_counted_and_ends_with_a_lost_bus() -> None:
+    many = source_of(*[frame(i % 0x800) for i in range(2053)], gathered_s=0.001)
+    assert [len(many.read(0.0)) for _ in range(3)] == [2048, 5, 0]
+    garbled = source_of(frame(1), *[parse_error()] * 50, frame(2), gathered_s=0.001)
+    assert list(garbled.read(0.0).can_id) == [1, 2]
+    assert garbled.losses().garbled == 50
+    lost = source_of(frame(1), *[OSError(19, "No such device")] * 6, gathered_s=0.001)
+    assert list(lost.read(0.0).can_id) == [1]
+    with pytest.raises(BusError, match="has gone"):
+        lost.read(0.0)
+
+
+class SocketBus:
+    """A bus that is a socket."""
+
+    def __init__(self, receiving: socket.socket) -> None:
+        self._receiving = receiving
+
+    def fileno(self) -> int:
+        return self._receiving.fileno()
+
+
+def test_frames_gather_as_long_as_the_buffer_that_was_granted_holds_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiving:
+        receiving.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65_536)
+        granted = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        bus: can.BusABC = SocketBus(receiving)  # type: ignore[assignment]
+        assert interfaces._gathered_s(bus, "udp_multicast") == 0.01
+        monkeypatch.setattr(interfaces, "RECEIVE_BUFFER_BYTES", granted)
+        assert interfaces._gathered_s(bus, "udp_multicast") == 0.06
+        assert interfaces._gathered_s(bus, "kvaser") == 0.01
+        assert interfaces._gathered_s(bus, "gs_usb") == 0.0
 
 
 def test_closing_a_lost_device_raises_nothing() -> None:
