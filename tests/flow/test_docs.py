@@ -8,14 +8,18 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.core import TyperGroup
+from typer.exceptions import TyperException
+from typer.main import get_command
 
 from daq.alarms import EXPLAINED
 from daq.bench.procedure import Method
 from daq.session import write_session
 from daq.verdict import WORDS
-from tui.cli import GROUPS, run
+from tui.cli import GROUPS, app, run
 
 from ..identify.stress import stress_session
 
@@ -35,6 +39,7 @@ WRITTEN = [
     for text in [page.read_text("utf-8")]
     for command in [*_commands(page, text), *((page.name, c) for c in _INLINE.findall(text))]
 ]
+FENCED = [command for page in PAGES for command in _commands(page, page.read_text("utf-8"))]
 RUNNABLE = [
     command
     for page in PAGES
@@ -67,6 +72,28 @@ def test_every_option_exists(page: str, line: str, capsys: pytest.CaptureFixture
     rest = words[len(command) :][:1]
     if command and "Arguments:" not in said:
         assert not rest or rest[0].startswith("-"), f"{page}: {line}: takes no argument"
+
+
+@pytest.fixture(scope="module")
+def parser() -> Any:
+    """Return the command line without what its commands do."""
+    made = get_command(app)
+    assert isinstance(made, TyperGroup)
+    for command in made.commands.values():
+        for leaf in getattr(command, "commands", {"": command}).values():
+            leaf.callback = lambda **_: None
+    return made
+
+
+@pytest.mark.parametrize(("page", "line"), FENCED)
+def test_every_command_is_taken_by_the_parser(page: str, line: str, parser: Any) -> None:
+    assert parser(shlex.split(line)[1:], standalone_mode=False) is None, page
+
+
+@pytest.mark.parametrize("words", ["record --chanel can0", "identify", "tui --speed 0", "reprot"])
+def test_a_command_that_is_wrong_is_not(words: str, parser: Any) -> None:
+    with pytest.raises(TyperException):
+        parser(words.split(), standalone_mode=False)
 
 
 @pytest.mark.parametrize(("page", "line"), RUNNABLE)

@@ -310,7 +310,7 @@ async def test_one_key_leaves_out_what_is_unlike_the_others_and_one_takes_it_bac
         run = recorder.run_log.run("baseline_roll_2")
         assert run is not None
         assert run.reasons == (f"rejected by MK: unlike the others: {odd.text}",)
-        assert "U = take them back" in screen_text(app)
+        assert "U = undo" in screen_text(app)
         await _press(pilot, "u")
         assert recorder.run_log.accepted("baseline", run.excitation) == 2
 

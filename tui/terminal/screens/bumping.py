@@ -115,7 +115,8 @@ class BumpingScreen(BenchScreen):
 
     async def action_undo(self) -> None:
         """Undo the last verdict."""
-        await self.bench_app.ask(Undo())
+        if await self.bench_app.ask(Undo()) is not None:
+            self.bench_app.inform("undone; R = redo")
 
     async def action_redo(self) -> None:
         """Redo the last undo."""
@@ -124,7 +125,7 @@ class BumpingScreen(BenchScreen):
     async def action_leave_out(self) -> None:
         """Leave out the runs that are unlike the others of their kind."""
         if await self.bench_app.ask(LeaveOut()) is not None:
-            self.bench_app.inform("left out, kept in the recording; U = take them back")
+            self.bench_app.inform("left out, kept in the recording; U = undo")
 
     async def action_pause(self) -> None:
         """Pause; go home if nothing is armed."""
