@@ -15,8 +15,11 @@ from .path import Own, step_of
 from .run import Block, Predicted, Rows, Run, block, predict, rows_of
 from .tangent import acting
 
-_FRICTION_PRIOR = 1.0
-"""Standard deviation of the share of friction that acts at the start."""
+_FRICTION_PRIOR = 10.0
+"""Standard deviation of the share of friction that acts at the start: it keeps a share bounded
+where there is no friction, and pulls none.  Most suspensions move as the decay begins, so that the
+share is -1 or 1; one of 1 about zero pulled all of them inwards, and wheels and tyres with them by
+a standard deviation of theirs."""
 _MOUNT_PRIOR_M = 5e8
 """Standard deviation, m, of the mount's first deflection beyond its force, over sigma squared."""
 _LARGEST = 1e100

@@ -1,0 +1,65 @@
+"""Samples without noise: the fit stays at the car that made them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daq.vehicle import FORD_GRANADA
+from identify.decays.decay import ChannelGroup, FreeDecay, Recording
+from identify.decays.onset import decay_start_s
+from identify.fit.grey_box import GreyBox
+from identify.nonlinear.begin import owns_of
+from identify.nonlinear.car import Model
+from identify.nonlinear.fit import fit, inverse
+from identify.nonlinear.groups import positions
+from identify.nonlinear.level import USUAL
+from identify.nonlinear.path import Own
+from identify.nonlinear.priors import weak_priors
+from identify.nonlinear.problem import Problem, point
+from identify.nonlinear.run import run_of
+from identify.nonlinear.unknowns import KNOTS
+
+from .cars import RICH, bent, model_of, moving
+from .truth import BASELINE, NOISE, Truth, campaign, channels, drive, records
+
+FRICTION_N, LENGTH_M = 70.0, 0.9e-3
+
+
+@pytest.mark.long
+def test_friction_that_acts_in_full_moves_no_parameter() -> None:
+    """Each suspension moves as its decay begins: a share pulled towards zero would move wheels."""
+    straight = ((FORD_GRANADA.c_sf,) * 4, (FORD_GRANADA.c_sr,) * 4)
+    car = Truth(friction=(FRICTION_N,) * 4, length=(LENGTH_M,) * 2, slopes=straight)
+    bumps = campaign((0.05,), ("pitch", "roll"))
+    found = records(car, bumps, drive(car, bumps, 1.1), seed=5, rate_hz=100.0, noise=0.0)
+    decays = tuple(record.decay(decay_start_s(record)) for record in found)
+    sigma = {c.name: NOISE[c.quantity] for r in found[0].recordings for c in r.group.channels}
+    model = model_of(found, "K1")
+    length = float(np.log(LENGTH_M))
+    truth = bent(model, F_cf=1.4, F_cr=1.4, d_cf=length, d_cr=length)
+    centre, prior = weak_priors(model, truth)
+    problem = Problem(
+        model, tuple(run_of(model, decay, sigma) for decay in decays), centre, prior,
+        positions(model, ("anti_roll_bars", "friction"), True),
+    )  # fmt: skip
+    best = fit(problem, truth, owns_of(model, truth, decays, sigma), USUAL, tolerance=0.01)
+    assert best is not None
+    off = (best.eta - truth)[problem.free] / np.sqrt(np.diag(inverse(best.information)))
+    assert np.abs(off).max() < 0.06
+
+
+@pytest.mark.parametrize("share", [-1.0, 1.0])
+def test_friction_that_acts_in_full_costs_nothing(share: float) -> None:
+    group = ChannelGroup("hubs", tuple(channels()[1]))
+    time_s = np.arange(0.0, 0.1, 0.01)
+    decay = FreeDecay("run", "baseline", 0.0, (Recording(group, time_s, np.zeros((10, 4))),))
+    model = Model(GreyBox((group,), (BASELINE,), None, RICH), KNOTS["K1"])
+    car = bent(model, F_cf=1.0, F_cr=1.0)
+    centre, prior = weak_priors(model, car)
+    run = run_of(model, decay, {c.name: NOISE[c.quantity] for c in group.channels})
+    problem = Problem(model, (run,), centre, prior, positions(model, ("friction",), True))
+    at = point(problem, car, (Own(moving().motion, np.full(4, share), np.zeros(4)),), USUAL)
+    assert at is not None
+    misfits, _ = problem.prior_terms(car)
+    assert at.cost - at.predicted[0].cost - float(misfits @ misfits) < 0.05
