@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
+from functools import cache
 
 import typer
+from typer.main import get_command
 
 from .diagnostics import ExitCode, report, report_usage
+
+
+_tree = cache(get_command)
+"""Commands as they are parsed: built once, not with each command that a process runs."""
 
 
 def invoke(arguments: list[str], commands: typer.Typer) -> int:
@@ -17,7 +23,7 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
     (`tui.diagnostics.ExitCode`).
     """
     try:
-        code = commands(arguments, standalone_mode=False, prog_name="bumpbench")
+        code = _tree(commands)(arguments, standalone_mode=False, prog_name="bumpbench")
         sys.stdout.flush()
     except typer.exceptions.TyperException as error:
         message = error.format_message()

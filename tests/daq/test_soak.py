@@ -8,16 +8,16 @@ import sys
 
 
 def test_a_recorder_holds_no_more_after_many_bumps_than_after_few() -> None:
-    command = [sys.executable, "-m", "tests.daq.soak", "120000", "2"]
+    command = [sys.executable, "-m", "tests.daq.soak", "60000", "2"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     told = re.search(
-        r"120,000 frames, (\d+) recordings, (\d+) bumps, (\d+) notes, (\d+) segments: 0 lost",
+        r"60,000 frames, (\d+) recordings, (\d+) bumps, (\d+) notes, (\d+) segments: 0 lost",
         done.stdout,
     )
     assert told, done.stdout
     recordings, bumps, notes, segments = map(int, told.groups())
-    assert recordings >= 3  # one campaign was complete, and another was begun
-    assert bumps >= 15
-    assert notes >= 15
+    assert recordings >= 2  # one was stopped
+    assert bumps >= 7
+    assert notes >= 7
     assert segments > recordings

@@ -63,6 +63,7 @@ def test_kill_9_loses_only_what_was_running(
     assert len(_table(out)) == 8
 
 
+@pytest.mark.long
 def test_a_cluster_does_again_what_a_killed_worker_had(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -84,7 +84,10 @@ def test_one_kind_of_bump_is_refused_with_what_it_does_not_tell() -> None:
 
 
 # With less noise the first would also be tried with the elements of a real car: half a minute.
-@pytest.mark.parametrize(("bump_s", "noise_db"), [(0.2, 30.0), (float("nan"), 50.0)])
+@pytest.mark.parametrize(
+    ("bump_s", "noise_db"),
+    [(0.2, 30.0), pytest.param(float("nan"), 50.0, marks=pytest.mark.long)],
+)
 def test_a_model_that_does_not_hold_is_refused(bump_s: float, noise_db: float) -> None:
     # Hubs 5 ms late cost 66 % of error (docs/method.md, "Trust"): that must not pass unseen.
     runs = []

@@ -79,11 +79,11 @@ def test_a_campaign_is_recorded_as_planned_and_identified() -> None:
     ("fault", "code"),
     [
         (Fault.DOUBLE_BUMP, "double_bump"),
-        (Fault.OVERLOAD, "overload"),
-        (Fault.LOST_FRAMES, "lost_frames"),
-        (Fault.WEAK, "too_weak"),
-        (Fault.WRONG_MODE, "wrong_mode"),
         (Fault.UNPLUG, "stale"),
+        pytest.param(Fault.OVERLOAD, "overload", marks=pytest.mark.long),
+        pytest.param(Fault.LOST_FRAMES, "lost_frames", marks=pytest.mark.long),
+        pytest.param(Fault.WEAK, "too_weak", marks=pytest.mark.long),
+        pytest.param(Fault.WRONG_MODE, "wrong_mode", marks=pytest.mark.long),
     ],
 )
 def test_a_fault_spoils_the_second_run_and_no_other(fault: Fault, code: str) -> None:

@@ -69,6 +69,7 @@ def test_a_linear_car_moves_as_its_exact_solution(excitation: Excitation) -> Non
     assert errors[1] < 0.4 * errors[0]
 
 
+@pytest.mark.long
 def test_a_real_car_hardly_depends_on_the_step() -> None:
     plant = load_car(P, WEIGHTS, REAL)
     t = np.linspace(0.305, 0.55, 500)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import pytest
 from numpy.random import Generator
 from numpy.typing import NDArray
 
@@ -31,7 +32,6 @@ RATES_HZ = (200.0, 100.0, 125.0, 250.0, 190.0, 160.0, 220.0)
 JITTER = 0.3
 """Of the sampling period, to either side."""
 LOST = 0.01
-CAMPAIGNS = 12
 REST_S, BUMP_S, RUN_S = 0.6, 0.2, 3.3
 ADDED_MASS = {state.name: state.added for state in load_bench(None).mass_states}
 
@@ -85,9 +85,15 @@ def _session(seed: int) -> Session:
     return session_from_arrays(runs, CHANNELS, ADDED_MASS[ADDED], bump_s=BUMP_S)
 
 
-def test_intervals_cover_whatever_the_clocks_do() -> None:
+@pytest.mark.parametrize(
+    ("campaigns", "most", "held"),
+    [(3, 2.2, (0.85, 1.0)), pytest.param(12, 1.6, (0.90, 0.99), marks=pytest.mark.long)],
+)
+def test_intervals_cover_whatever_the_clocks_do(
+    campaigns: int, most: float, held: tuple[float, float]
+) -> None:
     errors, stated = [], []
-    for seed in range(CAMPAIGNS):
+    for seed in range(campaigns):
         session = _session(seed)
         records = usable_records(session)
         assert len(records[0].recordings) == len(CHANNELS)  # no clock is shared
@@ -99,6 +105,6 @@ def test_intervals_cover_whatever_the_clocks_do() -> None:
         stated.append(np.sqrt(np.diag(result.fit.covariance)))
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     bound = np.mean(stated, axis=0)
-    assert np.all(rms < 1.6 * bound)
+    assert np.all(rms < most * bound)
     assert np.max(bound) < 0.03
-    assert 0.90 < np.mean(np.abs(errors) < 1.96 * np.array(stated)) < 0.99
+    assert held[0] < np.mean(np.abs(errors) < 1.96 * np.array(stated)) <= held[1]

@@ -24,9 +24,14 @@ EVERYTHING = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, 
 
 
 def _identified(
-    name: str, seed: int, structure: Structure, extra: tuple[Excitation, ...] = ()
+    name: str,
+    seed: int,
+    structure: Structure,
+    extra: tuple[Excitation, ...] = (),
+    repeats: int = 1,
 ) -> tuple[Session, Estimation]:
-    session = stress_session(name, seed, vehicle=Vehicle("x", structure=structure), extra=extra)
+    vehicle = Vehicle("x", structure=structure)
+    session = stress_session(name, seed, vehicle=vehicle, extra=extra, repeats=repeats)
     records = usable_records(session)
     return session, estimate(grey_box(session, records), records, generic_vehicles())
 
@@ -41,7 +46,9 @@ def _identified(
     ],
 )
 def test_the_right_structure_explains_the_car(name: str, structure: Structure, n: int) -> None:
-    session, result = _identified(name, 3, structure)
+    # Damping in the tyres leaves c_s wide after one run of each kind.
+    repeats = 2 if name == "tyre_damping" else 1
+    session, result = _identified(name, 3, structure, repeats=repeats)
     quality = judge(session, result)
     assert quality.verdict is Verdict.OK
     assert not doubtful(quality.findings)

@@ -32,6 +32,10 @@ def test_the_page_has_words_in_the_place_of_numbers() -> None:
     assert "lost, not determined: I_xx, t_f, t_r" in page
     assert "0 of 0 runs are predicted" in page
     assert "nan" not in re.sub(r"<[^>]*>", " ", page).split()
+
+
+@pytest.mark.long
+def test_the_sheets_are_drawn_all_the_same() -> None:
     assert pdf_of(reported("no_roll")).startswith(b"%PDF")
 
 

@@ -47,7 +47,10 @@ TEXTS = {
     "no_roll": "I_xx",
 }
 """What the finding must say of it."""
-LONG = {"friction", "damper", "tyre_damping", "hubs_late_5ms", "polarity", "unit", "lift_off"}
+LONG = {
+    "friction", "damper", "tyre_damping", "hubs_late_5ms", "polarity", "unit", "lift_off",
+    "second_bump", "sides", "cg_offset", "low_pass", "early",
+}  # fmt: skip
 """Stresses whose milder or like form stands beside them, or that `test_score_test` names."""
 RIVALS = set(CAUSES.values()) - {"amplitude", "late_start", "undetermined"}
 """Gates that name a cause; a stress may set off only its own."""

@@ -58,8 +58,12 @@ def test_a_swap_is_named_and_refused(name: str) -> None:
     assert f"likely cause: {name} " in finding.text
 
 
+_LONG = ("hubs_late_5ms", "hot_damper", "tyre_damping")
+
+
 @pytest.mark.parametrize(
-    "name", ["linear", "friction", "hubs_late_5ms", "hot_damper", "tyre_damping"]
+    "name",
+    ["linear", "friction", *(pytest.param(name, marks=pytest.mark.long) for name in _LONG)],
 )
 def test_what_is_no_swap_is_not_taken_for_one(name: str) -> None:
     assert swap_explanation(shortly_estimated(name, 1)) is None
