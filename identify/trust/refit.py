@@ -78,6 +78,7 @@ def refit(
     near: NDArray[np.float64],
     mass_states: Callable[[str], str] = str,
     hold: float = 0.0,
+    steps: int = _STEPS,
 ) -> Refit:
     """Fit the problem with its channels or mass states described otherwise, on fewer samples.
 
@@ -93,6 +94,8 @@ def refit(
         From the stated mass state of a run to the one in its place.
     hold : float
         Of the first steps (`identify.fit.likelihood.fit`).
+    steps : int
+        Steps at most.
     """
     changed = (
         with_channels(_short(decay.thinned(_RATE_HZ)), change) for decay in estimation.decays
@@ -106,7 +109,7 @@ def refit(
     old = estimation.box
     box = GreyBox(tuple(groups), old.mass_states, old.geometry, old.structure, old.facts)
     start = parameters_as_start(box, old, near)
-    return Refit(box, decays, fit(box, decays, estimation.noise, start, _TOLERANCE, _STEPS, hold))
+    return Refit(box, decays, fit(box, decays, estimation.noise, start, _TOLERANCE, steps, hold))
 
 
 def parameters_as_start(

@@ -20,6 +20,9 @@ _CLEARS = 0.6
 the rest; without a swap none explains more than a third (`tests/identify/trust/test_swaps.py`)."""
 _LEAST_GAIN = 100.0
 """Fall of the squared residuals, in units of the noise, below which a swap is chance."""
+_STEPS = 6
+"""Steps of each hypothesis from a generic car: the labels as they really are stand ahead of all
+others after four."""
 _RUNAWAY = 30.0
 """Sprung mass in units of the added mass above which a fit says that the mass does nothing."""
 
@@ -61,7 +64,8 @@ def swap_explanation(estimation: Estimation) -> Explanation | None:
     few = replace(estimation, decays=first_repeats(estimation.decays))
     generic = estimation.box.unknowns(generic_vehicles()[0])
     tried = [
-        (h, refit(few, h.channel, generic, h.mass_state, HOLD)) for h in _hypotheses(estimation)
+        (h, refit(few, h.channel, generic, h.mass_state, HOLD, _STEPS))
+        for h in _hypotheses(estimation)
     ]
     if not tried:
         return None
