@@ -17,6 +17,7 @@ from daq.channels import Channel
 from ..fit.estimation import Estimation
 from ..fit.likelihood import residuals
 from .refit import (
+    RANKING_STEPS,
     Explanation,
     Refit,
     as_described,
@@ -138,7 +139,7 @@ def _slow(estimation: Estimation, before: Refit) -> Iterator[Explanation]:
     }
     few = replace(estimation, decays=first_repeats(estimation.decays))
     tried = {
-        (kind, hz): refit(few, _filtered(kinds[kind], hz), before.fit.eta)
+        (kind, hz): refit(few, _filtered(kinds[kind], hz), before.fit.eta, steps=RANKING_STEPS)
         for kind in kinds
         if kinds[kind]
         for hz in _COARSE_HZ

@@ -13,16 +13,21 @@ from daq.vehicle import Corner
 
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.likelihood import HOLD
-from .refit import Explanation, Refit, as_described, first_repeats, refit, shift_between
+from .refit import (
+    RANKING_STEPS,
+    Explanation,
+    Refit,
+    as_described,
+    first_repeats,
+    refit,
+    shift_between,
+)
 
 _CLEARS = 0.6
 """Share of the misfit that must go with a swap to call it the cause: what else may be wrong keeps
 the rest; without a swap none explains more than a third (`tests/identify/trust/test_swaps.py`)."""
 _LEAST_GAIN = 100.0
 """Fall of the squared residuals, in units of the noise, below which a swap is chance."""
-_STEPS = 6
-"""Steps of each hypothesis from a generic car: the labels as they really are stand ahead of all
-others after four."""
 _RUNAWAY = 30.0
 """Sprung mass in units of the added mass above which a fit says that the mass does nothing."""
 
@@ -64,7 +69,7 @@ def swap_explanation(estimation: Estimation) -> Explanation | None:
     few = replace(estimation, decays=first_repeats(estimation.decays))
     generic = estimation.box.unknowns(generic_vehicles()[0])
     tried = [
-        (h, refit(few, h.channel, generic, h.mass_state, HOLD, _STEPS))
+        (h, refit(few, h.channel, generic, h.mass_state, HOLD, RANKING_STEPS))
         for h in _hypotheses(estimation)
     ]
     if not tried:
