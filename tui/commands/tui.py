@@ -77,6 +77,7 @@ def tui(
         return _serve(sys.argv[1:])
     _check_terminal()
     folder = out or Path("bumpbench-demo" if demo else "bumpbench-replay" if replay else ".")
+    check_fault(folder, fault)
     start = _starter(folder, bench, (interface, channel), demo, fault, speed, replay)
     name = operator or known_operator(folder, demo)
     feed = RecorderFeed(folder, name or os.environ.get("USER", ""), start)
@@ -112,6 +113,17 @@ def _check_terminal() -> None:
         if not getattr(sys, name).isatty():
             advice = "start it in one; `bumpbench record` and `status` need none"
             raise InputError("bumpbench tui", f"{name} is no terminal", advice)
+
+
+def check_fault(folder: Path, fault: str | None) -> None:
+    """Raise InputError for a fault where a recorder runs already: it would go on without."""
+    from daq import InputError
+    from daq.control import control_address, is_running
+
+    if fault and is_running(control_address(folder)):
+        why = f"a recorder runs in {folder} already, and takes up no fault"
+        advice = "leave --fault out to attach to it, or name another folder with --out"
+        raise InputError(f"--fault {fault}", why, advice)
 
 
 def attach(folder: Path, start: Callable[[], subprocess.Popen[bytes]]) -> None:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
+from daq.control import address
 from daq.control.orders import Hello
+from daq.errors import InputError
 from tui.cli import run
-from tui.commands.tui import known_operator
+from tui.commands.tui import check_fault, known_operator
 from tui.diagnostics import ExitCode
 from tui.terminal.app import BenchApp
 from tui.terminal.widgets.form import Form
@@ -28,6 +31,17 @@ def test_without_a_terminal_nothing_is_started(
     assert said.count("\n") == 1
     assert "is no terminal" in said
     assert not (tmp_path / "demo").exists()
+
+
+@pytest.mark.parametrize(("fault", "runs", "refused"), [
+    ("unplug", True, True), ("unplug", False, False), (None, True, False),
+])  # fmt: skip
+def test_a_fault_needs_a_recorder_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str | None, runs: bool, refused: bool
+) -> None:
+    monkeypatch.setattr(address, "is_running", lambda _: runs)
+    with pytest.raises(InputError, match="already") if refused else nullcontext():
+        check_fault(tmp_path, fault)
 
 
 def test_the_name_is_known_from_the_form_that_was_applied(tmp_path: Path) -> None:
