@@ -11,7 +11,6 @@ from typer.main import get_command
 
 from .diagnostics import ExitCode, report, report_usage
 
-
 _tree = cache(get_command)
 """Commands as they are parsed: built once, not with each command that a process runs."""
 
