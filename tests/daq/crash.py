@@ -1,7 +1,7 @@
 """Kills, crash images, failing operations, full and vanishing disks: `python -m tests.daq.crash`.
 
-R1, R5 and those with "record" in their name drive the whole command from outside; the others drive
-the writer of the journal, in far larger numbers or on a clock of their own.
+R1, R5, R17 and those with "record" in their name drive the whole command from outside; the others
+drive the writer of the journal, in far larger numbers or on a clock of their own.
 
 The figures reached are printed for the recorder's manual; any frame lost is an error.
 """
@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from .crash_broken import failures, fills
+from .crash_daemon import daemon
 from .crash_derive import journal_of_runs, kill_derive, rates
 from .crash_faults import faults
 from .crash_full import disks_full
@@ -119,6 +120,11 @@ def _slow(folder: Path, seconds: int) -> str:
     )
 
 
+def _daemon(folder: Path, seconds: int) -> str:
+    frames = daemon(folder, seconds)
+    return f"{seconds} s of a daemon through three campaigns: 0 of {frames:,} frames lost"
+
+
 CAMPAIGNS: dict[str, tuple[Callable[[Path, int], str], int]] = {
     "R1": (_kills, 200),
     "R2": (_images, 3000),
@@ -130,6 +136,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[Path, int], str], int]] = {
     "R6": (_taken, 3),
     "R7": (_derive, 50),
     "R16": (_slow, 15),
+    "R17": (_daemon, 300),
 }
 
 
