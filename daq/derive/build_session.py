@@ -32,7 +32,7 @@ from ..journal.reader import read_windows
 from ..journal.scan import SegmentInfo
 from ..runlog.fold import fold
 from ..runlog.runlog import LoggedRun, RunLog
-from ..runs import Losses, Run, RunStatus
+from ..runs import Losses, Run, RunOutline, RunStatus
 from ..samples.mapping import map_channels
 from ..session import add_run, begin_session, finish_session
 from ..sessions import Session
@@ -70,8 +70,10 @@ class Derived:
 
     loss: str
     """Losses of the journal in words; empty if there are none."""
-    runs: int
-    """Number of runs in the session file."""
+    vehicle: str
+    """Name of the vehicle."""
+    runs: tuple[RunOutline, ...]
+    """The runs in the session file."""
 
 
 def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> Derived:
@@ -94,7 +96,7 @@ def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> 
     new = run_log.runs[len(grown.runs) :]
     found = _read(bench, infos, new, trusting=growing and is_unbroken(infos))
     try:
-        _write(target, bench, recording, run_log, grown, found, growing=growing)
+        runs = _write(target, bench, recording, run_log, grown, found, growing=growing)
     except OSError as error:
         raise InputError(
             str(target),
@@ -110,7 +112,7 @@ def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> 
     )
     if recording.ended and run_log.runs and target.name == recording.session_name:
         keep_finished(target)
-    return Derived(found.loss, len(run_log.runs))
+    return Derived(found.loss, bench.vehicle.name, runs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +157,7 @@ def _write(
     found: _Found,
     *,
     growing: bool,
-) -> None:
+) -> tuple[RunOutline, ...]:
     """Measure the new runs, add them to the growing file, and finish a copy of it."""
     codec = bench_codec(bench)
     mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
@@ -176,7 +178,7 @@ def _write(
                 file = _copied(target, part, grown, rows, recording, bench)
             run = measured_run(bench, codec, mapped, logged, frames, recording.events, found.hops)
             add_run(file, len(rows) + 1, run, session)
-            rows.append(GrownRun(logged.label, logged.t_ns, run.reasons, frames_digest(run)))
+            rows.append(_row(logged, run))
         if file != part:
             _copied(target, part, grown, rows, recording, bench)
         runs = [
@@ -187,6 +189,33 @@ def _write(
         finish_session(part, runs, journal_provenance(head, run_log, digests, found.loss))
     if growing and recording.ended:
         forget_grown(target, file=True)
+    return tuple(_outline(run, row) for run, row in zip(runs, rows, strict=True))
+
+
+def _row(logged: LoggedRun, run: Run) -> GrownRun:
+    outline = run.outline
+    return GrownRun(
+        label=logged.label,
+        t_ns=logged.t_ns,
+        reasons=run.reasons,
+        digest=frames_digest(run),
+        samples=outline.samples,
+        length_s=outline.length_s,
+        frames=outline.frames,
+        losses=outline.losses,
+    )
+
+
+def _outline(decided: Run, row: GrownRun) -> RunOutline:
+    return RunOutline(
+        label=decided.label,
+        status=decided.status,
+        reasons=decided.reasons,
+        samples=row.samples,
+        length_s=row.length_s,
+        frames=row.frames,
+        losses=row.losses,
+    )
 
 
 def _copied(
@@ -237,7 +266,7 @@ def main(arguments: Sequence[str], out: TextIO) -> int:
     except (BumpbenchError, OSError) as error:
         out.write(json.dumps({"path": str(target), "error": str(error)}) + "\n")
         return BAD_INPUT
-    result = {"path": str(target), "loss": done.loss, "runs": done.runs}
+    result = {"path": str(target), "loss": done.loss, "runs": len(done.runs)}
     out.write(json.dumps(result) + "\n")
     return DONE_WITH_LOSS if done.loss else DONE
 

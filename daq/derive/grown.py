@@ -8,7 +8,7 @@ since.
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
@@ -18,6 +18,7 @@ from pathlib import Path
 from ..files import write_text
 from ..journal.scan import SegmentInfo
 from ..runlog.runlog import LoggedRun
+from ..runs import Losses
 from .build_samples import NOT_OF_A_RUN
 
 
@@ -32,6 +33,14 @@ class GrownRun:
     """Why it cannot be used at all; empty if it can."""
     digest: str
     """SHA-256 of its frames."""
+    samples: Mapping[str, int]
+    """Number of samples in each group."""
+    length_s: float
+    """Time of the last sample, s."""
+    frames: int
+    """Number of frames."""
+    losses: Losses
+    """Frames that were lost or unusable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +81,8 @@ def load_grown(
     try:
         record = json.loads(_note(file).read_text("utf-8"))
         rows = tuple(
-            GrownRun(**{**row, "reasons": tuple(row["reasons"])}) for row in record["runs"]
+            GrownRun(**{**row, "reasons": tuple(row["reasons"]), "losses": Losses(**row["losses"])})
+            for row in record["runs"]
         )
         grown = replace(Grown(**record), runs=rows)
         if grown.inputs != inputs or file.stat().st_size != grown.bytes:

@@ -116,7 +116,7 @@ def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 
             assert contents(target) == true, "half a file under the final name"
         else:
             absent += 1
-    assert derive(segments, target).runs == len(LABELS)
+    assert len(derive(segments, target).runs) == len(LABELS)
     assert contents(target) == true, "derived twice, and not the same"
     assert not list(folder.glob(".*.tmp"))
     return DeriveKills(absent, whole)

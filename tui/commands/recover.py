@@ -28,13 +28,12 @@ def recover(
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
     """Build the session file of each recording from its journal, and list exactly what is lost."""
-    from daq import read_session
     from daq.derive import derive
     from daq.journal import recordings_of
 
     from ..diagnostics import say
     from ..output import print_json
-    from ..recorders.recording import print_summary, summary
+    from ..recorders.recording import outline_document, print_outline
 
     segments = _segments(journal)
     found = recordings_of(segments)
@@ -44,12 +43,12 @@ def recover(
     lost = False
     for info, target in zip(wanted, _targets(wanted, out), strict=True):
         derived = derive(info.segments, target)
-        session = read_session(target)
+        outline = target, derived.vehicle, derived.runs
         if json:
             account = {"recording": info.recording, "frames_recorded": info.frames}
-            documents.append({**summary(target, session), **account, "loss": derived.loss})
+            documents.append({**outline_document(*outline), **account, "loss": derived.loss})
         else:
-            print_summary(target, session)
+            print_outline(*outline)
         if derived.loss:
             lost = True
             say(f"{target.name}: the journal is not whole: {derived.loss}")

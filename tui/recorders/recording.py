@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from daq import Bench, Session, Status
     from daq.bench import BusConfig
     from daq.bus import FrameSource
+    from daq.runs import RunOutline
 
 
 class OpenedAtStart:
@@ -109,37 +110,44 @@ def print_outcome(last: Status, json: bool) -> ExitCode:
 
 def summary(path: Path, session: Session) -> dict[str, Any]:
     """Return a session as a JSON document."""
+    return outline_document(path, session.vehicle.name, [run.outline for run in session.runs])
+
+
+def outline_document(path: Path, vehicle: str, runs: Sequence[RunOutline]) -> dict[str, Any]:
+    """Return a session whose runs are known in outline as a JSON document."""
     return {
         "session": str(path),
-        "vehicle": session.vehicle.name,
+        "vehicle": vehicle,
         "runs": [
             {
                 "label": run.label,
                 "status": str(run.status),
                 "reasons": list(run.reasons),
-                "samples": {group.name: len(group.time_s) for group in run.groups},
-                "frames": len(run.frames),
+                "samples": dict(run.samples),
+                "frames": run.frames,
                 "losses": asdict(run.losses),
             }
-            for run in session.runs
+            for run in runs
         ],
     }
 
 
 def print_summary(path: Path, session: Session) -> None:
     """Write a session as a table: one row a run."""
+    print_outline(path, session.vehicle.name, [run.outline for run in session.runs])
+
+
+def print_outline(path: Path, vehicle: str, runs: Sequence[RunOutline]) -> None:
+    """Write a session whose runs are known in outline as a table."""
     rows = []
-    for run in session.runs:
-        length_s = max(
-            (float(group.time_s[-1]) for group in run.groups if len(group.time_s)), default=0
-        )
+    for run in runs:
         losses = ", ".join(f"{n} {name}" for name, n in asdict(run.losses).items() if n)
         rows.append(
-            [run.label, str(run.status), f"{length_s:.1f}", f"{len(run.frames)}", losses or "none"]
+            [run.label, str(run.status), f"{run.length_s:.1f}", f"{run.frames}", losses or "none"]
         )
     columns = ["run", "status", "length s", "frames", "losses"]
-    print_table(f"{session.vehicle.name}: {len(session.runs)} runs", columns, rows)
-    for run in session.runs:
+    print_table(f"{vehicle}: {len(runs)} runs", columns, rows)
+    for run in runs:
         for reason in run.reasons:
             print_line(f"  {run.label}: {reason}")
     print_line(f"session: {path}")
