@@ -42,7 +42,7 @@ class KeyboardApp(App[None]):
         """Deliver input if nothing is before it; all other events go their way."""
         if not _is_input(event):
             await super().on_event(event)
-        elif event is self._delivered or (self._effect is None and not self._waiting):
+        elif event is self._delivered or self._idle:
             self._delivered = None
             widgets = self._front
             self._effect = asyncio.create_task(self._await_effect(widgets))
@@ -54,6 +54,11 @@ class KeyboardApp(App[None]):
         """Wait for no effect any more."""
         if self._effect is not None:
             self._effect.cancel()
+
+    @property
+    def _idle(self) -> bool:
+        """True if no input is before one that comes now, nor on its way for the second time."""
+        return self._effect is None and not self._waiting and self._delivered is None
 
     @property
     def _front(self) -> Sequence[DOMNode]:

@@ -47,7 +47,7 @@ async def burst(pilot: Pilot[None], *keys: str, most_s: float = 0.0, seed: int =
     app = pilot.app
     assert isinstance(app, KeyboardApp)
     await asyncio.sleep(0)
-    while app._effect is not None or app._waiting:
+    while not app._idle:
         await asyncio.sleep(0.001)
     await pilot.pause()
 
@@ -109,6 +109,8 @@ async def wrong_keys(seed: int) -> tuple[int, int]:
             found = there[name].ljust(len(text))
             wrong += sum(a != b for a, b in zip(text, found, strict=False))
             wrong += max(0, len(found) - len(text))
+            if found != text:
+                sys.stderr.write(f"{name}: typed {text!r}, there is {found!r}\n")
 
     async with app.run_test(size=(140, 40)) as pilot:
         while app.bench is None:

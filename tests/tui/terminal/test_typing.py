@@ -134,6 +134,20 @@ class _OneLine(KeyboardApp):
         yield Input()
 
 
+async def test_a_key_does_not_overtake_one_that_is_delivered_for_the_second_time() -> None:
+    app = _OneLine()
+    async with app.run_test() as pilot:
+        line = app.screen.query_one(Input)
+        line.focus()
+        await pilot.pause()
+        app._delivered = Key("a", "a")  # it has waited, and "b" is in the queue before it
+        app.post_message(Key("b", "b"))
+        app.post_message(app._delivered)
+        await asyncio.sleep(0.1)
+        await pilot.pause()
+        assert line.value == "ab"
+
+
 @pytest.mark.parametrize(("patience_s", "there"), [(0.05, "ab"), (60.0, "a")])
 async def test_a_key_waits_for_an_effect_that_does_not_end_as_long_as_its_patience(
     monkeypatch: pytest.MonkeyPatch, patience_s: float, there: str
