@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from io import BytesIO
 
 import matplotlib
 from matplotlib.backends.backend_pdf import PdfPages
+from pypdf import PdfWriter
 
 from ..trust.finding import Verdict
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Report, Section, Table
@@ -41,10 +43,20 @@ def pdf_of(report: Report) -> bytes:
     ):
         sheets = Sheets(file, f"{report.source.name}   sha256 {report.source.sha256[:16]}")
         _front(sheets, report)
-        for section in report.sections:
-            _section(sheets, section)
+        places = [(section.title, _section(sheets, section)) for section in report.sections]
         sheets.close()
-    return data.getvalue()
+    return _outlined(data, [(report.vehicle, 1), *places])
+
+
+def _outlined(file: BytesIO, places: Sequence[tuple[str, int]]) -> bytes:
+    """Return a PDF with an outline, which a reader shows beside it: titles and their sheets."""
+    writer = PdfWriter(clone_from=file)
+    for title, number in places:
+        writer.add_outline_item(title=title, page_number=number - 1)
+    writer.page_mode = "/UseOutlines"
+    done = BytesIO()
+    writer.write(done)
+    return done.getvalue()
 
 
 def _issued(report: Report) -> datetime | None:
@@ -78,13 +90,16 @@ def _front(sheets: Sheets, report: Report) -> None:
         sheets.text(line, _TEXT)
 
 
-def _section(sheets: Sheets, section: Section) -> None:
+def _section(sheets: Sheets, section: Section) -> int:
+    """Set a section; return the number of the sheet on which it begins."""
     sheets.keep(0.7 + _least_in(section))
+    begins = sheets.number
     sheets.space(0.2)
     sheets.text(section.title, _HEADING)
     sheets.text(section.lead, _NOTE)
     for block in section.blocks:
         _block(sheets, block)
+    return begins
 
 
 def _least_in(section: Section) -> float:

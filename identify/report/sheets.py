@@ -48,6 +48,11 @@ class Sheets:
         self._file, self._footer, self._number = file, footer, 0
         self._page, self._y = self._fresh()
 
+    @property
+    def number(self) -> int:
+        """Number of the sheet that is being filled, from 1."""
+        return self._number
+
     def text(self, text: str, style: Style) -> None:
         """Set a paragraph over the whole width."""
         characters = int(WIDTH_IN / (em_in(style.size) * _PARAGRAPH_EM))

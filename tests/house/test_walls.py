@@ -32,6 +32,7 @@ RESERVED = {
     "segno": ("tui/display/link.py",),
     "asammdf": ("daq/formats/",),
     "pandas": ("daq/formats/", "daq/session_tables.py", "daq/sessions.py", "tui/commands/batch/"),
+    "pypdf": ("identify/report/pdf",),
     "matplotlib": ("identify/report/", "identify/study/figures/", "identify/plots.py"),
     "distributed": ("tui/jobs/executors.py",),
     "threading": ("daq/", "tui/"),

@@ -1,6 +1,10 @@
 """What is drawn: thinned curves, cars that move as their mode, PDF sheets."""
 
+from io import BytesIO
+
 import numpy as np
+from pypdf import PdfReader
+from pypdf.generic import Destination
 
 from daq.vehicle import FORD_GRANADA
 from identify.report.envelope import envelope
@@ -54,7 +58,16 @@ def test_the_same_figure_has_the_same_bytes() -> None:
 
 
 def test_the_report_goes_on_sheets_of_a4() -> None:
-    data = pdf_of(hostile())
+    report = hostile()
+    data = pdf_of(report)
     assert data.startswith(b"%PDF")
-    assert data.count(b"/MediaBox [ 0 0 595.44 841.68 ]") >= 3
     assert len(data) < 3_000_000
+    file = PdfReader(BytesIO(data))
+    assert len(file.pages) >= 3
+    assert {(round(p.mediabox.width), round(p.mediabox.height)) for p in file.pages} == {(595, 842)}
+    places = [item for item in file.outline if isinstance(item, Destination)]
+    assert [str(place.title) for place in places[1:]] == [s.title for s in report.sections]
+    for place in places[1:]:
+        number = file.get_destination_page_number(place)
+        assert number is not None
+        assert str(place.title) in file.pages[number].extract_text()
