@@ -21,8 +21,7 @@ from .engine import NonlinearEngine, residuals_of
 from .fit import Optimum, inverse
 from .forces import ElementChoice, Forces, axle_forces, element_estimates
 from .groups import GROUPS
-from .path import Own
-from .release import release
+from .release import Start, release
 from .run import run_of
 from .sandwich import scatter, widened
 from .unknowns import KNOTS
@@ -81,12 +80,12 @@ def real_car(
     runs = tuple(run_of(model, decay, sigma) for decay in decays)
     searched = tuple(run_of(model, begun(decay), sigma) for decay in decays)
 
-    def starts() -> Iterator[tuple[NDArray[np.float64], tuple[Own, ...]]]:
-        for box in (simple, held_plausible(simple)):
+    def starts() -> Iterator[Start]:
+        for box, held in ((simple, ()), (held_plausible(simple), tuple(_COMMON))):
             near = basin(box, few, rest, start_s, [box.unknowns(theta) for theta in vehicles])
             full = box.full(near.astype(complex)).real
             eta = model.unknowns(model.box.unknowns_of(full))
-            yield eta, owns_of(model, eta, decays, sigma)
+            yield eta, owns_of(model, eta, decays, sigma), held
 
     found = release(model, runs, searched, starts(), lambda name: decided.get(name, True), log)
     if found is None:

@@ -47,28 +47,30 @@ _CONVERGED = 0.05
 _POLISHED = 0.3
 
 Log = Callable[[str], None]
+Start = tuple[NDArray[np.float64], tuple[Own, ...], tuple[str, ...]]
+"""Unknowns (P,) to start from, elements at rest; how each run begins by them; names of those that
+are held there until the first elements are found."""
 
 
 def release(
     model: Model,
     runs: tuple[Run, ...],
     searched: tuple[Run, ...],
-    starts: Iterable[tuple[NDArray[np.float64], tuple[Own, ...]]],
+    starts: Iterable[Start],
     allowed: Callable[[str], bool],
     log: Log,
 ) -> tuple[Optimum, tuple[str, ...]] | None:
     """Return the optimum of the rich model and the groups in it; None without a finite path.
 
     `searched`: the runs once more, shorter and on fewer samples, to find the neighbourhood of the
-    optimum.  `starts`: linear starts, elements at rest, each (P,) float64 with how each run begins
-    by it; the next is asked for only where the first lead to nothing.  `allowed`: whether a group
-    may be released.  `log`: receives a line for each stage.
+    optimum.  `starts`: the next is asked for only where the first lead to nothing.  `allowed`:
+    whether a group may be released.  `log`: receives a line for each stage.
     """
     n = sum(run.freedom - 18.0 for run in searched)
     chosen = tuple(name for name in STAGES[0] if allowed(name))
     best: Optimum | None = None
-    for eta, owns in starts:
-        found = _first(model, searched, eta, owns, chosen)
+    for start in starts:
+        found = _first(model, searched, start, chosen)
         if found is not None and (best is None or found.cost < best.cost):
             best = found
         if best is not None:
@@ -77,29 +79,29 @@ def release(
                 break
     if best is None:
         return None
-    problem, start, owns = best.point.problem, best.eta, best.point.owns
+    problem, eta, owns = best.point.problem, best.eta, best.point.owns
     for k, stage in enumerate(STAGES[1:], start=1):
         before = chosen
         chosen += tuple(name for name in stage if allowed(name))
         if k == CORRECTIONS_FROM and _pays("damper_mounts", problem, best, allowed, log):
             chosen += ("damper_mounts",)
-            start = _begun(model, start, "damper_mounts")
+            eta = _begun(model, eta, "damper_mounts")
         if "bump_stops" in chosen:
-            start = _begin_stops(problem, best, log)
+            eta = _begin_stops(problem, best, log)
         last = k == len(STAGES) - 1
         if last and "damper_knees" in chosen:
-            problem, start = refined(problem, start, KNOTS[_LAST_KNOTS])
+            problem, eta = refined(problem, eta, KNOTS[_LAST_KNOTS])
             model = problem.model
         free = positions(model, chosen, k >= CORRECTIONS_FROM)
         found = fit(
-            problem.releasing(free), start, owns, ROUGH, tolerance=_CONVERGED,
+            problem.releasing(free), eta, owns, ROUGH, tolerance=_CONVERGED,
             rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
             max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
         )  # fmt: skip
         if found is None:
-            chosen, start = before, best.eta
+            chosen, eta = before, best.eta
             continue
-        best, start, owns = found, found.eta, found.point.owns
+        best, eta, owns = found, found.eta, found.point.owns
         log(f"{', '.join(stage)}: chi2/n {best.cost / n:.3f} after {best.iterations} steps")
     problem = best.point.problem
     model = problem.model
@@ -125,21 +127,29 @@ def release(
 def _first(
     model: Model,
     searched: tuple[Run, ...],
-    eta: NDArray[np.float64],
-    owns: tuple[Own, ...],
+    start: Start,
     chosen: tuple[str, ...],
 ) -> Optimum | None:
     """Return where the first stage ends from a linear start; None if it has no finite path."""
+    eta, owns, held = start
     centre, prior = weak_priors(model, eta)
-    start = eta.copy()
+    eta = eta.copy()
     if "friction" in chosen:
         for name in BY_NAME["friction"].members(model)[:2]:
-            start[model.names.index(name)] = _FIRST_FRICTION_N / 50.0
-    problem = Problem(model, searched, centre, prior, positions(model, chosen, False))
-    return fit(
-        problem, start, owns, ROUGH, tolerance=_CONVERGED, rough=_ROUGH_SHARE,
-        max_iterations=_STAGE_STEPS,
-    )  # fmt: skip
+            eta[model.names.index(name)] = _FIRST_FRICTION_N / 50.0
+    free = positions(model, chosen, False)
+    problem = Problem(model, searched, centre, prior, free)
+    loose = np.array([i for i in free if model.names[i] not in held], dtype=np.intp)
+    found: Optimum | None = None
+    for some in (loose, free) if held else (free,):
+        found = fit(
+            problem.releasing(some), eta, owns, ROUGH, tolerance=_CONVERGED, rough=_ROUGH_SHARE,
+            max_iterations=_STAGE_STEPS,
+        )  # fmt: skip
+        if found is None:
+            break
+        eta, owns = found.eta, found.point.owns
+    return found
 
 
 def _pays(

@@ -7,18 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from daq.sim import fleet_car, true_parameters
 from daq.vehicle import Fact, Structure
 from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
 from identify.nonlinear.begin import owns_of
 from identify.nonlinear.car import Model
-from identify.nonlinear.path import Own
 from identify.nonlinear.real_car import held_plausible
-from identify.nonlinear.release import release
+from identify.nonlinear.release import Start, release
 from identify.nonlinear.run import run_of
 from identify.nonlinear.unknowns import KNOTS
+from identify.pipeline import identify
+from identify.trust.finding import Verdict
 
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 
@@ -41,13 +42,13 @@ def test_the_next_start_is_asked_for_where_one_leads_nowhere(
     model = Model(BOX, KNOTS["K3"])
     given = []
 
-    def starts() -> Iterator[tuple[NDArray[np.float64], tuple[Own, ...]]]:
+    def starts() -> Iterator[Start]:
         for lost in astray:
             theta = TRUTH.copy()
             theta[[0, 2, 6, 8]] *= (6.0, 7.0, 20.0, 30.0) if lost else 1.1
             eta = model.unknowns(BOX.unknowns(theta))
             given.append(lost)
-            yield eta, owns_of(model, eta, tuple(decays), sigma)
+            yield eta, owns_of(model, eta, tuple(decays), sigma), () if lost else ("a", "b")
 
     runs = tuple(run_of(model, decay, sigma) for decay in decays)
     found = release(model, runs, runs, starts(), lambda _: False, lambda _: None)
@@ -64,3 +65,14 @@ def test_a_plausible_start_holds_lengths_and_tyres_and_no_fact_of_the_session() 
     assert set(held) == {"a", "b", "t_f", "t_r", "k_tf", "k_tr"}
     assert 1.0 < held["a"] < 1.6
     assert 100e3 < held["k_tf"] < 300e3
+
+
+@pytest.mark.long
+def test_a_car_whose_linear_optimum_has_its_cg_behind_the_rear_axle_is_found() -> None:
+    """With wheels of 10 kg and stiff springs, weighed on scales; lengths are held at first."""
+    drawn = fleet_car(8, 1, facts=True)
+    found = identify(drawn.simulate().session)
+    assert found.quality.verdict is Verdict.OK
+    truth = true_parameters(drawn.car)
+    for name in ("m_s", "I_yy", "I_xx", "m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "a", "b"):
+        assert found.parameters[name].value == pytest.approx(truth[name], rel=0.03), name
