@@ -89,10 +89,10 @@ def _packed(frames: FrameBatch) -> bytes:
 
 def _ours_us(bus: BusConfig, wire: Path, rate_hz: int) -> float:
     bench = replace(load_bench(None), buses=(bus,))
-    told: list[Status] = []
+    reported: list[Status] = []
 
     def publish(status: Status, live: Live | None) -> None:
-        told[:] = [status]
+        reported[:] = [status]
 
     stop = threading.Event()
     with TemporaryDirectory() as folder:
@@ -103,7 +103,7 @@ def _ours_us(bus: BusConfig, wire: Path, rate_hz: int) -> float:
         spent_s, sent = _spent(wire, rate_hz)
         stop.set()
         writer.join()
-    recorded = told[0].disk.recorded_frames
+    recorded = reported[0].disk.recorded_frames
     assert recorded == sent, f"{sent - recorded} of {sent} frames lost"
     return spent_s / sent * 1e6
 

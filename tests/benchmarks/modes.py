@@ -2,7 +2,7 @@
 
 A car's seven modes from three runs, and 25 close modes of a frame from 74 blows at random places.
 
-The peers are helped: they are told the order, their channels are scaled by the true noise, and an
+The peers are helped: they know the order, their channels are scaled by the true noise, and an
 oracle picks those of their poles that are nearest to the truth.  Ours finds the seven modes itself.
 """
 
@@ -63,7 +63,7 @@ def _frame() -> None:
     print(f"\n{FRAME_MODES} modes of a frame, {FRAME_RECORDS} records x 3 channels x 2 s at 512 Hz")
     peers: dict[str, Callable[[Decays], ModalModel]] = {
         "bumpbench, no oracle": lambda d: identify_modes(d, FRAME_HZ),
-        "bumpbench ERA, order told": lambda d: realised_modes(d, FRAME_HZ, 2 * FRAME_MODES),
+        "bumpbench ERA, order known": lambda d: realised_modes(d, FRAME_HZ, 2 * FRAME_MODES),
         "python-control ERA, 64 rows": _control_era(64, 2 * FRAME_MODES, FRAME_HZ),
         "pyOMA2 SSI-dat, 25 rows": _oma_ssi(25, 2 * FRAME_MODES, FRAME_HZ),
     }

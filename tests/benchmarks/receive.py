@@ -74,7 +74,7 @@ def _socket() -> socket.socket:
 
 
 def _python_can() -> tuple[socket.socket, Callable[[], int], Callable[[], None]]:
-    """Return a socket, what receives from it and tells how many frames, and what closes both."""
+    """Return a socket, a call that receives and counts its frames, and one that closes both."""
     receiving = _socket()
     with (
         mock.patch.object(socketcan, "create_socket", return_value=receiving),

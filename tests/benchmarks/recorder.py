@@ -147,13 +147,13 @@ def load(seconds: float) -> Load:
     )
     receiving = [_socket() for _ in range(BUSES)]
     ports = [str(each.getsockname()[1]) for each in receiving]
-    told: list[Status] = []
+    reported: list[Status] = []
     stop = threading.Event()
     stall_at_s = time.monotonic() + seconds / 2
 
     def publish(status: Status, live: Live | None) -> None:
         nonlocal stall_at_s
-        told[:] = [status]
+        reported[:] = [status]
         if time.monotonic() > stall_at_s:
             stall_at_s = float("inf")
             time.sleep(STALL_S)
@@ -175,7 +175,7 @@ def load(seconds: float) -> Load:
         wall_s, spent_s = time.monotonic() - began_s, time.process_time() - spent_s
         stop.set()
         writer.join()
-    (last,) = told
+    (last,) = reported
     sent = int(sender.stdout)
     return Load(wall_s, spent_s, sent, last.disk.recorded_frames, last.queue.high)
 
@@ -209,7 +209,7 @@ def _socket() -> socket.socket:
 
 
 Reader = tuple[Callable[[], int], Callable[[], None]]
-"""What receives and tells how many frames, and what closes."""
+"""A call that receives and returns how many frames, and one that closes."""
 
 
 def _our_reader(receiving: socket.socket) -> Reader:

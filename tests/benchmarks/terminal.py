@@ -63,8 +63,8 @@ class _Feed:
                 value = 4.0 * np.sin(9.0 * t_s + k) * np.abs(np.sin(0.7 * t_s))
                 value += rng.normal(0.0, 0.1, 5)
                 lanes.append(Lane(name, tuple(value - 0.1), tuple(value + 0.1)))
-            told = replace(status, t_ns=round(first * 2e7), phase_s=first * 0.02 % 60)
-            post(STATUS.validate_json(STATUS.dump_json(told)))
+            reported = replace(status, t_ns=round(first * 2e7), phase_s=first * 0.02 % 60)
+            post(STATUS.validate_json(STATUS.dump_json(reported)))
             post(LIVE.validate_json(LIVE.dump_json(Live(first, 0.02, tuple(lanes)))))
             first += 5
 

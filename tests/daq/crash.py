@@ -61,7 +61,7 @@ def _full(folder: Path, sizes: int) -> str:
     kinds = ", ".join(sorted({full.kind for full in done}))
     return (
         f"{len(done)} full disks ({kinds}): 0 recorded lost,"
-        f" {sum(full.dropped for full in done):,} frames dropped and told of exactly; alarm"
+        f" {sum(full.dropped for full in done):,} frames dropped and reported exactly; alarm"
         f" {max(full.alarm_s for full in done):.1f} s, taken up"
         f" {max(full.resumed_s for full in done):.1f} s after room came back, memory"
         f" +{max(full.grown_bytes for full in done) / 1e6:.0f} MB"
@@ -98,7 +98,9 @@ def _taken(folder: Path, count: int) -> str:
         told_s = unmounted(folder / f"unmounted{i}")
         slowest = max(slowest, told_s or 0.0)
     mounted = "" if told_s is not None else " (no right to mount: not unmounted)"
-    return f"{count} x {', '.join(TAKINGS)}, read-only, unmounted{mounted}: told in {slowest:.1f} s"
+    return (
+        f"{count} x {', '.join(TAKINGS)}, read-only, unmounted{mounted}: known in {slowest:.1f} s"
+    )
 
 
 def _derive(folder: Path, count: int) -> str:

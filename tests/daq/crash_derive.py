@@ -95,9 +95,9 @@ def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 
     began_s = time.monotonic()
     with run_derive(folder / "undisturbed.h5", segments) as process:
         assert process.stdout is not None
-        told = json.loads(process.stdout.readline())
+        reported = json.loads(process.stdout.readline())
     whole_s = time.monotonic() - began_s
-    assert (told["loss"], told["runs"], process.returncode) == ("", len(LABELS), 0)
+    assert (reported["loss"], reported["runs"], process.returncode) == ("", len(LABELS), 0)
     true = contents(folder / "undisturbed.h5")
     assert true
     rng = np.random.default_rng(seed)

@@ -84,7 +84,7 @@ def run_full(disk: Disk, reserve_bytes: float, full_s: float) -> Full:
     Raises
     ------
     AssertionError
-        If a recorded frame cannot be read, the gap is not told exactly, or nothing is said.
+        If a recorded frame cannot be read, the gap is not reported exactly, or nothing is said.
     """
     limits = RecorderConfig(segment_bytes=2e6, reserve_bytes=reserve_bytes)
     writer = JournalWriter(disk.folder, HEAD, limits, disk.create, room=disk.room)

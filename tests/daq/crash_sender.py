@@ -79,7 +79,7 @@ def numbers_of(frames: FrameBatch) -> NDArray[np.int64]:
     (hub,) = np.nonzero(frames.can_id != NUMBERED_ID)
     assert not len(hub) or hub[0] > 0, "a frame of the hub is the first"
     n[hub] = n[hub - 1] + 1
-    # Where frames were dropped just before it, the one behind it tells the number.
+    # Where frames were dropped just before it, the one behind it shows the number.
     astray = hub[(n[hub] % HUB_EVERY != 0) & (hub + 1 < len(n))]
     n[astray] = n[astray + 1] - 1
     can_id, data = frames_of(n)

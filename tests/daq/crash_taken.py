@@ -52,12 +52,12 @@ TAKINGS: dict[str, Callable[[Path], object]] = {
 
 
 def take_away(folder: Path, how: Callable[[Path], object]) -> float:
-    """Take file or folder away in mid-recording; return when it was told of, s.
+    """Take file or folder away in mid-recording; return when it was reported, s.
 
     Raises
     ------
     AssertionError
-        If it is not told of with the exact count, or what comes after is not recorded.
+        If it is not reported with the exact count, or what comes after is not recorded.
     """
     # What was recorded before falls into two segments: the first is whole, the second is taken.
     limits = RecorderConfig(segment_bytes=15_000.0, reserve_bytes=0.0)
@@ -73,7 +73,7 @@ def take_away(folder: Path, how: Callable[[Path], object]) -> float:
         writer.append(block(k * _FRAMES, _FRAMES), HopLosses())
         writer.maintain(0.1 * k)
         k += 1
-        assert k < 60, "nobody noticed"
+        assert k < 60, "not noticed"
     told_s = 0.1 * (k - 20)
     for k in range(k, k + 20):  # noqa: B020 - goes on where it was
         writer.append(block(k * _FRAMES, _FRAMES), HopLosses())

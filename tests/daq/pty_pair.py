@@ -27,7 +27,7 @@ def pty_pair() -> Iterator[tuple[str, str]]:
             readers = [fd for fd in masters if not waiting[fd]]
             writers = [other[fd] for fd in masters if waiting[fd]]
             readable, writable, _ = select.select([*readers, wake_r], writers, [])
-            if wake_r in readable:  # also when nobody reads the other end any more
+            if wake_r in readable:  # also when the other end is read no more
                 return
             for fd in readable:
                 waiting[fd] = os.read(fd, 4096)

@@ -1,4 +1,4 @@
-"""A device on a bus that can be broken and mended, behind python-can's own base class."""
+"""A device on a bus that can be broken and repaired, behind python-can's own base class."""
 
 from __future__ import annotations
 

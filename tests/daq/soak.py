@@ -1,7 +1,7 @@
 """R8: weeks of recording in minutes, `python -m tests.daq.soak [FRAMES [STOPS]]`.
 
 The whole daemon at work: reader, queue, journal with rotation and retention, decoding, alarms,
-trigger, verdicts, live ring, news to whoever listens, and an operator who asks, notes and accepts
+trigger, verdicts, live ring, news to all who listen, and an operator who asks, notes and accepts
 over the socket, one recording after the other.  What it holds at one fifth of the way it must
 still hold at the end.
 """
@@ -133,7 +133,9 @@ class Soak(AbstractContextManager["Soak"]):
             self.tally.recordings += 1
             before = self.bench.given
             self.bench.run(goal)
-            self._until(lambda told: told.phase is Phase.COMPLETE or self.bench.resting.is_set())
+            self._until(
+                lambda status: status.phase is Phase.COMPLETE or self.bench.resting.is_set()
+            )
             self.bench.rest(PATIENCE_S)
             own = self.bench.given - before
             status = self._until(functools.partial(_all_recorded, own))
@@ -144,7 +146,7 @@ class Soak(AbstractContextManager["Soak"]):
             self.tally.notes += len(status.notes)
         self._ask(Stop())
         self._recording = ""
-        self._until(lambda told: told.session.state is SessionState.READY)
+        self._until(lambda status: status.session.state is SessionState.READY)
 
     def held(self) -> Held:
         """Return what is held now."""
@@ -200,8 +202,8 @@ class Soak(AbstractContextManager["Soak"]):
         self.tally.segments |= {path.name for path in segments_in(self._folder / "journal")}
 
 
-def _all_recorded(frames: int, told: Status) -> bool:
-    return told.disk.recorded_frames >= frames
+def _all_recorded(frames: int, reported: Status) -> bool:
+    return reported.disk.recorded_frames >= frames
 
 
 def soak_bench(frames: int) -> Bench:
@@ -251,7 +253,7 @@ def main() -> int:
     frames, stops, *_ = (*map(int, sys.argv[1:]), *(FRAMES, STOPS)[len(sys.argv) - 1 :])
     began_s = time.monotonic()
 
-    def tell(held: Held) -> None:
+    def report(held: Held) -> None:
         sys.stdout.write(
             f"{held.frames:12,} frames  RSS {held.rss_bytes / 1e6:6.1f} MB  "
             f"{held.objects} objects  {held.files} files  {held.threads} threads  "
@@ -260,7 +262,7 @@ def main() -> int:
         sys.stdout.flush()
 
     with tempfile.TemporaryDirectory() as folder:
-        first, last, tally = soak(Path(folder), frames, stops, tell)
+        first, last, tally = soak(Path(folder), frames, stops, report)
     grown = last.rss_bytes - first.rss_bytes
     failed = missed(first, last, tally)
     sys.stdout.write(

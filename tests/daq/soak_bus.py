@@ -74,7 +74,7 @@ class TirelessBench:
         self._closed = threading.Event()
 
     def run(self, limit: int) -> None:
-        """Bump until so many frames were given in all, or told to rest."""
+        """Bump until so many frames were given in all, or ordered to rest."""
         self._limit = limit
         self.resting.clear()
         self._run.set()

@@ -33,14 +33,14 @@ def test_inertia_is_that_of_the_balance_of_forces() -> None:
     unit = np.eye(7)
     loaded = -inertia_forces(FORD_GRANADA, AddedMass(WEIGHTS), NONE, unit)
     bare = -inertia_forces(FORD_GRANADA, AddedMass(), NONE, unit)
-    told = loading(WEIGHTS, FORD_GRANADA)
+    reported = loading(WEIGHTS, FORD_GRANADA)
     added = loaded - bare
-    assert told.body_kg == pytest.approx(added[0, 0])
-    assert (told.I_yy, told.I_xx) == pytest.approx((added[1, 1], added[2, 2]))
-    assert told.hub_kg == pytest.approx(np.trace(added[3:, 3:]))
+    assert reported.body_kg == pytest.approx(added[0, 0])
+    assert (reported.I_yy, reported.I_xx) == pytest.approx((added[1, 1], added[2, 2]))
+    assert reported.hub_kg == pytest.approx(np.trace(added[3:, 3:]))
     # The CG of the whole body is where its first moments vanish.
-    assert told.x_shift_m == pytest.approx(-loaded[0, 1] / loaded[0, 0])
-    assert told.y_shift_m == pytest.approx(loaded[0, 2] / loaded[0, 0])
+    assert reported.x_shift_m == pytest.approx(-loaded[0, 1] / loaded[0, 0])
+    assert reported.y_shift_m == pytest.approx(loaded[0, 2] / loaded[0, 0])
 
 
 def test_axle_loads_are_those_of_the_car_at_rest() -> None:
@@ -51,8 +51,8 @@ def test_axle_loads_are_those_of_the_car_at_rest() -> None:
         return np.array([load[:2].sum(), load[2:].sum()]) / 9.80665
 
     more = scales(AddedMass(WEIGHTS)) - scales(AddedMass())
-    told = loading(WEIGHTS, FORD_GRANADA)
-    assert (told.front_kg, told.rear_kg) == pytest.approx(tuple(more), abs=1e-6)
+    reported = loading(WEIGHTS, FORD_GRANADA)
+    assert (reported.front_kg, reported.rear_kg) == pytest.approx(tuple(more), abs=1e-6)
 
 
 def test_the_springs_are_known_from_how_far_the_body_sank() -> None:
@@ -88,10 +88,10 @@ def test_the_expected_car_has_the_loads_and_lengths_that_were_measured() -> None
         FactQuantity.FRONT_TRACK: 1.4,
         FactQuantity.REAR_TRACK: 1.5,
     }
-    told = tuple(Fact(quantity, value, 1.0) for quantity, value in facts.items())
-    car = expected_car(Vehicle("car", facts=told))
+    reported = tuple(Fact(quantity, value, 1.0) for quantity, value in facts.items())
+    car = expected_car(Vehicle("car", facts=reported))
     assert car.m_s + 2 * car.m_uf + 2 * car.m_ur == pytest.approx(1000.0)
     assert car.m_s * car.b / (car.a + car.b) + 2 * car.m_uf == pytest.approx(600.0)
     assert (car.a + car.b, 2 * car.t_f, 2 * car.t_r) == pytest.approx((2.4, 1.4, 1.5))
     geometry = VehicleGeometry(1.1, 1.3, 0.7, 0.75)
-    assert expected_car(Vehicle("car", geometry, facts=told)).geometry == geometry
+    assert expected_car(Vehicle("car", geometry, facts=reported)).geometry == geometry

@@ -11,12 +11,12 @@ def test_a_recorder_holds_no_more_after_many_bumps_than_after_few() -> None:
     command = [sys.executable, "-m", "tests.daq.soak", "60000", "2"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    told = re.search(
+    reported = re.search(
         r"60,000 frames, (\d+) recordings, (\d+) bumps, (\d+) notes, (\d+) segments: 0 lost",
         done.stdout,
     )
-    assert told, done.stdout
-    recordings, bumps, notes, segments = map(int, told.groups())
+    assert reported, done.stdout
+    recordings, bumps, notes, segments = map(int, reported.groups())
     assert recordings >= 2  # one was stopped
     assert bumps >= 7
     assert notes >= 7

@@ -185,7 +185,7 @@ class WatchedBench:
                 return alarm
         return None
 
-    def told(self, code: str) -> list[str]:
+    def logged(self, code: str) -> list[str]:
         """Return the texts of all events of a code, up to the colon."""
         return [event.text.partition(":")[0] for _, event in self.events if event.code == code]
 

@@ -176,7 +176,7 @@ def multiplexed(draw: st.DrawFn) -> Message:
 
 
 def _meet(one: Field, other: Field) -> bool:
-    """Tell whether two signals can be in the same frame."""
+    """Return True if two signals can be in the same frame."""
     return any(
         low <= end and start <= high for low, high in one.chosen for start, end in other.chosen
     )

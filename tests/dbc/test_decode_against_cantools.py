@@ -19,7 +19,7 @@ EXAMPLES = settings(max_examples=75, deadline=None, derandomize=True, database=N
 
 
 def same(ours: float, theirs: float) -> bool:
-    """Tell whether two numbers are the same float64, NaN being NaN."""
+    """Return True if two numbers are the same float64, NaN being NaN."""
     return ours == float(theirs) or (math.isnan(ours) and math.isnan(theirs))
 
 
@@ -106,7 +106,7 @@ def test_identifier_and_its_kind_decide_together(data: st.DataObject) -> None:
 
 
 def held(message: Message, field: Field, payload: bytes) -> bool:
-    """Tell by hand whether a frame holds a signal: follow the selectors, bit by bit."""
+    """Return by hand whether a frame holds a signal: follow the selectors, bit by bit."""
     if not field.selector:
         return True
     selector = next(f for f in message.fields if f.name == field.selector)
@@ -197,7 +197,7 @@ LABELS = ("error", "Signal not available", "maximum")
 
 
 def seen(message: Message, field: Field, payload: bytes) -> bool:
-    """Tell whether a frame, which may be short, holds all selectors and they name the signal."""
+    """Return True if a frame, which may be short, holds all selectors and they name the signal."""
     above = field
     while above.selector:
         above = next(f for f in message.fields if f.name == above.selector)

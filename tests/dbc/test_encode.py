@@ -17,7 +17,7 @@ EXAMPLES = settings(max_examples=100, deadline=None, derandomize=True, database=
 
 
 def exact(field: Field) -> bool:
-    """Tell whether raw values up to 2**40 and their scaling are exact, or nearly so."""
+    """Return True if raw values up to 2**40 and their scaling are exact, or nearly so."""
     return abs(float(field.offset)) < 1e6
 
 

@@ -95,10 +95,10 @@ class DemoBench:
     def status(self) -> Status:
         """Ask the recorder where it stands, without being seen by a terminal."""
         client = Client(control_address(self.folder), "onlooker", control=False)
-        told = client.ask(AskStatus(), PATIENCE_S).status
+        reported = client.ask(AskStatus(), PATIENCE_S).status
         client.close()
-        assert told is not None
-        return told
+        assert reported is not None
+        return reported
 
     def wait(self, condition: Callable[[Status], bool]) -> Status:
         """Wait until the recorder's news say so."""
@@ -135,7 +135,7 @@ def demo_bench(
 
 
 def end_recorder(folder: Path) -> None:
-    """End a recorder that a terminal has started: it is nobody's child."""
+    """End a recorder that a terminal has started: it is the child of no test."""
     address = control_address(folder)
     for _ in range(20):
         if not is_running(address):
@@ -223,7 +223,7 @@ class PtyTerminal:
         self.said = b""
 
     def until(self, words: bytes) -> None:
-        """Read until the terminal has said something; the window's title tells the phase."""
+        """Read until the terminal has said something; the window's title names the phase."""
         deadline_s = time.monotonic() + PATIENCE_S
         while words not in self.said:
             assert time.monotonic() < deadline_s, self.said[-4000:]

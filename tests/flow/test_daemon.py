@@ -80,7 +80,7 @@ class Daemon:
 def daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
-    while True:  # nobody reads stderr, and it is full already
+    while True:  # no process reads stderr, and it is full already
         try:
             os.write(writer, b"x" * 4096)
         except BlockingIOError:
@@ -139,9 +139,9 @@ def test_a_daemon_from_start_to_end(daemon: Daemon, capsys: pytest.CaptureFixtur
         assert status().recording == before.recording
 
         assert run(["status", str(daemon.folder), "--json"]) == 0
-        told = json.loads(capsys.readouterr().out)
-        assert told["disk"]["recorded_frames"] == FRAMES
-        assert told["controller"] == "Anna"
+        reported = json.loads(capsys.readouterr().out)
+        assert reported["disk"]["recorded_frames"] == FRAMES
+        assert reported["controller"] == "Anna"
         assert run(["status", str(daemon.folder)]) == 0
         assert "in control: Anna" in capsys.readouterr().out
         daemon.until(daemon.figures.exists)

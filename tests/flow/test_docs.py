@@ -145,8 +145,8 @@ def test_the_operator_reads_of_every_reject_what_the_recorder_says() -> None:
     rows = _rows("operator.md")
     for code, words in WORDS.items():
         if words.advice:
-            told = [f"{words.title}: {words.meaning}", _sentence(words.advice)]
-            assert rows[code] == told, code
+            reported = [f"{words.title}: {words.meaning}", _sentence(words.advice)]
+            assert rows[code] == reported, code
 
 
 def test_the_operator_reads_of_every_way_to_bump() -> None:

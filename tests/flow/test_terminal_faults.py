@@ -22,7 +22,7 @@ SAID = {
     "lost-frames": ("LOST FRAMES", "cable and plugs"),
     "unplug": ("BUS LOST", "plug the bus in"),
 }
-"""What the banner says, and a word of what it tells to do."""
+"""What the banner says, and a word of its advice."""
 
 
 @pytest.mark.parametrize(

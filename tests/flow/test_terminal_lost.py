@@ -97,12 +97,12 @@ def test_terminal_killed_recorder_killed_and_two_terminals(tmp_path: Path) -> No
 def test_the_name_said_last_holds_after_every_connection(tmp_path: Path) -> None:
     news: list[News] = []
 
-    def told(kind: type[News]) -> int:
+    def news_of(kind: type[News]) -> int:
         return sum(isinstance(n, kind) for n in news)
 
     def wait_for(kind: type[News], count: int) -> None:
         deadline_s = time.monotonic() + PATIENCE_S
-        while told(kind) < count:
+        while news_of(kind) < count:
             assert time.monotonic() < deadline_s, news
             time.sleep(0.02)
 

@@ -187,7 +187,7 @@ def stress_session(
     travels : bool
         Whether suspension travels are measured too.
     vehicle : Vehicle, optional
-        Structure and facts that the identification is told.
+        Structure and facts that the identification knows.
     noise : Spread
         White noise of the sensors.
     extra : tuple of Excitation

@@ -40,5 +40,5 @@ def test_a_refused_session_is_a_row_with_its_reasons() -> None:
 def test_only_the_three_worst_reasons_are_given() -> None:
     session = refused_session(4)
     result = identify(session)
-    told = str(document_row(session, result.document())["reasons"]).split(" | ")
-    assert told == list(result.quality.reasons[:3])
+    reported = str(document_row(session, result.document())["reasons"]).split(" | ")
+    assert reported == list(result.quality.reasons[:3])

@@ -142,7 +142,7 @@ def exact_loss() -> str:
 
 
 def interface_down_and_up() -> str:
-    """Tell that the interface was taken down; the same socket receives once it is up again."""
+    """Report that the interface was taken down; the same socket receives once it is up again."""
     source = open_socketcan("vcan0", 0)
     ip("link", "set", "vcan0", "down")
     assert len(source.read(1.0)) == 0
@@ -241,11 +241,11 @@ def two_cards() -> str:
 
 
 def link_state() -> str:
-    """State, bit rate and restart time of a controller are told by `ip`."""
+    """State, bit rate and restart time of a controller are those of `ip`."""
     data = json.loads(ip("-details", "-json", "link", "show", "can0"))[0]["linkinfo"]["info_data"]
-    told = data["state"], data["bittiming"]["bitrate"], data["restart_ms"]
-    assert told == ("ERROR-ACTIVE", 500_000, 100)
-    return f"{told[0]}, {told[1]} bit/s, restart after {told[2]} ms"
+    reported = data["state"], data["bittiming"]["bitrate"], data["restart_ms"]
+    assert reported == ("ERROR-ACTIVE", 500_000, 100)
+    return f"{reported[0]}, {reported[1]} bit/s, restart after {reported[2]} ms"
 
 
 def whole_recorder() -> str:

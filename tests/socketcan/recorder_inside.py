@@ -59,7 +59,7 @@ class Senders(threading.Thread):
 
 
 def recorder() -> str:
-    """Record three interfaces: one goes down and up, one tells errors, the clock is set."""
+    """Record three interfaces: one goes down and up, one reports errors, the clock is set."""
     _ip("link", "add", "vcan1", "type", "vcan")
     _ip("link", "set", "vcan1", "up")
     for card in ("can0", "can1"):  # one sends, the other one acknowledges
@@ -74,27 +74,29 @@ def recorder() -> str:
     with TemporaryDirectory() as name:
         folder = Path(name)
         with Running(bench, folder, open_source) as running:
-            running.until(lambda told: len(told.buses) == len(CHANNELS))
+            running.until(lambda status: len(status.buses) == len(CHANNELS))
             senders.start()
-            running.until(lambda told: all(bus.frames > 0 for bus in told.buses))
+            running.until(lambda status: all(bus.frames > 0 for bus in status.buses))
             _ip("link", "set", "vcan1", "down")
             began_s = time.monotonic()
-            down = running.until(lambda told: "interface_down" in _codes(told))
+            down = running.until(lambda status: "interface_down" in _codes(status))
             named_s = time.monotonic() - began_s
             before = down.disk.recorded_frames
-            running.until(lambda told: told.disk.recorded_frames > before + 50)  # the others go on
+            running.until(
+                lambda status: status.disk.recorded_frames > before + 50
+            )  # the others go on
             _ip("link", "set", "vcan1", "up")
-            running.until(lambda told: "interface_down" not in _codes(told))
+            running.until(lambda status: "interface_down" not in _codes(status))
             with _sender("can0") as wire:
                 wire.send(_frame(*PASSIVE))
-            running.until(lambda told: "error_passive" in _codes(told))
+            running.until(lambda status: "error_passive" in _codes(status))
             time.clock_settime_ns(time.CLOCK_REALTIME, time.time_ns() + STEP_NS)
-            told = running.until(lambda told: "clock_step" in _codes(told))
-            before = told.disk.recorded_frames
-            running.until(lambda told: told.disk.recorded_frames > before + 50)
+            reported = running.until(lambda status: "clock_step" in _codes(status))
+            before = reported.disk.recorded_frames
+            running.until(lambda status: status.disk.recorded_frames > before + 50)
             senders.end()
             all_sent = sum(senders.sent.values()) + 1
-            last = running.until(lambda told: told.disk.recorded_frames >= all_sent)
+            last = running.until(lambda status: status.disk.recorded_frames >= all_sent)
         assert all(bus.reopened == 0 for bus in last.buses), last.buses
         assert last.losses.bus_dropped == last.losses.queue_dropped == 0
         (alarm,) = (alarm for alarm in down.alarms if alarm.code == "interface_down")
@@ -108,12 +110,12 @@ def recorder() -> str:
         assert np.diff(own.t_ns).max() < 60e9, channel  # an hour's step is not in the stamps
     return (
         f"{all_sent} frames of {len(CHANNELS)} interfaces, 0 lost; interface down named after "
-        f"{named_s:.1f} s, error-passive and a clock set by an hour told"
+        f"{named_s:.1f} s, error-passive and a clock set by an hour reported"
     )
 
 
-def _codes(told: Status) -> set[str]:
-    return {alarm.code for alarm in told.alarms}
+def _codes(reported: Status) -> set[str]:
+    return {alarm.code for alarm in reported.alarms}
 
 
 def _sender(channel: str) -> socket.socket:

@@ -52,14 +52,14 @@ def write_all(folder: Path, make: Callable[[int], Session], count: int) -> list[
 
 def progress_that(does: Callable[[], None], rows: int) -> Callable[[str], object]:
     """Return a replacement of `tui.output.progress` that does something after so many rows."""
-    told = 0
+    reported = 0
 
     @contextmanager
     def progress(title: str) -> Iterator[Callable[..., None]]:
         def stage(done: float, text: str = "") -> None:
-            nonlocal told
-            told += 1
-            if told == rows:
+            nonlocal reported
+            reported += 1
+            if reported == rows:
                 does()
 
         yield stage

@@ -132,9 +132,9 @@ def test_a_proposal_is_written_and_proved(
 ) -> None:
     target = tmp_path / "new.toml"
     assert run(["check", "--propose", str(target), "--log", str(log)]) == 0
-    told = capsys.readouterr()
-    assert f"wrote {target}" in told.err
-    assert "channel acc_fl" in told.out
+    reported = capsys.readouterr()
+    assert f"wrote {target}" in reported.err
+    assert "channel acc_fl" in reported.out
     assert len(load_bench(target).channels) == 14
     assert run(["check", "--propose", str(target)]) == 2
     assert "exists already" in capsys.readouterr().err
@@ -164,10 +164,10 @@ def test_mistakes_are_one_line(
     arguments: list[str], reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["check", *arguments]) == 2
-    told = capsys.readouterr()
-    assert told.err.count("\n") == 1
-    assert reason in told.err
-    assert told.out == ""
+    reported = capsys.readouterr()
+    assert reported.err.count("\n") == 1
+    assert reason in reported.err
+    assert reported.out == ""
 
 
 def _doctored(text: str, *rest: Any) -> Witness:

@@ -1,4 +1,4 @@
-"""Helpers of one identification: they go with their parent, and tell in a line what is wrong."""
+"""Helpers of one identification: they go with their parent, and report in a line what is wrong."""
 
 from __future__ import annotations
 

@@ -18,10 +18,10 @@ def test_a_folder_is_recovered_beside_its_journal(
 ) -> None:
     journal_of_runs(tmp_path / "journal", 40_000)
     assert run(["recover", str(tmp_path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["session"] == str(tmp_path / "session_0001.h5")
-    assert [one["label"] for one in told["runs"]] == LABELS
-    assert (told["frames_recorded"], told["loss"]) == (40_000, "")
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["session"] == str(tmp_path / "session_0001.h5")
+    assert [one["label"] for one in reported["runs"]] == LABELS
+    assert (reported["frames_recorded"], reported["loss"]) == (40_000, "")
 
 
 def test_a_loss_is_reported_exactly_and_is_exit_3(
@@ -31,9 +31,9 @@ def test_a_loss_is_reported_exactly_and_is_exit_3(
     first, second, *_ = segments_in(tmp_path / "journal")
     second.write_bytes(second.read_bytes()[:-1000])
     assert run(["recover", str(tmp_path / "journal")]) == 3
-    told = capsys.readouterr().err
-    assert second.name in told
-    assert "bytes torn" in told
+    reported = capsys.readouterr().err
+    assert second.name in reported
+    assert "bytes torn" in reported
     assert (tmp_path / "session_0001.h5").is_file()
     assert first.is_file()
 

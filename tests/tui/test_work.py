@@ -57,7 +57,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def told(task: Task, see: Callable[[Line], None] = lambda _: None) -> list[Line]:
+def lines_from_child(task: Task, see: Callable[[Line], None] = lambda _: None) -> list[Line]:
     """Return the lines of a real child."""
 
     async def listen() -> list[Line]:
@@ -116,9 +116,9 @@ def test_progress_never_goes_back_and_names_each_stage_once() -> None:
     for line in (Progress(0.1, "a"), Progress(0.5, "b"), Progress(0.3, "a")):
         work = after(work, line)
     assert (work.share, work.begun) == (0.5, ("a", "b"))
-    text = "\n".join(work_text(after(work, Trouble("f", "broke", "mend it")), GLYPHS, 78))
+    text = "\n".join(work_text(after(work, Trouble("f", "broke", "repair it")), GLYPHS, 78))
     assert "FAILED" in text
-    assert "mend it" in text
+    assert "repair it" in text
 
 
 def test_a_trial_without_a_run(session: Path) -> None:
@@ -132,7 +132,7 @@ def test_a_trial_without_a_run(session: Path) -> None:
 def test_a_broken_file_is_one_kind_line(session: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad.h5"
     bad.write_bytes(session.read_bytes()[:-4000])
-    *_, last = told(ExportTask(str(bad), "csv"))
+    *_, last = lines_from_child(ExportTask(str(bad), "csv"))
     assert isinstance(last, Trouble)
     assert "bad.h5" in last.text
     assert "cut off" in last.what
@@ -151,7 +151,7 @@ def test_a_killed_child_is_reported(session: Path) -> None:
                     os.kill(pid, signal.SIGKILL)
                     killed.append(pid)
 
-    last = told(IdentifyTask(str(session)), kill)[-1]
+    last = lines_from_child(IdentifyTask(str(session)), kill)[-1]
     assert killed
     assert isinstance(last, Trouble)
     assert "signal 9" in last.what
@@ -200,7 +200,7 @@ def test_the_list_tells_of_sessions_reports_and_bad_files(session: Path, tmp_pat
     reported.write_bytes(session.read_bytes())
     reported.with_suffix(".html").write_text("report")
     (tmp_path / "bad.h5").write_text("no HDF5 \x1b[31m")
-    lines = told(ListTask(str(tmp_path)))
+    lines = lines_from_child(ListTask(str(tmp_path)))
     entries = {line.body["path"]: line.body for line in lines if isinstance(line, Item)}
     states = {Path(path).name: body["state"] for path, body in entries.items()}
     assert states == {

@@ -89,7 +89,7 @@ def test_gaps_after_a_bus_has_come_back_are_one_alarm() -> None:
         bench.turn(foreign(bench))
     for _ in range(3):
         bench.turn(*both(bench))
-    assert len([name for name in bench.told(ALARM) if name.startswith("counter_gap")]) == ALL
+    assert len([name for name in bench.logged(ALARM) if name.startswith("counter_gap")]) == ALL
     assert [alarm.code for alarm in bench.state.causes] == ["bus_silent", "unknown_id"]
     while bench.alarm("bus_silent", "can0"):
         bench.turn(*both(bench))

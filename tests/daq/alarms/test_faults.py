@@ -221,8 +221,8 @@ def test_a_fault_is_named_within_a_second_counted_and_over_within_five(
         bench.turn(*both(bench))
     assert bench.alarm(code, subject) is None
     name = f"{code} {subject}".strip()
-    assert bench.told(ALARM).count(name) == 1
-    assert bench.told(ALARM_END).count(name) == 1
+    assert bench.logged(ALARM).count(name) == 1
+    assert bench.logged(ALARM_END).count(name) == 1
 
 
 ELSEWHERE = {

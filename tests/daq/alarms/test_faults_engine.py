@@ -69,7 +69,7 @@ class Script:
         self.deadline_s = time.monotonic() + LONG_S
 
     def turn(self, status: Status, live: Live | None) -> None:
-        """Take what the recorder tells ten times a second, and go on by it."""
+        """Take what the recorder publishes ten times a second, and go on by it."""
         self.turns, self.last = self.turns + 1, status
         if time.monotonic() > self.deadline_s:
             self.stop.set()

@@ -89,7 +89,7 @@ def impossible(**fields: object) -> can.Message:
     return made
 
 
-def told(bench: WatchedBench, error_class: int) -> can.Message:
+def error_frame(bench: WatchedBench, error_class: int) -> can.Message:
     """Return an error frame as python-can's socketcan hands it out."""
     return can.Message(
         timestamp=bench.t_ns * 1e-9, arbitration_id=error_class, is_error_frame=True, data=bytes(8)
@@ -150,7 +150,7 @@ SICKNESSES = {
     ),
     "usb error swallowed": Sickness("bus_silent", swallow, opened_again=True, interface="gs_usb"),
     "cable pulled": Sickness("bus_silent"),
-    "bus-off": Sickness("bus_off", each_turn=lambda b: [told(b, 0x40)], count=FAULTY_TURNS),
+    "bus-off": Sickness("bus_off", each_turn=lambda b: [error_frame(b, 0x40)], count=FAULTY_TURNS),
     "ValueError of a parser": Sickness(
         "garbled", each_turn=lambda b: [message(b), ValueError("int()")], count=FAULTY_TURNS
     ),
@@ -189,7 +189,7 @@ SICKNESSES = {
     "another epoch": Sickness(
         "restamped", each_turn=lambda b: [message(b, timestamp=12.5)] * 3, count=3 * FAULTY_TURNS
     ),
-    "error frames only": Sickness("check_bitrate", each_turn=lambda b: [told(b, 0x88)]),
+    "error frames only": Sickness("check_bitrate", each_turn=lambda b: [error_frame(b, 0x88)]),
 }
 
 
@@ -374,7 +374,7 @@ def test_an_interface_taken_down_and_one_that_has_gone_both_come_back(
     assert "disconnected" in run(2, bus_is_up=False)
     assert run(30) == ["unknown_id"]
     assert buses.links[1].facts().reopened == 1
-    assert bench.told("alarm").count("disconnected socketcan 1") == 1
+    assert bench.logged("alarm").count("disconnected socketcan 1") == 1
     assert buses.received == [400 * (bench.turns - 1), 70]
     for link in buses.links:
         link.close()

@@ -113,8 +113,8 @@ def test_a_sensor_that_never_comes_is_named_and_a_bus_without_the_bench_is_one_a
     strange = WatchedBench()
     for _ in range(30):
         strange.turn(foreign(strange))
-    told = [(a.code, a.subject) for a in strange.alarms]
-    assert told == [("bus_silent", "can0"), ("none_of_dbc", ""), ("unknown_id", "can1")]
+    reported = [(a.code, a.subject) for a in strange.alarms]
+    assert reported == [("bus_silent", "can0"), ("none_of_dbc", ""), ("unknown_id", "can1")]
     assert "0x700 (50 Hz)" in strange.alarms[-1].text
 
 
@@ -149,9 +149,9 @@ def test_a_loose_contact_is_shown_each_time_and_does_not_fill_the_journal() -> N
             bench.turn(frames(FOREIGN_ID, [bytes(8)], bench.t_ns))
         shown -= bench.alarm("disconnected", "can0") is not None
     assert shown == 60
-    began = bench.told(ALARM).count("disconnected can0")
+    began = bench.logged(ALARM).count("disconnected can0")
     assert 5 <= began <= 300 / REPORT_AGAIN_S + 1
-    assert bench.told(ALARM_END).count("disconnected can0") == began
+    assert bench.logged(ALARM_END).count("disconnected can0") == began
 
 
 def test_a_fault_that_hovers_at_its_threshold_does_not_flap() -> None:
@@ -159,8 +159,8 @@ def test_a_fault_that_hovers_at_its_threshold_does_not_flap() -> None:
     for k in range(300):  # some seconds have five, others four or six
         bad = error_frames(PROT, b"", bench.t_ns + 99_500_000, bus=0, n=k * 7 % 2)
         bench.turn(bench.healthy(), *[bad] * (k % 20 != 3))
-    assert bench.told(ALARM) == ["error_frames can0"]
-    assert bench.told(ALARM_END) == []
+    assert bench.logged(ALARM) == ["error_frames can0"]
+    assert bench.logged(ALARM_END) == []
 
 
 SLOW_DBC = """VERSION ""
@@ -256,7 +256,7 @@ def test_a_step_of_the_hosts_clock_is_marked_and_stops_nothing(step_s: float) ->
     for _ in range(60):
         bench.turn()
     assert bench.alarms == []
-    assert bench.told(ALARM) == ["clock_step"]
+    assert bench.logged(ALARM) == ["clock_step"]
 
 
 def test_a_clock_that_is_slewed_leaves_a_mark_each_time_it_has_gone_far_enough() -> None:
@@ -266,7 +266,7 @@ def test_a_clock_that_is_slewed_leaves_a_mark_each_time_it_has_gone_far_enough()
         bench.turn()
     marks = [event for _, event in bench.events if event.code == CLOCK_STEP]
     assert sum(mark.value for mark in marks) == pytest.approx(99.0, abs=1e-6)
-    assert bench.told(ALARM) == ["clock_step"]
+    assert bench.logged(ALARM) == ["clock_step"]
 
 
 def test_bus_off_lasts_until_a_frame_is_received_and_shows_what_the_controller_counted() -> None:

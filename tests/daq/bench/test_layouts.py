@@ -189,9 +189,9 @@ def test_cantools_reads_the_layouts_as_we_do(name: str) -> None:
     decoded = codec.decode(frame_batch([(1e-4 * i, *f) for i, f in enumerate(frames)]))
     for can_id, payload in frames:
         message = database.get_message_by_frame_id(can_id)
-        told = message.decode(payload, decode_choices=False)
-        assert isinstance(told, dict)
-        for signal, value in told.items():
+        reported = message.decode(payload, decode_choices=False)
+        assert isinstance(reported, dict)
+        for signal, value in reported.items():
             assert decoded[f"{message.name}.{signal}"].value[0] == value
 
 

@@ -66,6 +66,6 @@ def test_line(loc: tuple[str | int, ...], line: int) -> None:
     ],
 )
 def test_the_line_and_the_nearest_name_are_said(text: str, said: str) -> None:
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as reported:
         parse_bench(text, "b.toml", Path())
-    assert said in str(told.value)
+    assert said in str(reported.value)

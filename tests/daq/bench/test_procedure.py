@@ -12,10 +12,10 @@ EVERY = list(product(Method, Excitation))
 @pytest.mark.parametrize(("method", "excitation"), EVERY)
 def test_every_bump_is_described_and_sketched(method: Method, excitation: Excitation) -> None:
     procedure = Procedure(method, bump_height_m=0.125)
-    told = instruction(procedure, excitation)
-    assert told.endswith(".")
+    reported = instruction(procedure, excitation)
+    assert reported.endswith(".")
     pushed_warp = method is Method.PUSH and excitation is Excitation.WARP
-    assert ("125 mm" in told) is not pushed_warp
+    assert ("125 mm" in reported) is not pushed_warp
     lines = sketch(procedure, excitation)
     assert len(lines) <= 8
     assert all(len(line) <= 30 and line.isascii() and line.isprintable() for line in lines)

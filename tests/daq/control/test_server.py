@@ -344,13 +344,13 @@ def test_a_client_asks_what_the_recorder_was_started_with(server: Server, addres
     assert client.ask(AskSetup()).setup is None
     bench = small_bench()
     server.setup = setup_of(replace(bench, origin=Origin.SIMULATED))
-    told = client.ask(AskSetup()).setup
+    reported = client.ask(AskSetup()).setup
     client.close()
-    assert told is not None
-    assert (told.origin, told.vehicle) == (Origin.SIMULATED, bench.vehicle.name)
-    assert told.bench_crc32 == zlib.crc32(bench.text.encode())
-    assert told.dbc_crc32 == zlib.crc32(bench.dbc_text.encode())
-    assert told.buses == tuple(f"{bus.interface} {bus.channel}" for bus in bench.buses)
+    assert reported is not None
+    assert (reported.origin, reported.vehicle) == (Origin.SIMULATED, bench.vehicle.name)
+    assert reported.bench_crc32 == zlib.crc32(bench.text.encode())
+    assert reported.dbc_crc32 == zlib.crc32(bench.dbc_text.encode())
+    assert reported.buses == tuple(f"{bus.interface} {bus.channel}" for bus in bench.buses)
 
 
 def test_the_server_knows_for_how_long_no_client_has_been_there(

@@ -212,8 +212,8 @@ def test_every_attempt_is_a_run_with_what_was_decided_on_it() -> None:
     ]
     frames = _frames(CODEC, "HUB_Front", 10_000, acc_fl=1.0)
     runs = build_session(_bench(ACC_FL), CODEC, frames, events, NO_HOPS, {}).runs
-    told = {run.label: (run.status, run.reasons) for run in runs}
-    assert told == {
+    reported = {run.label: (run.status, run.reasons) for run in runs}
+    assert reported == {
         "baseline_bounce_1": (RunStatus.REJECTED, ("weak bump",)),
         "baseline_bounce_7": (RunStatus.REJECTED, ("rejected by Ann: foot on it",)),
         "added_warp_1": (RunStatus.ACCEPTED, ()),

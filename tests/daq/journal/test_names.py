@@ -1,4 +1,4 @@
-"""Segments that never change again can be told from the open one by name, and copied by anybody."""
+"""Segments that never change again differ in name from the open one, and any tool copies them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A simulated or replayed recording is told apart from a measurement, from journal to report."""
+"""A simulated or replayed recording is distinguished from a measurement, from journal to report."""
 
 from __future__ import annotations
 

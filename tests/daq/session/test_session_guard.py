@@ -195,9 +195,9 @@ def test_a_child_that_only_waits_is_ended(
     _child_runs(monkeypatch, tmp_path, "import time; time.sleep(60)")
     monkeypatch.setattr(guard, "_PATIENCE", 0.1)
     began = time.monotonic()
-    with pytest.raises(InputError, match="no answer for 1 s") as told:
+    with pytest.raises(InputError, match="no answer for 1 s") as reported:
         read_foreign_session(path)
-    assert "damaged" not in str(told.value)
+    assert "damaged" not in str(reported.value)
     assert time.monotonic() - began < 30
 
 

@@ -155,12 +155,12 @@ def test_a_push_on_a_corner_presses_its_suspension_together_first() -> None:
 
 
 def test_a_mark_of_the_bench_check_asks_for_a_push() -> None:
-    told = [_idle()]
+    reported = [_idle()]
     bench = short_bench()
     codec = bench_codec(bench)
-    source = SimulatedBench(bench, codec, SimulatedCar(), 1, math.inf, lambda: told[0])
+    source = SimulatedBench(bench, codec, SimulatedCar(), 1, math.inf, lambda: reported[0])
     rest = codec.decode(_read(source, 1.0))["SUSP_Rear.travel_rr"].value
-    told[0] = replace(told[0], notes=(Remark(0, "a note"), Remark(0, "wiggle RR")))
+    reported[0] = replace(reported[0], notes=(Remark(0, "a note"), Remark(0, "wiggle RR")))
     travel = codec.decode(_read(source, 4.0))["SUSP_Rear.travel_rr"]
     assert np.max(np.abs(rest)) < 3.0
     pushed_s = np.flatnonzero(travel.value > 5.0) * np.median(np.diff(travel.t_ns)) * 1e-9

@@ -1,4 +1,4 @@
-"""Named cars: as published, plausible, standing under the shipped weights, and told apart."""
+"""Named cars: as published, plausible, standing under the shipped weights, and distinguishable."""
 
 from __future__ import annotations
 

@@ -61,6 +61,6 @@ def test_a_crowded_bus_carries_every_frame_once_and_one_at_a_time() -> None:
     assert (begin >= release).all()
     order = np.argsort(end)
     assert (begin[order][1:] >= end[order][:-1]).all()
-    for i in order[:200]:  # whoever was ready when this one began had no higher priority
+    for i in order[:200]:  # a message that was ready when this one began had no higher priority
         waiting = (release <= begin[i]) & (begin > begin[i])
         assert (rank[waiting] >= rank[i]).all()

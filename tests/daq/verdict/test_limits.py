@@ -266,7 +266,7 @@ def test_a_rear_pitch_is_eighty_percent_pure(front: float, passed: bool) -> None
 def test_the_body_moves_more_at_the_axle_of_a_pitch(
     front: float, rear: float, kinds: set[Excitation]
 ) -> None:
-    """A body that pitches as much as it heaves is told by its ends, from 0.65 of the other on."""
+    """A body that pitches as much as it heaves is known by its ends, from 0.65 of the other on."""
     pattern = of_body(FOUR, Body(1.0, 1.0, 0.0, front, rear, 1.0, 1.0), {}, "body's motion")
     passed = {kind for kind in FOUR if next(wrong_mode(kind, pattern)).passed}
     assert passed == kinds

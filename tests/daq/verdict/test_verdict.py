@@ -68,8 +68,8 @@ def test_the_time_of_a_second_bump_is_reported() -> None:
     findings, _ = judged(ALL, windowed(ALL, moving, 3))
     found = next(finding for finding in findings if finding.code == "double_bump")
     assert not found.passed
-    told = float(found.text.partition("+")[2].partition(" s")[0])
-    assert told == pytest.approx(0.84, abs=0.02)
+    reported = float(found.text.partition("+")[2].partition(" s")[0])
+    assert reported == pytest.approx(0.84, abs=0.02)
 
 
 def test_a_rear_axle_that_follows_the_front_one_is_no_second_bump() -> None:

@@ -82,7 +82,7 @@ def test_decays_without_a_quiet_stretch_take_the_noise_from_the_residuals() -> N
 
 
 def test_records_that_begin_within_the_bump() -> None:
-    # 30 ms of rest tell neither the noise nor the onset; the first 0.2 s are forced motion.
+    # 30 ms of rest show neither the noise nor the onset; the first 0.2 s are forced motion.
     records = [_cut(r, 0.07) for r in paper_records(200.0, 30.0, 10, bump_s=np.nan)]
     result = estimate(BOX, records, generic_vehicles())
     assert all(0.2299 < decay.start_s < 0.24 for decay in result.decays)

@@ -122,7 +122,7 @@ def test_a_tape_measure_helps() -> None:
 def test_a_cross_weight_does_not_disturb() -> None:
     level, twisted = (_estimated(_session(_cross_loads(kg, 0.0))) for kg in (0.0, 20.0))
     _right(twisted)
-    # It tells a little of t_f / t_r, by which the twist is shared between the axles.
+    # It determines a little of t_f / t_r, by which the twist is shared between the axles.
     for name, e in _found(level).items():
         assert _found(twisted)[name].value == pytest.approx(e.value, abs=0.3 * e.std)
     with_axles = _found(_estimated(_session(SCALES)))

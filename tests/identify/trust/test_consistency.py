@@ -1,4 +1,4 @@
-"""Whether all runs, and the large and the small motion, tell of the same vehicle."""
+"""Whether all runs, and the large and the small motion, show the same vehicle."""
 
 from __future__ import annotations
 

@@ -244,5 +244,5 @@ def test_truth_by_structure() -> None:
 
 
 def test_the_vehicle_that_is_stated_is_handed_on() -> None:
-    told = Vehicle("prototype", structure=Structure(tyre_damping=True))
-    assert stress_session("tyre_damping", 1, vehicle=told).vehicle is told
+    stated = Vehicle("prototype", structure=Structure(tyre_damping=True))
+    assert stress_session("tyre_damping", 1, vehicle=stated).vehicle is stated

@@ -168,7 +168,7 @@ def test_orders_need_the_number(tmp_path: Path) -> None:
         assert await page.post("control", number=page.control.secret) == (200, "")
         assert (await until(page, "role", lambda _: True)) == {"control": True, "granted": True}
         assert await page.post("order", button="next") == (200, "")
-        page.recorder.tell()
+        page.recorder.publish()
         await until(page, "view", lambda view: view["buttons"]["pause"] == "Pause")
         assert (await page.post("order", button="next"))[0] == 409, "it is armed"
         label = page.recorder.bump()

@@ -39,7 +39,7 @@ def test_before_the_first_status_the_page_waits() -> None:
 def test_each_phase_has_its_word(recorder: FakeRecorder) -> None:
     assert shown(recorder).headline.word == ("READY",)
     recorder.phase = Phase.WAITING
-    recorder.tell(not_at_rest=("body_acc_z",))
+    recorder.publish(not_at_rest=("body_acc_z",))
     head = shown(recorder).headline
     assert (head.kind, head.word) == (Kind.WAIT, ("WAIT",))
     assert head.why == "Hands off: not at rest: body_acc_z"
@@ -64,12 +64,12 @@ def test_a_decay_counts_its_seconds_and_fills_its_bar(recorder: FakeRecorder) ->
     assert head.why == "Hands off. Recording the bump."
     recorder.t_ns += 1_440_000_000
     recorder.phase = Phase.DECAY
-    recorder.tell(peak_left=0.31)
+    recorder.publish(peak_left=0.31)
     later = shown(recorder).headline
     assert (later.digits, later.share) == ("1.4", 0.69)
     assert later.why == "Hands off. 31% of the peak left."
     assert later.cue == head.cue, "it is spoken once"
-    recorder.tell(peak_left=1.7)  # a second bump: more is left than there was
+    recorder.publish(peak_left=1.7)  # a second bump: more is left than there was
     assert shown(recorder).headline.share == 0.0
 
 
@@ -82,9 +82,9 @@ def test_an_accepted_run_counts_down(recorder: FakeRecorder) -> None:
     assert head.speech == "Accepted. Bounce 1, 1 of 2 accepted."
     assert page.title == "baseline: bounce 1, 1 of 2 accepted"
     assert (page.done, page.planned) == (1, 12)
-    recorder.tell(countdown_s=2.0)
+    recorder.publish(countdown_s=2.0)
     assert shown(recorder).headline.digits == "2"
-    recorder.tell(countdown_s=None)
+    recorder.publish(countdown_s=None)
     assert shown(recorder).headline.digits == ""
     assert shown(recorder).headline.advice == "The last of its kind."
 
@@ -119,7 +119,7 @@ def test_a_lost_recorder_hides_what_was(recorder: FakeRecorder) -> None:
 
 
 def test_three_rejects_stop_the_loop(recorder: FakeRecorder) -> None:
-    recorder.tell(halted="double_bump")
+    recorder.publish(halted="double_bump")
     head = shown(recorder).headline
     assert head.word == ("STOPPED",)
     assert head.why == "three rejects for one reason: bumped twice"
@@ -128,7 +128,7 @@ def test_three_rejects_stop_the_loop(recorder: FakeRecorder) -> None:
 def test_the_gravest_alarm_is_shown_and_the_others_are_counted(recorder: FakeRecorder) -> None:
     assert shown(recorder).alarm is None
     first = Alarm("bus_silent", "can0", "no frame\x1b[31m for 2 s", "Check cable", 7)
-    recorder.tell(alarms=(first, replace(first, code="stale")))
+    recorder.publish(alarms=(first, replace(first, code="stale")))
     alarm = shown(recorder).alarm
     assert alarm is not None
     assert alarm.text.startswith("BUS SILENT can0: no frame")
@@ -139,7 +139,7 @@ def test_the_gravest_alarm_is_shown_and_the_others_are_counted(recorder: FakeRec
 
 def test_a_simulated_recording_is_marked(recorder: FakeRecorder) -> None:
     assert shown(recorder).mark == ""
-    recorder.tell(origin=Origin.SIMULATED)
+    recorder.publish(origin=Origin.SIMULATED)
     assert shown(recorder).mark == "SIMULATED"
 
 

@@ -192,7 +192,7 @@ class FakeRecorder:
 
     # Turned by the test -------------------------------------------------------------------------
 
-    def tell(self, **changes: object) -> None:
+    def publish(self, **changes: object) -> None:
         """Publish a status, with these fields otherwise from now on."""
         self.changes |= changes
         self._post(self.status)
@@ -200,7 +200,7 @@ class FakeRecorder:
     def turn(self, phase: Phase) -> None:
         """Go to a phase and say so."""
         self.phase = phase
-        self.tell()
+        self.publish()
 
     def post(self, news: News) -> None:
         """Post anything, as the feed's thread would."""
@@ -294,7 +294,7 @@ class FakeRecorder:
             due = Due(
                 step, tally.accepted, tally.planned, tally.rejected, INSTRUCTIONS[step.excitation]
             )
-        told = Status(
+        reported = Status(
             wall_ns=WALL_NS,
             t_ns=self.t_ns,
             recording="0f3c" * 8,
@@ -327,7 +327,7 @@ class FakeRecorder:
             controller="MK",
             revision=run_log.revision,
         )
-        return replace(told, **self.changes)  # type: ignore[arg-type]
+        return replace(reported, **self.changes)  # type: ignore[arg-type]
 
     def _enter(self, event: Event) -> None:
         self.run_log = advance(self.run_log, event)

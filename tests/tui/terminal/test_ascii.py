@@ -60,7 +60,7 @@ def test_no_screen_holds_anything_but_ascii(make_app: Callable[..., BenchApp]) -
 
 
 def test_every_character_keeps_its_width() -> None:
-    told = "| ± 0.3 · 12\u00d74 \u2013 Prüf 車 ┌─┐ ▶ m² 95 % ⠒ ±"
-    (made,) = PlainAscii().apply([Segment(told)], Color(0, 0, 0))
+    reported = "| ± 0.3 · 12\u00d74 \u2013 Prüf 車 ┌─┐ ▶ m² 95 % ⠒ ±"
+    (made,) = PlainAscii().apply([Segment(reported)], Color(0, 0, 0))
     assert made.text == "|+/-0.3 . 12x4 - Pruf ?? +-+ > m2 95 % ? ~"
-    assert made.cell_length == Segment(normalize("NFC", told)).cell_length
+    assert made.cell_length == Segment(normalize("NFC", reported)).cell_length

@@ -123,7 +123,7 @@ def test_identify_from_space_to_results(
         await pilot.pause()
         assert isinstance(recorder.orders[-1], Build)
         assert not worker.tasks, "there is no file yet"
-        recorder.tell(session=recorder.built(PATH))
+        recorder.publish(session=recorder.built(PATH))
         await pilot.pause()
         assert worker.tasks == [IdentifyTask(PATH)]
         await pilot.pause()
@@ -146,14 +146,14 @@ def test_a_failed_build_and_a_failed_fit_say_what_to_do(
     async def play(pilot: Pilot[None]) -> None:
         await app.open("identify")
         await pilot.press("space")
-        recorder.tell(session=SessionStatus(SessionState.FAILED, "", "no space left on device"))
+        recorder.publish(session=SessionStatus(SessionState.FAILED, "", "no space left on device"))
         await pilot.pause()
         seen = screen_text(app)
         assert "FAILED" in seen
         assert "no space left on device" in seen
         assert "What to do" in seen
         await pilot.press("space")
-        recorder.tell(session=recorder.built(PATH))
+        recorder.publish(session=recorder.built(PATH))
         await pilot.pause()
         await pilot.pause()
         assert "needs more memory" in screen_text(app)

@@ -20,23 +20,23 @@ def test_a_recorder_that_has_only_just_been_started_is_not_lost(
     clock = [0.0]
     tried = threading.Semaphore(0)
 
-    def nobody(*_: object, **__: object) -> NoReturn:
+    def refused(*_: object, **__: object) -> NoReturn:
         tried.release()
         raise RecorderGone("here", "no recorder is running there", "start one")
 
-    monkeypatch.setattr(feed, "Client", nobody)
+    monkeypatch.setattr(feed, "Client", refused)
     monkeypatch.setattr(feed, "RETRY_S", 0.01)
     monkeypatch.setattr("tui.terminal.state.feed.time.monotonic", lambda: clock[0])
-    told: Queue[News] = Queue()
+    reported: Queue[News] = Queue()
     listener = RecorderFeed(tmp_path, "MK", lambda: None)
-    listener.start(told.put)
+    listener.start(reported.put)
     try:
         for _ in range(3):
             assert tried.acquire(timeout=10)
         with pytest.raises(Empty):
-            told.get_nowait()
+            reported.get_nowait()
         clock[0] = BIRTH_S + 1
-        assert told.get(timeout=10) == Lost("no recorder is running there", "start one")
+        assert reported.get(timeout=10) == Lost("no recorder is running there", "start one")
     finally:
         listener.stop()
 

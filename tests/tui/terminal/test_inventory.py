@@ -47,8 +47,8 @@ ENTRIES = (
 
 
 def test_a_draft_of_the_weights_is_read_back() -> None:
-    told = json.loads(json.dumps({"entries": entry_values(ENTRIES)}))
-    assert entries_of((), told) == ENTRIES
+    reported = json.loads(json.dumps({"entries": entry_values(ENTRIES)}))
+    assert entries_of((), reported) == ENTRIES
     weights = tuple(e.weight for e in ENTRIES)
     assert entries_of(weights, {}) == tuple(Entry(w) for w in weights)
     assert entries_of(weights, {"entries": [{"mass_kg": "much"}, 3]}) == ()

@@ -159,10 +159,10 @@ async def test_overload_lamps_stay_until_put_out(make_app: MakeApp) -> None:
     recorder = _bench()
     app = make_app(recorder)
     async with app.run_test(size=(80, 24)) as pilot:
-        recorder.tell(overloaded=("hub_acc_fl",))
+        recorder.publish(overloaded=("hub_acc_fl",))
         await pilot.pause()
         assert "OVERLOAD hub_acc_fl" in screen_text(app).splitlines()[0]
-        recorder.tell()
+        recorder.publish()
         await pilot.pause()
         assert "OVERLOAD" in screen_text(app)
         await _press(pilot, "a")
@@ -182,7 +182,7 @@ async def test_a_viewer_gives_no_orders_until_it_has_taken_over(make_app: MakeAp
         await _press(pilot, "c", "space")
         assert _given(recorder, Arm)
         recorder.post(Role(False, "somebody else has taken over"))
-        recorder.tell()
+        recorder.publish()
         await pilot.pause()
         assert "VIEWER" in screen_text(app).splitlines()[0]
 
@@ -201,7 +201,7 @@ async def test_a_lost_recorder_is_shown_everywhere_and_restarted(make_app: MakeA
         await _press(pilot, "x")
         await app.workers.wait_for_complete()
         assert recorder.restarts == 1
-        recorder.tell()
+        recorder.publish()
         await pilot.pause()
         assert "RECORDER LOST" not in screen_text(app)
 
@@ -244,7 +244,7 @@ async def test_foreign_text_is_no_markup(make_app: MakeApp) -> None:
     recorder = _bench()
     app = make_app(recorder)
     async with app.run_test(size=(140, 40)) as pilot:
-        recorder.tell(vehicle="[bold]T5[/bold]\x1b[31m")
+        recorder.publish(vehicle="[bold]T5[/bold]\x1b[31m")
         await pilot.pause()
         first = screen_text(app).splitlines()[0]
         assert "[bold]T5[/bold]" in first
@@ -264,7 +264,7 @@ async def test_auto_presses_what_is_next_and_leaves_the_rest(make_app: MakeApp) 
         await pilot.pause()
         before = list(recorder.orders)
         await app._press_next()  # the countdown runs out by itself
-        recorder.tell(halted="double_bump")
+        recorder.publish(halted="double_bump")
         recorder.turn(Phase.IDLE)
         await pilot.pause()
         await app._press_next()  # three times the same: a person has to look
@@ -278,7 +278,7 @@ async def test_a_terminal_that_takes_no_output_keeps_a_minute_of_news(make_app: 
         await pilot.pause()
         recorder.post(Role(False, "JL has taken over"))
         status = recorder.status
-        for count in range(3 * MOST_NEWS):  # the loop is held up: nobody takes them
+        for count in range(3 * MOST_NEWS):  # the loop is held up and takes none
             recorder.post(replace(status, viewers=count))
         assert len(app._news) == MOST_NEWS
         await pilot.pause()
@@ -300,7 +300,7 @@ async def test_one_key_leaves_out_what_is_unlike_the_others_and_one_takes_it_bac
         assert _given(recorder, LeaveOut) == []
         assert "Leave out" not in screen_text(app)
         odd = LeftOut("baseline_roll_2", "travel_fl 3.6 mm higher before the bump")
-        recorder.tell(proposed=(odd,))
+        recorder.publish(proposed=(odd,))
         await pilot.pause()
         text = screen_text(app)
         assert "1 run is unlike the others of its kind: L leaves it out." in text

@@ -41,7 +41,7 @@ def _answered(recorder: FakeRecorder, folder: Path, *keys: str) -> tuple[BenchAp
             await pilot.press(*keys)
             await pilot.pause()
             if app.is_running and app.screen_stack:
-                recorder.tell()
+                recorder.publish()
                 await pilot.pause()
                 shown.append(screen_text(app))
 
@@ -142,7 +142,7 @@ def test_no_screen_hides_that_nothing_is_measured(
             for name in app.SCREENS:
                 await app.open(name)
                 await pilot.pause()
-                recorder.tell()
+                recorder.publish()
                 await pilot.pause()
                 assert f" {origin.upper()} " in screen_text(app).splitlines()[0], name
 

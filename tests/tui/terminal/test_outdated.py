@@ -1,4 +1,4 @@
-"""Results and report of a recording that has changed since: nobody takes the old ones for new."""
+"""Results and report of a recording that has changed since: the old ones are marked."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def test_a_step_that_was_done_is_due_again_until_that_is_undone() -> None:
     assert progress(recorder.status).due is BenchStep.REPORT
     label = recorder.run_log.runs[-1].label
     recorder._carry_out(Reject(label, "door slammed"))
-    told = progress(recorder.status)
-    assert not told.done & {BenchStep.IDENTIFY, BenchStep.REPORT}
+    reported = progress(recorder.status)
+    assert not reported.done & {BenchStep.IDENTIFY, BenchStep.REPORT}
     recorder._carry_out(Undo())  # two changes, not none: what was identified may be either
     assert BenchStep.IDENTIFY not in progress(recorder.status).done
     recorder.mark("identify")
@@ -68,7 +68,7 @@ async def test_a_report_of_runs_that_have_changed_leads_to_step_6(make_app: Make
         assert "SPACE = write the report" in screen_text(app)
         assert "Write again" not in _footer(app)  # nothing was written yet
         recorder._carry_out(Reject(recorder.run_log.runs[-1].label, "door slammed"))
-        recorder.tell()
+        recorder.publish()
         await _settle(pilot)
         assert OUTDATED in screen_text(app)
         await pilot.press("space")
@@ -89,7 +89,7 @@ async def test_results_that_are_behind_are_built_anew(make_app: MakeApp) -> None
         screen.draw()
         assert "SPACE = results" in screen_text(app)
         recorder._carry_out(Reject(recorder.run_log.runs[-1].label, "door slammed"))
-        recorder.tell()
+        recorder.publish()
         await _settle(pilot)
         assert OUTDATED in screen_text(app)
         assert "SPACE = results" not in screen_text(app)
@@ -111,7 +111,7 @@ async def test_results_that_are_behind_say_so_and_end_no_step(make_app: MakeApp)
         assert isinstance(app.screen, ResultsScreen)
         assert "SPACE = step 7 Report" in screen_text(app)
         recorder._carry_out(Reject(recorder.run_log.runs[-1].label, "door slammed"))
-        recorder.tell()
+        recorder.publish()
         await _settle(pilot)
         assert OUTDATED in screen_text(app)
         assert "SPACE = step 6 Identify" in screen_text(app)

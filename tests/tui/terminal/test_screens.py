@@ -40,7 +40,7 @@ def _idle(recorder: FakeRecorder) -> None:
 
 
 def _waiting(recorder: FakeRecorder) -> None:
-    recorder.tell(not_at_rest=("hub_acc_fl", "hub_acc_rr"))
+    recorder.publish(not_at_rest=("hub_acc_fl", "hub_acc_rr"))
     recorder.turn(Phase.WAITING)
 
 
@@ -98,7 +98,7 @@ STATES = {
 
 
 async def _turn_to(app: BenchApp, pilot: Pilot[None], state: str) -> str:
-    """Show a state told by a recorder of its own; return the screen as text."""
+    """Show a state that a recorder of its own publishes; return the screen as text."""
     recorder = FakeRecorder()
     recorder.start(app.post)
     _before(recorder)
@@ -197,7 +197,7 @@ async def test_a_bad_bus_and_alarms_are_said_with_advice(make_app: MakeApp) -> N
     async with app.run_test(size=(140, 40)) as pilot:
         await pilot.pause()
         alarm = Alarm("bus_off", "can0", "off after 256 errors", "check termination", WALL_NS)
-        recorder.tell(
+        recorder.publish(
             alarms=(alarm,),
             buses=(BusStatus("can0", BusState.BUS_OFF, 0.0, 0.0, 10, 3, 0),),
             sensors_alive=2,

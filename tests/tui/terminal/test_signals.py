@@ -157,7 +157,7 @@ async def test_a_lost_recorder_has_its_key_on_every_screen(make_app: MakeApp) ->
             rows = screen_text(app).splitlines()
             assert rows[0].startswith(" STARTING"), name
             assert "X Start recorder" not in rows[-1], name
-            recorder.tell()
+            recorder.publish()
             await pilot.pause()
         await app.go_to(BenchStep.BASELINE)
         assert "STARTING" not in screen_text(app)

@@ -1,4 +1,4 @@
-"""What the tallies tell of the accepted runs: their frequency, and how it scatters."""
+"""Tallies of the accepted runs: their frequency, and how it scatters."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_accepted_runs_tell_their_frequency(make_app: Callable[..., BenchApp]) -
             assert "1.15 ± 0.01 Hz" in screen_text(app)
             await pilot.resize_terminal(140, 40)
             await pilot.pause()
-            recorder.tell()
+            recorder.publish()
             await pilot.pause()
             assert "1.15 Hz" in screen_text(app)
             assert "±" not in screen_text(app)

@@ -168,10 +168,10 @@ async def test_a_small_terminal_shows_what_to_do_about_an_alarm(make_app: MakeAp
     )
     async with app.run_test(size=SMALL) as pilot:
         await _settle(pilot)
-        recorder.tell(alarms=(alarm,))
+        recorder.publish(alarms=(alarm,))
         await _settle(pilot)
         assert "plug it in: it is waited for" in " ".join(screen_text(app).split())
-        recorder.tell(alarms=(alarm, alarm, alarm))
+        recorder.publish(alarms=(alarm, alarm, alarm))
         await _settle(pilot)
         said = " ".join(screen_text(app).split())
         assert "plug it in: it is waited for" in said
@@ -216,7 +216,7 @@ async def test_who_looks_on_is_asked_to_take_control_first(make_app: MakeApp) ->
         assert "SPACE" not in screen_text(app)
         assert "C = take control" in screen_text(app)
         await pilot.press("c")
-        recorder.tell()
+        recorder.publish()
         await _settle(pilot)
         assert "SPACE starts" in screen_text(app)
 
