@@ -132,15 +132,36 @@ class _Described:
 
 
 def _databases(paths: Sequence[Path]) -> Codec:
-    """Return one database as it is, several under the names of their files."""
+    """Return one database as it is, several under the names of their files.
+
+    A database that is named twice, or lies in two files, is one.  Raises InputError if each message
+    has the identifier of one in another database.
+    """
+    from daq import InputError
     from daq.bench import Database, Sensor, sensors_codec
     from dbc import load_codec, parse_codec, read_dbc, shipped_dbc
 
-    if len(paths) < 2:
-        return load_codec(paths[0]) if paths else parse_codec(shipped_dbc(), "the shipped DBC")
-    databases = [Database(str(path), read_dbc(path)) for path in dict.fromkeys(paths)]
-    named = [Sensor(Path(each.name).stem.replace(".", "_"), each.name) for each in databases]
-    return sensors_codec(named, databases, 1)
+    from ..diagnostics import say
+
+    if not paths:
+        return parse_codec(shipped_dbc(), "the shipped DBC")
+    files: dict[str, Path] = {}
+    for path in paths:
+        first = files.setdefault(read_dbc(path), path)
+        if first.resolve() != path.resolve():
+            say(f"{path} is the same database as {first}")
+    if len(files) == 1:
+        return load_codec(paths[0])
+    databases = [Database(str(path), text) for text, path in files.items()]
+    stems = [path.stem.replace(".", "_") for path in files.values()]
+    # Two folders may have files of one name.
+    names = [f"{s}_{n}" if stems.count(s) > 1 else s for n, s in enumerate(stems, start=1)]
+    sensors = [Sensor(name, each.name) for name, each in zip(names, databases, strict=True)]
+    codec = sensors_codec(sensors, databases, 1)
+    if not codec.messages:
+        what = "each of their messages has the identifier of one in another of them"
+        raise InputError(" and ".join(each.name for each in databases), what, "name one of them")
+    return codec
 
 
 def _rows(codec: Codec, decoded: Decoded, described: _Described | None) -> list[str]:
