@@ -59,6 +59,18 @@ class GroupDescription:
 
 
 @dataclass(frozen=True, slots=True)
+class FrameSpan:
+    """Frames of a run in a log that the description goes with."""
+
+    first: int
+    """Position of the first one in the log."""
+    count: int
+    """Number of frames."""
+    t_ns: int
+    """Time stamp of the first one, which a log may state in another time zone."""
+
+
+@dataclass(frozen=True, slots=True)
 class RunDescription:
     """A run without its samples; fields as in `daq.runs.Run`."""
 
@@ -72,6 +84,7 @@ class RunDescription:
     losses: Losses
     events: tuple[Event, ...]
     groups: tuple[GroupDescription, ...]
+    span: FrameSpan | None = None
 
     @property
     def label(self) -> str:
@@ -127,10 +140,15 @@ def sidecar_of(path: Path) -> Path:
     return path.with_name(f"{path.name}.{NAME}")
 
 
-def describe(session: Session, files: Mapping[tuple[str, str], str] | None = None) -> Description:
+def describe(
+    session: Session,
+    files: Mapping[tuple[str, str], str] | None = None,
+    spans: Mapping[str, FrameSpan] | None = None,
+) -> Description:
     """Return the description of a session.
 
-    `files`: the file of each run and group, where each has its own.
+    `files`: the file of each run and group, where each has its own.  `spans`: the frames of each
+    run, where the samples are those of a log.
     """
     vehicle = session.vehicle
     return Description(
@@ -140,7 +158,7 @@ def describe(session: Session, files: Mapping[tuple[str, str], str] | None = Non
         ),
         session.channels,
         tuple(_state(state) for state in session.mass_states),
-        tuple(_run(run, files or {}) for run in session.runs),
+        tuple(_run(run, files or {}, (spans or {}).get(run.label)) for run in session.runs),
         dict(session.provenance),
     )
 
@@ -227,7 +245,7 @@ def _group(run: RunDescription, about: GroupDescription, columns: Columns) -> Sa
     return SampleGroup(about.name, np.asarray(time_s, np.float64), t_ns, own, quality)
 
 
-def _run(run: Run, files: Mapping[tuple[str, str], str]) -> RunDescription:
+def _run(run: Run, files: Mapping[tuple[str, str], str], span: FrameSpan | None) -> RunDescription:
     groups = tuple(
         GroupDescription(
             group.name,
@@ -249,6 +267,7 @@ def _run(run: Run, files: Mapping[tuple[str, str], str]) -> RunDescription:
         run.losses,
         run.events,
         groups,
+        span,
     )
 
 

@@ -20,6 +20,7 @@ from ..sessions import Session
 from . import description
 from .description import Columns, GroupDescription, RunDescription, description_of, session_of
 from .export.csv_files import CsvStyle, read_csv
+from .exported_log import read_exported_log
 from .exported_mat import read_exported_mat
 from .exported_uff import read_exported_uff
 
@@ -30,8 +31,8 @@ _MAX_SIDECAR_BYTES = 256 << 20
 def exported_session(path: Path) -> Session | None:
     """Return the session in an export; None if the file is none, or has no description.
 
-    `path`: MF4, MAT, Parquet or UFF, or the sidecar of a CSV.  Raises InputError if it is damaged,
-    or a library is missing.
+    `path`: MF4, MAT, Parquet, UFF or a log of raw frames, or the sidecar of a CSV.  Raises
+    InputError if it is damaged, or a library is missing.
     """
     try:
         with path.open("rb") as file:
@@ -126,11 +127,18 @@ def _floats(column: Any) -> NDArray[np.float64]:
     return np.asarray(column.to_pandas(), np.float64)
 
 
-def _uff(path: Path) -> Session | None:
+def _uff(path: Path) -> Session:
     sidecar = description.sidecar_of(path)
-    if not sidecar.is_file():
-        return None
     return read_exported_uff(path, description_of(_bounded(sidecar), str(sidecar)))
+
+
+def _log(path: Path) -> Session:
+    sidecar = description.sidecar_of(path)
+    return read_exported_log(path, description_of(_bounded(sidecar), str(sidecar)))
+
+
+def _is_described(path: Path) -> bool:
+    return description.sidecar_of(path).is_file()
 
 
 def _csv(path: Path) -> Session | None:
@@ -158,5 +166,6 @@ _READERS: Sequence[_Reader] = (
     (lambda _, head: head[:4] == b"PAR1", _parquet),
     (lambda _, head: head[:10] == b"MATLAB 5.0", read_exported_mat),
     (lambda path, _: path.name.endswith(f".csv.{description.NAME}"), _csv),
-    (lambda _, head: head.lstrip()[:2] == b"-1", _uff),
+    (lambda path, head: head.lstrip()[:2] == b"-1" and _is_described(path), _uff),
+    (lambda path, _: _is_described(path), _log),
 )

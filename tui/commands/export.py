@@ -26,6 +26,7 @@ class Format(StrEnum):
     PARQUET = "parquet"
     BLF = "blf"
     ASC = "asc"
+    CANDUMP = "log"
     SEP005 = "sep005"
 
 
@@ -53,7 +54,7 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
 ) -> int:
-    """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC or SEP005."""
+    """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC, candump or SEP005."""
     from daq import InputError, read_foreign_session, session_part
     from daq.formats import (
         CsvStyle,

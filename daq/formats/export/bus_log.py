@@ -1,7 +1,7 @@
-"""Raw frames as BLF or ASC, through python-can's writers.
+"""Raw frames as BLF and ASC, through python-can's writers, and as candump's log.
 
-Both count the time from a start that has whole milliseconds.  The writers are given times from
-that start, for seconds since 1970 in a float64 step by 238 ns.
+The first two count the time from a start that has whole milliseconds.  The writers are given times
+from that start, for seconds since 1970 in a float64 step by 238 ns.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from dbc.frames import FrameBatch, FrameFlag
 
 from .raw_frames import has
 
-_NS_PER_MS = 1_000_000
+_NS_PER_MS, _NS_PER_US = 1_000_000, 1000
+_ERROR_BIT, _BRS, _ESI = 0x2000_0000, 1, 2
+"""Marks of candump: of an error frame in its identifier, and of an FD frame."""
 
 
 def write_blf(frames: FrameBatch, path: Path) -> tuple[str, ...]:
@@ -51,11 +53,36 @@ def write_asc(frames: FrameBatch, path: Path) -> tuple[str, ...]:
         writer.header_written = True
         for message in _messages(frames, start_ns):
             writer.on_message_received(message)
-    notes = ["ASC rounds times to 1 µs"] if (frames.t_ns % 1000 != 0).any() else []
+    notes = ["ASC rounds times to 1 µs"] if (frames.t_ns % _NS_PER_US).any() else []
     errors = has(frames, FrameFlag.ERROR)
     if errors.any():
         notes.append(f"ASC keeps of {errors.sum()} error frames only that and when they were")
     return tuple(notes)
+
+
+def write_candump(frames: FrameBatch, path: Path) -> tuple[str, ...]:
+    """Write a log of candump with every field of a frame; parameters and result as `write_blf`."""
+    t_us = (frames.t_ns + _NS_PER_US // 2) // _NS_PER_US
+    columns = (t_us, frames.can_id, frames.flags, frames.bus, frames.length)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    payload, width = frames.data.tobytes(), frames.data.shape[1]
+    with path.open("w", encoding="ascii", newline="\n") as stream:
+        for i, (at_us, can_id, flags, bus, length) in enumerate(rows):
+            if flags & FrameFlag.ERROR:
+                name = f"{can_id | _ERROR_BIT:08X}"
+            else:
+                name = f"{can_id:08X}" if flags & FrameFlag.EXTENDED else f"{can_id:03X}"
+            content = payload[i * width : i * width + length].hex().upper()
+            if flags & FrameFlag.REMOTE:
+                content = f"R{length}"
+            elif flags & FrameFlag.FD:
+                bits = _BRS * bool(flags & FrameFlag.BITRATE_SWITCH)
+                bits |= _ESI * bool(flags & FrameFlag.ERROR_STATE)
+                content = f"#{bits:X}{content}"
+            seconds, rest_us = divmod(at_us, 1_000_000)
+            way = "T" if flags & FrameFlag.TRANSMITTED else "R"
+            stream.write(f"({seconds:010d}.{rest_us:06d}) can{bus} {name}#{content} {way}\n")
+    return ("candump rounds times to 1 µs",) if (frames.t_ns % _NS_PER_US).any() else ()
 
 
 def _messages(frames: FrameBatch, start_ns: int) -> Iterator[can.Message]:

@@ -13,12 +13,12 @@ from ...files import replaced
 from ...runs import SampleGroup
 from ...sessions import Session
 from .. import description
-from .bus_log import write_asc, write_blf
+from .bus_log import write_asc, write_blf, write_candump
 from .csv_files import PLAIN, CsvStyle, write_csv
 from .matlab import write_mat
 from .mdf import write_mf4
 from .parquet import write_parquet
-from .raw_frames import frames_left_out, session_frames
+from .raw_frames import frame_spans, frames_left_out, session_frames
 from .sep005 import write_sep005
 from .universal import ModeShapes, write_uff
 
@@ -33,6 +33,7 @@ class ExportFormat(StrEnum):
     PARQUET = "parquet"
     BLF = "blf"
     ASC = "asc"
+    CANDUMP = "log"
     SEP005 = "sep005"
 
     @property
@@ -41,6 +42,11 @@ class ExportFormat(StrEnum):
         return ".json" if self is ExportFormat.SEP005 else f".{self}"
 
 
+_LOGS = {
+    ExportFormat.BLF: write_blf,
+    ExportFormat.ASC: write_asc,
+    ExportFormat.CANDUMP: write_candump,
+}
 _SUFFIXES = {form.suffix: form for form in ExportFormat} | {".unv": ExportFormat.UFF}
 
 
@@ -90,8 +96,8 @@ def export_session(
 ) -> Exported:
     """Write a session as other tools have it; files are complete or absent.
 
-    CSV is one file a run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.  Beside CSV
-    and UFF stands the description of the session (`daq.formats.description`), which MF4, MAT and
+    CSV is one file a run and sample clock: ``car.csv`` becomes ``car_RUN_GROUP.csv``.  Beside CSV,
+    UFF and logs is the description of the session (`daq.formats.description`), which MF4, MAT and
     Parquet hold.  `force`: whether files that are there may be replaced.  Raises InputError if
     there is nothing to write in this format, a file is there already or cannot be written, or a
     library is missing.
@@ -122,6 +128,8 @@ def _exported(
             notes = write_uff(session, modes, beside)
             about.write_text(description.text_of(description.describe(session)), "utf-8")
         return Exported((path, sidecar), notes)
+    if form in _LOGS:
+        return _export_log(session, path, form, force)
     with written_whole([path], force) as (beside,):
         match form:
             case ExportFormat.MF4:
@@ -130,10 +138,6 @@ def _exported(
                 notes = write_mat(session, beside)
             case ExportFormat.PARQUET:
                 notes = write_parquet(session, beside)
-            case ExportFormat.BLF:
-                notes = write_blf(session_frames(session), beside)
-            case ExportFormat.ASC:
-                notes = write_asc(session_frames(session), beside)
             case ExportFormat.SEP005:
                 notes = write_sep005(session, beside)
     return Exported((path,), notes)
@@ -162,6 +166,16 @@ def _export_csv(session: Session, path: Path, style: CsvStyle, force: bool) -> E
             write_csv(group, units, place, style)
         last.write_text(description.text_of(about), "utf-8")
     return Exported((*groups, sidecar), frames_left_out(session))
+
+
+def _export_log(session: Session, path: Path, form: ExportFormat, force: bool) -> Exported:
+    frames = session_frames(session)
+    described = description.describe(session, spans=frame_spans(session, frames))
+    sidecar = description.sidecar_of(path)
+    with written_whole([path, sidecar], force) as (beside, about):
+        notes = _LOGS[form](frames, beside)
+        about.write_text(description.text_of(described), "utf-8")
+    return Exported((path, sidecar), notes)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +12,7 @@ from dbc.frames import FrameBatch, FrameFlag
 
 from ...errors import InputError
 from ...sessions import Session
+from ..description import FrameSpan
 
 
 def session_frames(session: Session) -> FrameBatch:
@@ -28,6 +30,21 @@ def session_frames(session: Session) -> FrameBatch:
     if any(first[1] >= second[0] for first, second in pairwise(spans)):
         frames = frames.select(_first_of_each(frames))
     return frames
+
+
+def frame_spans(session: Session, frames: FrameBatch) -> Mapping[str, FrameSpan]:
+    """Return which of these frames are those of each run, by label; runs without frames are none.
+
+    `frames`: as `session_frames` returns them.
+    """
+    spans = {}
+    for run in session.runs:
+        if len(run.frames):
+            first_ns, last_ns = int(run.frames.t_ns.min()), int(run.frames.t_ns.max())
+            first = int(np.searchsorted(frames.t_ns, first_ns, "left"))
+            stop = int(np.searchsorted(frames.t_ns, last_ns, "right"))
+            spans[run.label] = FrameSpan(first, stop - first, first_ns)
+    return spans
 
 
 def _first_of_each(frames: FrameBatch) -> NDArray[np.intp]:

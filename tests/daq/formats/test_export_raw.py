@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from daq.errors import InputError
 from daq.formats.export import ExportFormat, export_session
+from daq.formats.log import Log
 from daq.sessions import Session
 from dbc import FrameBatch, shipped_dbc
 from dbc.frames import FrameFlag
@@ -106,6 +107,23 @@ def test_asc(tmp_path: Path) -> None:
     assert notes[1].startswith(f"ASC keeps of {ERROR.sum()} error frames only")
 
 
+def test_candump(tmp_path: Path) -> None:
+    path = tmp_path / "car.log"
+    messages = _messages(FRAMES, path, ExportFormat.CANDUMP)
+    assert len(messages) == len(FRAMES)
+    # python-can knows an error frame by one of its classes alone.
+    plain = [message for message, error in zip(messages, ERROR, strict=True) if not error]
+    _is_kept(FRAMES.select(~ERROR), plain, lambda _: {"channel"})
+    assert [message.channel for message in plain] == [f"can{b}" for b in FRAMES.bus[~ERROR]]
+    read = FrameBatch.concatenate(list(Log([path])))
+    # How long the identifier of an error frame is, has no meaning.
+    extended = np.where(ERROR, int(FrameFlag.EXTENDED), 0)
+    assert_array_equal(read.flags, FRAMES.flags & ~extended)
+    for name in ("can_id", "bus", "length", "data"):
+        assert_array_equal(getattr(read, name), getattr(FRAMES, name))
+    assert np.abs(read.t_ns - FRAMES.t_ns).max() == 500
+
+
 def test_mf4(tmp_path: Path) -> None:
     messages = _messages(FRAMES, tmp_path / "car.mf4", ExportFormat.MF4)
     _is_kept(replace(FRAMES, bus=FRAMES.bus + 1), messages)  # MDF counts buses from 1
@@ -142,7 +160,7 @@ def test_frames_of_overlapping_runs_are_written_once(tmp_path: Path) -> None:
     _is_kept(FRAMES.select(slice(0, 250)), messages, lambda i: {"is_rx"} if ERROR[i] else set())
 
 
-@pytest.mark.parametrize("form", [ExportFormat.BLF, ExportFormat.ASC])
+@pytest.mark.parametrize("form", [ExportFormat.BLF, ExportFormat.ASC, ExportFormat.CANDUMP])
 def test_a_session_of_plain_arrays_has_no_frames(tmp_path: Path, form: ExportFormat) -> None:
     session: Session = small_session(FrameBatch.empty())
     with pytest.raises(InputError, match="hold no raw frames"):

@@ -21,6 +21,7 @@ FORMATS = (
     ("parquet", "Parquet  data frames"),
     ("blf", "BLF      raw frames: CANalyzer, SavvyCAN"),
     ("asc", "ASC      raw frames as text"),
+    ("log", "candump  raw frames as candump -l has them"),
     ("sep005", "SEP005   Python dictionaries of time series"),
 )
 

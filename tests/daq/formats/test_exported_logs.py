@@ -1,0 +1,114 @@
+"""Logs of raw frames and the description beside them: read back, they are the session again."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from daq.bench.config import load_bench
+from daq.derive.build_samples import build_session
+from daq.errors import InputError
+from daq.formats.description import sidecar_of
+from daq.formats.export import export_session, format_of
+from daq.formats.exported import exported_session
+from daq.formats.log import Log
+from daq.journal.contents import HopCounts
+from daq.runs import Event, RunStatus
+from daq.sessions import Session
+
+from ..small_campaign import START_NS, bumps, small_codec
+
+SUFFIXES = (".blf", ".asc", ".log")
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    """Return a session of two runs that overlap, its stamps no whole microseconds."""
+    bench = load_bench(None)
+    frames = bumps(small_codec(), 2)
+    late_ns = np.random.default_rng(1).integers(1, 300_000, len(frames))
+    frames = replace(frames, t_ns=frames.t_ns + late_ns)
+    bench = replace(bench, trigger=replace(bench.trigger, pre_s=0.2, post_s=1.0))
+    events = [
+        Event(START_NS + 500_000_123, "bump", text="baseline_bounce_1"),
+        Event(START_NS + 1_600_000_456, "bump", text="baseline_bounce_2"),
+    ]
+    about = {"bench_toml": bench.text, "dbc": bench.dbc_text}
+    lossless = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
+    built = build_session(bench, small_codec(), frames, events, lossless, about)
+    first, second = built.runs
+    # A verdict and a name that no decoding would give.
+    judged = replace(first, status=RunStatus.REJECTED, reasons=("a hand on the car",))
+    vehicle = replace(built.vehicle, name="Wagen")
+    return replace(built, vehicle=vehicle, runs=(judged, second))
+
+
+@pytest.fixture(params=SUFFIXES)
+def path(request: pytest.FixtureRequest, tmp_path: Path, session: Session) -> Path:
+    path = tmp_path / f"car{request.param}"
+    done = export_session(session, path, format_of(path))
+    assert done.paths == (path, sidecar_of(path))
+    return path
+
+
+def _holds(found: Session | None, session: Session, atol_s: float) -> None:
+    assert found is not None
+    assert found.vehicle == session.vehicle
+    assert found.channels == session.channels
+    assert found.provenance == session.provenance
+    for got, run in zip(found.runs, session.runs, strict=True):
+        assert (got.label, got.status, got.reasons) == (run.label, run.status, run.reasons)
+        assert (got.t0_ns, got.losses, got.events) == (run.t0_ns, run.losses, run.events)
+        assert_array_equal(got.frames.data, run.frames.data)
+        assert np.abs(got.frames.t_ns - run.frames.t_ns).max() <= atol_s * 1e9
+        for group, same in zip(got.groups, run.groups, strict=True):
+            assert_allclose(group.time_s, same.time_s, rtol=0, atol=2 * atol_s)
+            for name, values in same.values.items():
+                assert_array_equal(group.values[name], values)
+            assert_array_equal(group.quality, same.quality)
+
+
+def test_a_log_is_the_session_again(path: Path, session: Session) -> None:
+    assert [len(run.frames) for run in session.runs] == [1200, 1000]
+    _holds(exported_session(path), session, 0.0 if path.suffix == ".blf" else 1e-6)
+
+
+def test_a_log_that_was_written_in_another_time_zone(
+    tmp_path: Path, session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "car.asc"
+    with monkeypatch.context() as patch:
+        patch.setenv("TZ", "Asia/Kathmandu")
+        time.tzset()
+        export_session(session, path, format_of(path))
+    time.tzset()
+    stamps = next(iter(Log([path]))).t_ns
+    assert stamps[0] - session.runs[0].frames.t_ns[0] > 20_000 * 10**9  # 5 h 45 min
+    _holds(exported_session(path), session, 1e-6)
+
+
+def test_another_log_is_refused(path: Path, session: Session) -> None:
+    about = sidecar_of(path).read_bytes()
+    first = replace(session, runs=session.runs[:1])
+    export_session(first, path, format_of(path), force=True)
+    sidecar_of(path).write_bytes(about)
+    with pytest.raises(InputError, match="its description is of another log"):
+        exported_session(path)
+
+
+def test_a_log_that_is_cut_off_is_refused(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"is not whole|of another log"):
+        exported_session(path)
+
+
+def test_a_log_without_a_bench(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "car.blf"
+    export_session(replace(session, provenance={}), path, format_of(path))
+    with pytest.raises(InputError, match=r"no bench\.toml to decode it with"):
+        exported_session(path)
