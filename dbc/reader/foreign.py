@@ -6,6 +6,7 @@ Such a file has no line numbers by the time that it can be judged; messages name
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -146,11 +147,25 @@ def _message(message: Any) -> MessageLayout:
         is_extended=message.is_extended_frame,
         length=message.length,
         cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
-        signals=tuple(map(_signal, message.signals)),
+        signals=_with_own_names([_signal(signal) for signal in message.signals]),
         counter=None,
         crc=None,
         senders=tuple(message.senders),
     )
+
+
+def _with_own_names(signals: Sequence[SignalLayout]) -> tuple[SignalLayout, ...]:
+    """Return signals; those of one name that a selector tells apart have its value in theirs.
+
+    ``Limit`` with the selector 3, and another with 4, are ``Limit_m3`` and ``Limit_m4``.
+    """
+    names = Counter(signal.name for signal in signals)
+    found = []
+    for signal in signals:
+        own = f"{signal.name}_m{signal.selected_by[0][0]}" if signal.selected_by else signal.name
+        twin = names[signal.name] > 1 and own not in names
+        found.append(replace(signal, name=own) if twin else signal)
+    return tuple(found)
 
 
 def _signal(signal: Any) -> SignalLayout:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cantools.database
 import numpy as np
 import pytest
 
@@ -180,3 +181,32 @@ def test_several_sources_of_one_group_are_told_apart_by_their_identifiers_alone(
     assert list(codec.decode(frames(0x0CF00401, PAYLOAD, True)).samples) == ["EEC1_b.rpm"]
     assert list(codec.decode(frames(0x0CF004FE, PAYLOAD, True)).samples) == ["EEC1.rpm"]
     assert not codec.decode(frames(0x0CF00477, PAYLOAD, True)).samples
+
+
+def kcd(second: str) -> str:
+    """Return a message whose selector chooses one of two signals, the second one as given."""
+    return (
+        '<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"><Document/>'
+        '<Bus name="B"><Message id="0x123" name="Limits" length="8">'
+        '<Multiplex name="Which" offset="0" length="8">'
+        '<MuxGroup count="3"><Signal name="Low" offset="8" length="16"><Value slope="0.1"/></Signal>'
+        f'</MuxGroup><MuxGroup count="4"><Signal name="{second}" offset="16" length="16"/>'
+        "</MuxGroup></Multiplex></Message></Bus></NetworkDefinition>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("second", "names"),
+    [("High", ["Low", "High"]), ("Low", ["Low_m3", "Low_m4"])],
+)
+def test_signals_of_one_name_that_a_selector_tells_apart(second: str, names: list[str]) -> None:
+    text = kcd(second)
+    codec = parse_codec(text, "a.kcd")
+    assert not codec.left_out
+    database = cantools.database.load_string(text, "kcd", strict=False)
+    for which, name in zip((3, 4), names, strict=True):
+        payload = bytes([which, 1, 2, 3, 0, 0, 0, 0])
+        found = codec.decode(frames(FRAME, payload)).samples
+        expected = database.decode_message(FRAME, payload)
+        assert isinstance(expected, dict)
+        assert found[f"Limits.{name}"].value.tolist() == [expected[("Low", second)[which - 3]]]
