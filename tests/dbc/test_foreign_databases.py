@@ -189,8 +189,8 @@ def kcd(second: str) -> str:
         '<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"><Document/>'
         '<Bus name="B"><Message id="0x123" name="Limits" length="8">'
         '<Multiplex name="Which" offset="0" length="8">'
-        '<MuxGroup count="3"><Signal name="Low" offset="8" length="16"><Value slope="0.1"/></Signal>'
-        f'</MuxGroup><MuxGroup count="4"><Signal name="{second}" offset="16" length="16"/>'
+        '<MuxGroup count="3"><Signal name="Low" offset="8" length="16"><Value slope="0.1"/>'
+        f'</Signal></MuxGroup><MuxGroup count="4"><Signal name="{second}" offset="16" length="16"/>'
         "</MuxGroup></Multiplex></Message></Bus></NetworkDefinition>"
     )
 
@@ -203,7 +203,8 @@ def test_signals_of_one_name_that_a_selector_tells_apart(second: str, names: lis
     text = kcd(second)
     codec = parse_codec(text, "a.kcd")
     assert not codec.left_out
-    database = cantools.database.load_string(text, "kcd", strict=False)
+    database = cantools.database.can.Database(strict=False)
+    database.add_kcd_string(text)
     for which, name in zip((3, 4), names, strict=True):
         payload = bytes([which, 1, 2, 3, 0, 0, 0, 0])
         found = codec.decode(frames(FRAME, payload)).samples
