@@ -1,34 +1,34 @@
-"""CAN frames and their meaning: DBC databases, decoding, encoding, units."""
+"""CAN frames and their meaning: DBC databases, decoding, encoding, units.
 
-from .codec import Codec
-from .database import load_codec, parse_codec, read_dbc, shipped_dbc
-from .errors import BumpbenchError, InputError
-from .finding import Finding, Severity
-from .frames import FrameBatch, FrameFlag
-from .layout import CounterRule, MessageLayout, SignalLayout
-from .samples import UNUSABLE, DecodeCounts, Decoded, Quality, Samples
-from .units import SiUnit, to_si
+What is public here is loaded when it is first asked for: who only wants an error or a finding needs
+neither the grammar of databases nor NumPy.
+"""
 
-__all__ = [
-    "UNUSABLE",
-    "BumpbenchError",
-    "Codec",
-    "CounterRule",
-    "DecodeCounts",
-    "Decoded",
-    "Finding",
-    "FrameBatch",
-    "FrameFlag",
-    "InputError",
-    "MessageLayout",
-    "Quality",
-    "Samples",
-    "Severity",
-    "SiUnit",
-    "SignalLayout",
-    "load_codec",
-    "parse_codec",
-    "read_dbc",
-    "shipped_dbc",
-    "to_si",
-]
+from typing import TYPE_CHECKING
+
+from .lazy import lazy
+
+if TYPE_CHECKING:
+    from .codec import Codec as Codec
+    from .database import load_codec as load_codec
+    from .database import parse_codec as parse_codec
+    from .database import read_dbc as read_dbc
+    from .database import shipped_dbc as shipped_dbc
+    from .errors import BumpbenchError as BumpbenchError
+    from .errors import InputError as InputError
+    from .finding import Finding as Finding
+    from .finding import Severity as Severity
+    from .frames import FrameBatch as FrameBatch
+    from .frames import FrameFlag as FrameFlag
+    from .layout import CounterRule as CounterRule
+    from .layout import MessageLayout as MessageLayout
+    from .layout import SignalLayout as SignalLayout
+    from .samples import UNUSABLE as UNUSABLE
+    from .samples import DecodeCounts as DecodeCounts
+    from .samples import Decoded as Decoded
+    from .samples import Quality as Quality
+    from .samples import Samples as Samples
+    from .units import SiUnit as SiUnit
+    from .units import to_si as to_si
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

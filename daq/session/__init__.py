@@ -61,27 +61,22 @@ there never changes its meaning.  Files are complete or absent: written beside t
 and moved there.  Raw frames are never changed or deleted.
 """
 
-from __future__ import annotations
+from typing import TYPE_CHECKING
 
-from dbc.finding import Finding, Severity
+from dbc.lazy import lazy
 
-from .findings import finding_document
-from .growing import add_run, begin_session, finish_session
-from .preview import glances
-from .read import read_foreign_session, read_session
-from .validate import validate_session
-from .write import write_session
+if TYPE_CHECKING:
+    from dbc.finding import Finding as Finding
+    from dbc.finding import Severity as Severity
 
-__all__ = [
-    "Finding",
-    "Severity",
-    "add_run",
-    "begin_session",
-    "finding_document",
-    "finish_session",
-    "glances",
-    "read_foreign_session",
-    "read_session",
-    "validate_session",
-    "write_session",
-]
+    from .findings import finding_document as finding_document
+    from .growing import add_run as add_run
+    from .growing import begin_session as begin_session
+    from .growing import finish_session as finish_session
+    from .preview import glances as glances
+    from .read import read_foreign_session as read_foreign_session
+    from .read import read_session as read_session
+    from .validate import validate_session as validate_session
+    from .write import write_session as write_session
+else:
+    __all__, __dir__, __getattr__ = lazy(__name__)

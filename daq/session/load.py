@@ -15,6 +15,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from .schema import (
@@ -47,8 +48,9 @@ def load_tree(path: Path | str) -> Group:
     where = str(path)
     try:
         with open_session(path) as file:
-            _Survey(max_total_bytes(path.stat().st_size)).visit(file, 0)
-            return _group(file)
+            survey = _Survey(max_total_bytes(path.stat().st_size))
+            survey.visit(file.id, "/", 0)
+            return _group(file.id)
     except InputError:
         raise
     except _WHAT_H5PY_RAISES as error:
@@ -76,7 +78,7 @@ def open_session(path: Path) -> Iterator[h5py.File]:
     except (OSError, RuntimeError) as error:
         raise InputError(where, "is not an HDF5 file, or is cut off", ADVICE) from error
     with file:
-        about = plain_attributes(file)
+        about = plain_attributes(file.id)
         if about.get("schema") != SCHEMA:
             raise InputError(where, "is HDF5, but not a bench session", ADVICE)
         version = about.get("schema_version")
@@ -94,86 +96,109 @@ class _Survey:
         self._bytes = 0
         self._seen: set[int] = set()
 
-    def visit(self, group: h5py.Group, depth: int) -> None:
+    def visit(self, group: h5py.h5g.GroupID, where: str, depth: int) -> None:
         """Check a group and all below it.
 
         Raises ValueError if anything reaches outside the file, or claims too much.
         """
         if depth > MAX_DEPTH:
             raise ValueError(f"its groups are nested more than {MAX_DEPTH} deep")
-        self._count(group)
-        for name in group:
-            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        self._count(group, where)
+        for key in group:
+            name = _text(key)
+            if group.links.get_info(key).type != h5py.h5l.TYPE_HARD:
                 raise ValueError(f"{name} is absent or a link")
-            item = group[name]
-            if isinstance(item, h5py.Group):
-                self.visit(item, depth + 1)
-            elif isinstance(item, h5py.Dataset):
+            item = h5py.h5o.open(group, key)
+            if isinstance(item, h5py.h5g.GroupID):
+                self.visit(item, f"{where.rstrip('/')}/{name}", depth + 1)
+            elif isinstance(item, h5py.h5d.DatasetID):
+                self._count(item, f"{where.rstrip('/')}/{name}")
                 self._dataset(name, item)
             else:
                 raise ValueError(f"{name} is neither group nor dataset")
 
-    def _count(self, item: h5py.Group | h5py.Dataset) -> None:
-        address = h5py.h5o.get_info(item.id).addr
+    def _count(self, item: h5py.h5g.GroupID | h5py.h5d.DatasetID, where: str) -> None:
+        address = h5py.h5o.get_info(item).addr
         if address in self._seen:
-            raise ValueError(f"{item.name} stands in it twice")
+            raise ValueError(f"{where} stands in it twice")
         self._seen.add(address)
         if len(self._seen) > MAX_OBJECTS:
             raise ValueError(f"it holds more than {MAX_OBJECTS} objects")
 
-    def _dataset(self, name: str, item: h5py.Dataset) -> None:
-        self._count(item)
+    def _dataset(self, name: str, item: h5py.h5d.DatasetID) -> None:
         # The type first: h5py makes a shape and a size only for types that it knows.
-        if item.dtype.kind not in "iufS" or item.dtype.hasobject or item.dtype.itemsize > 4096:
-            raise ValueError(f"{name} has type {item.dtype}, which no session has")
-        if item.shape is None or len(item.shape) > 2:
-            raise ValueError(f"{name} has shape {item.shape}, which no session has")
-        layout = item.id.get_create_plist()
-        if layout.get_layout() == h5py.h5d.VIRTUAL or layout.get_external_count():
+        dtype = item.dtype
+        if dtype.kind not in "iufS" or dtype.hasobject or dtype.itemsize > 4096:
+            raise ValueError(f"{name} has type {dtype}, which no session has")
+        null = item.get_space().get_simple_extent_type() == h5py.h5s.NULL
+        shape = None if null else item.shape
+        if shape is None or len(shape) > 2:
+            raise ValueError(f"{name} has shape {shape}, which no session has")
+        layout = item.get_create_plist()
+        kind = layout.get_layout()
+        if kind == h5py.h5d.VIRTUAL or layout.get_external_count():
             raise ValueError(f"{name} is no dataset of this file")
         filters = {layout.get_filter(i)[0] for i in range(layout.get_nfilters())}
         if not filters <= _FILTERS:
             raise ValueError(f"{name} is packed in a way that no session is")
-        if item.nbytes > MAX_BYTES:
-            raise ValueError(f"{name} claims {item.nbytes} bytes")
-        if prod(item.chunks or ()) * item.dtype.itemsize > MAX_CHUNK_BYTES:
-            raise ValueError(f"{name} claims chunks of {item.chunks}")
-        self._bytes += item.nbytes
+        size = prod(shape) * dtype.itemsize
+        if size > MAX_BYTES:
+            raise ValueError(f"{name} claims {size} bytes")
+        chunks = layout.get_chunk() if kind == h5py.h5d.CHUNKED else ()
+        if prod(chunks) * dtype.itemsize > MAX_CHUNK_BYTES:
+            raise ValueError(f"{name} claims chunks of {chunks}")
+        self._bytes += size
         if self._bytes > self._limit:
             raise ValueError(f"its datasets claim {self._bytes} bytes and more")
 
 
-def _group(group: h5py.Group) -> Group:
-    items = {name: group[name] for name in sorted(group)}
+def _group(group: h5py.h5g.GroupID) -> Group:
+    items = {_text(key): h5py.h5o.open(group, key) for key in sorted(group)}
     return Group(
         plain_attributes(group),
-        {name: _group(item) for name, item in items.items() if isinstance(item, h5py.Group)},
+        {name: _group(item) for name, item in items.items() if isinstance(item, h5py.h5g.GroupID)},
         {
-            name: Dataset(np.asarray(item[()]), plain_attributes(item))
+            name: Dataset(_values(item), plain_attributes(item))
             for name, item in items.items()
-            if isinstance(item, h5py.Dataset)
+            if isinstance(item, h5py.h5d.DatasetID)
         },
     )
 
 
-def plain_attributes(item: h5py.Group | h5py.Dataset) -> Mapping[str, Attribute]:
+def _values(item: h5py.h5d.DatasetID) -> NDArray[Any]:
+    values = np.empty(item.shape, item.dtype)
+    if values.size:
+        item.read(h5py.h5s.ALL, h5py.h5s.ALL, values)
+    return values
+
+
+def plain_attributes(
+    item: h5py.h5g.GroupID | h5py.h5d.DatasetID | h5py.h5f.FileID,
+) -> Mapping[str, Attribute]:
     """Return the attributes of simple types; others are none of ours."""
     result: dict[str, Attribute] = {}
-    for name in item.attrs:
+    names: list[bytes] = []
+    h5py.h5a.iterate(item, names.append)
+    for key in names:
+        name = _text(key)
         if name in _OF_HDF5:
             continue
-        known = item.attrs.get_id(name)
-        text = h5py.check_string_dtype(known.dtype) is not None
-        small = known.shape is not None and prod(known.shape) <= MAX_ATTRIBUTE
-        if small and (text or known.dtype.kind in "iuf"):
-            result[name] = _plain(item.attrs[name])
+        one = h5py.h5a.open(item, key)
+        dtype, shape = one.dtype, one.shape
+        text = h5py.check_string_dtype(dtype) is not None
+        small = shape is not None and prod(shape) <= MAX_ATTRIBUTE
+        if small and (text or dtype.kind in "iuf"):
+            values = np.zeros(shape, dtype)
+            one.read(values)
+            result[name] = _plain(values)
     return result
 
 
-def _plain(value: Any) -> Any:
+def _plain(values: NDArray[Any]) -> Any:
     """Return an attribute as Python has it: text, number, or a tuple of either."""
-    if isinstance(value, np.ndarray):
-        return tuple(_plain(cell) for cell in value.ravel().tolist())
-    if isinstance(value, bytes):
-        return value.decode("utf-8", "surrogateescape")
-    return value.item() if isinstance(value, np.generic) else value
+    cells = [_text(v) if isinstance(v, bytes) else v for v in values.ravel().tolist()]
+    return tuple(cells) if values.ndim else cells[0]
+
+
+def _text(raw: bytes) -> str:
+    return raw.decode("utf-8", "surrogateescape")

@@ -78,9 +78,9 @@ def glance(path: Path) -> Glance:
     Raises InputError if it is no session.
     """
     with open_session(path) as file:
-        about = plain_attributes(_member(file, "session"))
+        about = plain_attributes(_member(file, "session").id)
         folder = _member(file, "runs")
-        runs = [plain_attributes(_member(folder, name)) for name in islice(folder, _MAX_RUNS)]
+        runs = [plain_attributes(_member(folder, name).id) for name in islice(folder, _MAX_RUNS)]
     accepted = sum(run.get("status") == "accepted" for run in runs)
     return Glance(
         str(path),
