@@ -83,7 +83,8 @@ class Client:
         self._news.connect(address.news)
         self._heart = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
         try:
-            self.ask(Hello(name, control, take_over))
+            self.first_status = self.ask(Hello(name, control, take_over)).status
+            """The status at the time of the connection; None if there was none yet."""
         except (RecorderGone, OrderRefused):
             self.close()
             raise

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from pydantic import TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
 
 from ..bench.campaign import Step
 from ..bench.origin import Origin
@@ -21,6 +21,9 @@ from .orders import Order
 PROTOCOL = 2
 """Version of the messages, raised when an older client could misread them."""
 STATUS_TOPIC, LIVE_TOPIC = b"status", b"live"
+_WHEN_USED = ConfigDict(defer_build=True)
+"""A client builds what reads and writes a message when the first one comes, not before its
+screen."""
 
 
 class Phase(StrEnum):
@@ -63,6 +66,7 @@ class SessionState(StrEnum):
 class Request:
     """A message with an order; its reply has the same `number`."""
 
+    __pydantic_config__ = _WHEN_USED
     client: str
     number: int
     order: Order
@@ -205,6 +209,7 @@ class LeftOut:
 class Status:
     """The whole state of a recorder: a terminal that attaches needs nothing else."""
 
+    __pydantic_config__ = _WHEN_USED
     wall_ns: int
     """The host's wall clock."""
     t_ns: int
@@ -289,6 +294,7 @@ class Status:
 class LogNews:
     """The state of the run log as a number, and what has changed since the one before."""
 
+    __pydantic_config__ = _WHEN_USED
     serial: int
     """One more with each change; two more if the change is not sent."""
     runs: tuple[LoggedRun, ...] = ()
@@ -305,6 +311,7 @@ class LogNews:
 class StatusNews:
     """A status as it is published: it does not grow with the number of runs."""
 
+    __pydantic_config__ = _WHEN_USED
     status: Status
     """Without runs, notes and overrides (`daq.control.log_copy`)."""
     log: LogNews
@@ -342,6 +349,7 @@ class Lane:
 class Live:
     """The newest samples of every channel as an envelope."""
 
+    __pydantic_config__ = _WHEN_USED
     first_bin: int
     """Bin k has time stamps k bin_s .. (k + 1) bin_s; each is sent once, when complete."""
     bin_s: float
@@ -365,6 +373,7 @@ class CheckItem:
 class Reply:
     """The answer to a request."""
 
+    __pydantic_config__ = _WHEN_USED
     number: int
     """Number of the request."""
     error: str = ""

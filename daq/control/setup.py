@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import zlib
+from typing import TYPE_CHECKING
 
-from ..bench.config import Bench
 from ..bench.origin import Origin
 from .messages import Setup
+
+if TYPE_CHECKING:
+    from ..bench.config import Bench
 
 _WORDS = {
     Origin.REAL: "a real bus",

@@ -157,15 +157,16 @@ def _wanted(
     """
     from dataclasses import replace
 
-    from daq import load_bench
     from daq.bench import Origin
     from daq.control import Setup, setup_of
-
-    from ..bench import shared_bench
 
     origin = Origin.SIMULATED if demo else Origin.REPLAYED if replay else Origin.REAL
     if replay or not (bench or interface or channel):
         return Setup(origin)
+    from daq import load_bench  # with the reader of databases behind it
+
+    from ..bench import shared_bench
+
     if demo:
         return replace(setup_of(load_bench(bench)), origin=origin, buses=None)
     setup = setup_of(shared_bench(bench, interface, channel))
@@ -182,7 +183,6 @@ def _starter(
     replay: Path | None,
 ) -> Callable[[], subprocess.Popen[bytes]]:
     """Return what starts the recorder that is wanted."""
-    from ..bench import shared_bench
     from ..recorders.process import start_demo_recorder, start_recorder, start_replay_recorder
 
     if demo:
@@ -191,6 +191,8 @@ def _starter(
         return lambda: start_replay_recorder(folder, replay, speed)
 
     def start() -> subprocess.Popen[bytes]:
+        from ..bench import shared_bench
+
         shared_bench(bench, *bus)  # reports a bad file here, not in a log
         return start_recorder(bench, folder, *bus)
 

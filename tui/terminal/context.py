@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 from daq import Status
 from daq.control import Order, Reply
 
-from ..jobs.outcome import Outcome
 from .state.feed import Lost
 from .state.glyphs import Glyphs
 from .state.lanes import Lanes
@@ -18,6 +17,8 @@ from .state.steps import BenchStep
 
 if TYPE_CHECKING:
     from daq import Bench
+
+    from ..jobs.outcome import Outcome
 
 
 class BenchContext(Protocol):

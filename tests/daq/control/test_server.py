@@ -126,6 +126,8 @@ def test_one_controller_many_viewers(server: Server, engine: Engine, address: Ad
     }
     assert statuses
 
+    viewers.append(Client(address, "viewer 2", control=False))
+    assert viewers[2].first_status == replace(a_status(3), controller="Anna", viewers=2)
     viewers[0].ask(AskBench())  # a question is anybody's
     with pytest.raises(OrderRefused, match="Anna is in control"):
         viewers[0].ask(Arm())

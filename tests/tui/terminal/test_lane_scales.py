@@ -1,12 +1,16 @@
-"""Lanes of one quantity at the wheels share a scale; a lane of the body has its own."""
+"""Lanes of one quantity at the wheels share a scale; a chart follows the colours."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from textual.app import App, ComposeResult
+
 from daq.bench.config import default_bench_text, parse_bench
+from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.lane_view import lane_specs
 from tui.terminal.state.lanes import Lanes
+from tui.terminal.widgets.lane_chart import LaneChart
 
 
 def test_one_scale_for_each_quantity_at_the_wheels() -> None:
@@ -18,3 +22,22 @@ def test_one_scale_for_each_quantity_at_the_wheels() -> None:
     assert hubs.isdisjoint(travels)
     assert specs["body_acc_z"] == "body_acc_z"
     assert specs["roll_rate"] != specs["pitch_rate"]
+
+
+class Chart(App[None]):
+    def compose(self) -> ComposeResult:
+        yield LaneChart(choose_glyphs(GlyphSet.ASCII, {}, "utf-8"))
+
+
+async def test_a_chart_takes_the_colours_of_another_theme() -> None:
+    app = Chart()
+    async with app.run_test() as pilot:
+        chart = app.query_one(LaneChart)
+        colours = []
+        for theme in ("textual-dark", "textual-light"):
+            app.theme = theme
+            await pilot.pause()
+            (segment,) = chart.render_line(0)
+            assert segment.style == chart.rich_style
+            colours.append(segment.style)
+        assert colours[0] != colours[1]

@@ -219,6 +219,8 @@ class RecorderFeed:
         with suppress(OrderRefused, RecorderGone):
             if (setup := client.ask(AskSetup()).setup) is not None:
                 post(setup)
+        if client.first_status is not None:  # the next one comes in up to 0.1 s
+            post(client.first_status)
         return client
 
     def _post_news(self, client: Client, post: Callable[[News], None]) -> str:

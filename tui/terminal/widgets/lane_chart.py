@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from math import isfinite, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from ..state.tracing import full_scale, pooled, trace
 LANE_ROWS = 4
 """With fewer rows a decay looks like noise."""
 _LABEL, _SCALE = 11, 12
+Traced = tuple[NDArray[np.float64], NDArray[np.float64], float]
+"""Envelope of a channel about its value at rest, and its peak; NaN without samples."""
 
 
 class LaneChart(Widget):
@@ -46,9 +49,10 @@ class LaneChart(Widget):
         if specs and columns > 8 and lanes.end:
             tall = min(height // len(specs), 3 * LANE_ROWS)
             mark = None if window.trigger is None else int(window.trigger * columns)
-            self._share_scales(lanes, specs, window)
-            for spec in specs:
-                rows += self._lane(lanes, spec, window, columns, tall, mark, overloaded)
+            traces = [self._trace(lanes, spec, window) for spec in specs]
+            self._share_scales(specs, [peak for *_, peak in traces])
+            for spec, traced in zip(specs, traces, strict=True):
+                rows += self._lane(spec, traced, columns, tall, mark, spec.channel in overloaded)
         elif height:
             rows = ["", "  no samples yet"]
         rows = [row.ljust(width)[:width] for row in rows[:height]]
@@ -64,28 +68,28 @@ class LaneChart(Widget):
     def render_line(self, y: int) -> Strip:
         """Return one row as a single segment."""
         row = self._rows[y] if y < len(self._rows) else ""
-        return Strip([Segment(row.ljust(self.size.width), self.rich_style)], self.size.width)
+        style = self.visual_style.rich_style  # which Textual keeps, unlike `rich_style`
+        return Strip([Segment(row.ljust(self.size.width), style)], self.size.width)
 
     def _lane(
         self,
-        lanes: Lanes,
         spec: LaneSpec,
-        window: Window,
+        traced: Traced,
         columns: int,
         tall: int,
         mark: int | None,
-        overloaded: Collection[str],
+        overloaded: bool,
     ) -> list[str]:
-        low, high, peak = self._trace(lanes, spec, window)
+        low, high, peak = traced
         scale = self._ranges[spec.scale]
         wide = self._glyphs.dots[0]
         drawn = trace(*pooled(low, high, columns * wide), scale, tall, self._glyphs)
         label, figure = [""] * tall, [""] * tall
         label[tall // 2] = spec.label
-        seen = np.isfinite(peak)
-        figure[tall // 2] = f"{peak:.{_digits(scale)}f} {spec.unit}" if seen else "no data"
+        known = f"{peak:.{_digits(scale)}f} {spec.unit}"
+        figure[tall // 2] = known if isfinite(peak) else "no data"
         figure[0] = f"+{scale:g}{'' if spec.scale == spec.channel else ' all'}"
-        if spec.channel in overloaded:
+        if overloaded:
             label[0] = f"{self._glyphs.overload} OVERLOAD"
         rows = []
         for name, cells, words in zip(label, drawn, figure, strict=True):
@@ -94,25 +98,23 @@ class LaneChart(Widget):
             rows.append(f"{name[:_LABEL].ljust(_LABEL)}{self._glyphs.axis}{cells} {words}")
         return rows
 
-    def _share_scales(self, lanes: Lanes, specs: Sequence[LaneSpec], window: Window) -> None:
-        """Find the range of each scale from all lanes that share it."""
-        peaks: dict[str, float] = {}
-        for spec in specs:
-            peak = self._trace(lanes, spec, window)[2]
-            peaks[spec.scale] = max(peaks.get(spec.scale, 0.0), peak if np.isfinite(peak) else 0.0)
+    def _share_scales(self, specs: Sequence[LaneSpec], peaks: Sequence[float]) -> None:
+        """Find the range of each scale from the peaks of all lanes that share it."""
+        highest: dict[str, float] = {}
+        for spec, peak in zip(specs, peaks, strict=True):
+            highest[spec.scale] = max(highest.get(spec.scale, 0.0), peak if isfinite(peak) else 0.0)
         for spec in specs:
             before = self._ranges.get(spec.scale, 0.0)
-            self._ranges[spec.scale] = full_scale(peaks[spec.scale], spec.least, before)
+            self._ranges[spec.scale] = full_scale(highest[spec.scale], spec.least, before)
 
-    def _trace(
-        self, lanes: Lanes, spec: LaneSpec, window: Window
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Return the envelope about the value at rest, and its peak; NaN without samples."""
+    def _trace(self, lanes: Lanes, spec: LaneSpec, window: Window) -> Traced:
         low, high = lanes.window(spec.channel, window.first_bin, window.count)
-        middle = (low + high)[np.isfinite(low + high)] / 2.0
-        rest = self._at_rest(spec, float(np.median(middle)) if len(middle) else 0.0)
+        middle = np.sort(low + high) / 2.0  # NaN comes last
+        known = len(middle) - int(np.count_nonzero(np.isnan(middle)))
+        median = (middle[(known - 1) // 2] + middle[known // 2]) / 2.0 if known else 0.0
+        rest = self._at_rest(spec, float(median))
         low, high = (low - rest) * spec.factor, (high - rest) * spec.factor
-        peak = float(max(np.nanmax(high), -np.nanmin(low))) if len(middle) else float("nan")
+        peak = float(max(np.fmax.reduce(high), -np.fmin.reduce(low))) if known else nan
         return low, high, peak
 
     def _at_rest(self, spec: LaneSpec, median: float) -> float:
