@@ -47,9 +47,8 @@ _CONVERGED = 0.05
 _POLISHED = 0.3
 
 Log = Callable[[str], None]
-Start = tuple[NDArray[np.float64], tuple[Own, ...], tuple[str, ...]]
-"""Unknowns (P,) to start from, elements at rest; how each run begins by them; names of those that
-are held there until the first elements are found."""
+Start = tuple[NDArray[np.float64], tuple[Own, ...]]
+"""Unknowns (P,) to start from, elements at rest, and how each run begins by them."""
 
 
 def release(
@@ -131,25 +130,17 @@ def _first(
     chosen: tuple[str, ...],
 ) -> Optimum | None:
     """Return where the first stage ends from a linear start; None if it has no finite path."""
-    eta, owns, held = start
+    eta, owns = start
     centre, prior = weak_priors(model, eta)
     eta = eta.copy()
     if "friction" in chosen:
         for name in BY_NAME["friction"].members(model)[:2]:
             eta[model.names.index(name)] = _FIRST_FRICTION_N / 50.0
-    free = positions(model, chosen, False)
-    problem = Problem(model, searched, centre, prior, free)
-    loose = np.array([i for i in free if model.names[i] not in held], dtype=np.intp)
-    found: Optimum | None = None
-    for some in (loose, free) if held else (free,):
-        found = fit(
-            problem.releasing(some), eta, owns, ROUGH, tolerance=_CONVERGED, rough=_ROUGH_SHARE,
-            max_iterations=_STAGE_STEPS,
-        )  # fmt: skip
-        if found is None:
-            break
-        eta, owns = found.eta, found.point.owns
-    return found
+    problem = Problem(model, searched, centre, prior, positions(model, chosen, False))
+    return fit(
+        problem, eta, owns, ROUGH, tolerance=_CONVERGED, rough=_ROUGH_SHARE,
+        max_iterations=_STAGE_STEPS,
+    )  # fmt: skip
 
 
 def _pays(
