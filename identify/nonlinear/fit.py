@@ -23,6 +23,8 @@ _REFUSED = 8
 """Refused steps in a row after which the tangents count as spent."""
 _SLOW = 0.5
 """Share of `rough` that a step must gain for a rough fit to go on."""
+_LEAST = 1e-3
+"""Fall of the cost, over chi2/n, below which a step that promises more counts as refused."""
 _PROMISED = 1.0
 """Fall of the cost, over chi2/n, that a full step may still promise where every step is refused."""
 
@@ -229,7 +231,7 @@ def fit(
                 f"  {iterations} cost {at.cost:.2f} -> {trial.cost if trial else np.nan:.2f} "
                 f"promised {decrement:.3g} lambda {damping:.0e}"
             )
-            if trial is not None and trial.cost < at.cost + (0.5 * unit if near else 0.0):
+            if trial is not None and trial.cost < at.cost + unit * (0.5 if near else -_LEAST):
                 there = normal(trial)
                 if there.finite:
                     # A damping that was just found to be needed stays for one step.

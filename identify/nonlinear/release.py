@@ -26,6 +26,10 @@ _FIRST_FRICTION_N = 15.0
 _LATE = {"damper_mounts": 0.3, "static_friction": 0.2}
 """Groups that join where they pay, and the unknowns that their sizes begin with: a compliance of
 0.3e-6 m/N, beyond the trap at zero; static friction a fifth above the sliding one."""
+_STOOD_IN = {"damper_mounts": ("h_",), "bump_stops": ("k_2", "k_3")}
+"""Unknowns that had taken the place of an element which joins.  They begin again at rest: from a
+damper curve bent, or a spring stiffened, as far as the missing element asked, the search did not
+find back in 40 steps, and from rest in 4 to 8."""
 _GAPS_M = (0.012, 0.018, 0.025, 0.033, 0.042)
 """Gaps at which a bump stop is tried: a stop that is not touched yet has no slope by its gap."""
 _LARGEST_RATE = 1.5
@@ -169,7 +173,15 @@ def _begun(model: Model, eta: NDArray[np.float64], name: str) -> NDArray[np.floa
     """Return the unknowns with a group that joins where it begins."""
     result = eta.copy()
     result[_sizes(model, name)] = _LATE[name]
+    for axle in "fr":
+        result[_standing_in(model, name, axle)] = 0.0
     return result
+
+
+def _standing_in(model: Model, name: str, axle: str) -> list[int]:
+    """Return the positions of an axle's unknowns that had taken the place of a group."""
+    kinds = tuple(f"{kind}{axle}" for kind in _STOOD_IN.get(name, ()))
+    return [i for i, unknown in enumerate(model.names) if unknown.startswith(kinds)]
 
 
 def _begin_stops(problem: Problem, best: Optimum, log: Log) -> NDArray[np.float64]:
@@ -189,6 +201,7 @@ def _begin_stops(problem: Problem, best: Optimum, log: Log) -> NDArray[np.float6
                 most[axle] = gains[axle]
                 result[gaps[axle]] = np.log(gap)
                 result[rates[axle]] = min(sizes[axle], _LARGEST_RATE)
+                result[_standing_in(model, "bump_stops", "fr"[axle])] = 0.0
     begun = [f"{1e3 * np.exp(result[g]):.0f} mm" for g, r in zip(gaps, rates, strict=True)
              if result[r] != 0.0]  # fmt: skip
     log(f"bump_stops: begin at {', '.join(begun) or 'nothing'}")
