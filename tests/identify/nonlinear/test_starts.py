@@ -59,10 +59,15 @@ def test_the_next_start_is_asked_for_where_one_leads_nowhere(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 3])
-def test_a_light_car_whose_wheels_leave_the_ground_is_found(seed: int) -> None:
-    """With wheels of 10 and 15 kg and stiff springs, weighed on scales."""
-    drawn = fleet_car(8, seed, facts=True)
+@pytest.mark.parametrize(("number", "seed"), [(8, 1), (8, 3), (12, 2)])
+def test_cars_whose_linear_start_or_first_stage_is_far_off_are_found(
+    number: int, seed: int
+) -> None:
+    """Two of 500 kg that leave the ground; a van with mounts and a stop, which others stand in for.
+
+    All stand on scales.
+    """
+    drawn = fleet_car(number, seed, facts=True)
     found = identify(drawn.simulate().session)
     assert found.quality.verdict is Verdict.OK
     truth = true_parameters(drawn.car)
