@@ -26,8 +26,9 @@ def session_row(session: Session) -> dict[str, Cell]:
 def document_row(session: Session, document: Document) -> dict[str, Cell]:
     """Flatten the document of an identification of a session.
 
-    The columns: `session` (its uuid), `vehicle`, `runs_accepted`, `verdict`, `reasons` (the three
-    worst), `chi2_per_n`, the names of the `surviving` and the `lost` parameters; each parameter
+    The columns: `session` (its uuid), `vehicle`, `created` (when it was recorded), `origin`
+    (`real`, `simulated` or `replayed`), `runs_accepted`, `verdict`, `reasons` (the three worst),
+    `chi2_per_n`, the names of the `surviving` and the `lost` parameters; each parameter
     `NAME` and `NAME_std`, SI, None where it is not determined; each mode `STATE_N_name`,
     `STATE_N_hz`, `STATE_N_hz_std`, `STATE_N_damping` and `STATE_N_damping_std`.  Of a car that is
     not linear also `elements` (those that are there), and for each axle its elements
@@ -37,6 +38,8 @@ def document_row(session: Session, document: Document) -> dict[str, Cell]:
     row: dict[str, Cell] = {
         "session": session.provenance.get("uuid", ""),
         "vehicle": session.vehicle.name,
+        "created": document["source"]["created"],
+        "origin": document["source"]["origin"],
         "runs_accepted": sum(run.status is RunStatus.ACCEPTED for run in session.runs),
         "verdict": document["verdict"],
         "reasons": " | ".join(document["reasons"][:_REASONS]),

@@ -35,6 +35,7 @@ RESERVED = {
     "pypdf": ("identify/report/pdf",),
     "matplotlib": ("identify/report/", "identify/study/figures/", "identify/plots.py"),
     "distributed": ("tui/jobs/executors.py",),
+    "fsspec": ("tui/commands/batch/places.py",),
     "threading": ("daq/", "tui/"),
     "typer": ("tui/",),
     "rich": ("tui/",),

@@ -20,7 +20,8 @@ def batch(
     files: Annotated[
         list[str],
         typer.Argument(
-            help="Session files, folders with such, or quoted patterns ('2026-*/*.h5')."
+            help="Session files, folders with such, or quoted patterns ('2026-*/*.h5'); also as "
+            "addresses that fsspec knows (s3://bench-7/2026/)."
         ),
     ],
     workers: Annotated[
@@ -34,9 +35,17 @@ def batch(
             "and see the files under the same paths; start them with --nthreads 1.",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Table to write: *.csv or *.parquet.")] = Path(
-        "bumpbench-batch.csv"
-    ),
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Table to write: *.csv, *.parquet, or a folder without an ending, for a Parquet "
+            "data set partitioned by vehicle."
+        ),
+    ] = Path("bumpbench-batch.csv"),
+    page: Annotated[
+        Path | None,
+        typer.Option(help="Also write a page over the rows: filters, trends, outliers (*.html)."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> int:
     """Identify many sessions: one row each, with parameters, modes, verdict and reasons.
@@ -55,36 +64,43 @@ def batch(
 
     from ...diagnostics import say
     from ...jobs.executors import crew_of
+    from ...jobs.start import ended_by_sigterm
     from ...output import print_json, progress
     from .journal import RowJournal
-    from .table import check_table_file, write_table
+    from .places import session_files
+    from .table import check_outputs, write_outputs
     from .tally import work_off
-    from .work import session_files
 
     if scheduler is not None and workers is not None:
         raise InputError(
             "--workers", "a cluster has its own workers", "leave it out with --scheduler"
         )
-    check_table_file(out)
+    check_outputs(out, page)
     sessions = session_files(files)
     began_s = perf_counter()
     with RowJournal(out.with_name(f"{out.name}.jsonl")) as journal:
+
+        def publish() -> None:
+            write_outputs(out, page, journal.path)
+
         try:
             with (
+                ended_by_sigterm(),
                 crew_of(workers or os.cpu_count() or 1, scheduler) as crew,
                 progress("batch") as stage,
             ):
-                tally = work_off(crew, sessions, journal, out, stage)
-        except KeyboardInterrupt:
+                tally = work_off(crew, sessions, journal, publish, stage)
+        except (KeyboardInterrupt, SystemExit):
             say("stopped; the rows so far are kept, the same command goes on from here")
             raise
         finally:
-            write_table(out, journal.path)
+            publish()
     seconds = round(perf_counter() - began_s, 2)
     if json:
-        print_json({**asdict(tally), "out": str(out), "seconds": seconds})
+        files_written = {"out": str(out), **({} if page is None else {"page": str(page)})}
+        print_json({**asdict(tally), **files_written, "seconds": seconds})
     else:
-        _print(tally, out, seconds)
+        _print(tally, out if page is None else page, seconds)
     return ExitCode.ANSWER_IS_NO if tally.bad else ExitCode.OK
 
 
@@ -93,7 +109,7 @@ def _print(tally: Tally, out: Path, seconds: float) -> None:
 
     counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(tally.verdicts.items()))
     print_line(f"{tally.sessions} sessions: {counts or 'none'}")
-    print_line(f"{tally.done_now} of them done now in {seconds:.1f} s; table: {out}")
+    print_line(f"{tally.done_now} of them done now in {seconds:.1f} s: {out}")
     for case in tally.bad[:_SHOWN]:
         print_line(f"  - {case['verdict']}: {case['file']}: {case['reasons']}")
     if len(tally.bad) > _SHOWN:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from time import monotonic
 
 from dbc import InputError
@@ -13,7 +12,6 @@ from dbc import InputError
 from ...jobs.executors import Crew, as_finished
 from ...output import Stage
 from .journal import RowJournal
-from .table import write_table
 from .work import FAILED, Job, job_of, row_of, row_of_lost
 
 _PUBLISH_S = 60.0
@@ -36,12 +34,16 @@ class Tally:
 
 
 def work_off(
-    crew: Crew, files: Sequence[Path], journal: RowJournal, out: Path, stage: Stage
+    crew: Crew,
+    files: Sequence[str],
+    journal: RowJournal,
+    publish: Callable[[], None],
+    stage: Stage,
 ) -> Tally:
     """Identify what the journal does not know yet.
 
-    `files`: session files.  `out`: the table, brought up to date every minute.  Raises InputError
-    if rows cannot be kept, or the cluster has gone.
+    `files`: session files.  `publish`: writes what the journal holds; called every minute.  Raises
+    InputError if rows cannot be kept, or the cluster has gone.
     """
     verdicts: Counter[str] = Counter()
     bad: list[dict[str, str]] = []
@@ -77,6 +79,6 @@ def work_off(
         done_now += 1
         count(job.file, str(row["verdict"]), str(row["reasons"]))
         if monotonic() - published_s > _PUBLISH_S:
-            write_table(out, journal.path)
+            publish()
             published_s = monotonic()
     return Tally(verdicts.total(), done_now, dict(verdicts), bad)

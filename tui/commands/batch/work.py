@@ -1,8 +1,7 @@
-"""Identifies one session file in a worker; lists the session files of a batch."""
+"""Identifies one session file in a worker."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -13,9 +12,11 @@ from pathlib import Path
 from time import perf_counter
 from traceback import extract_tb
 
-from dbc import BumpbenchError, InputError
+from dbc import BumpbenchError
 from dbc.errors import printable
 from identify.batch import Cell
+
+from .places import at_hand, opened
 
 FAILED = "failed"
 """Verdict of a session that has no identification."""
@@ -26,40 +27,18 @@ class Job:
     """One session file."""
 
     file: str
-    """Absolute path: a cluster's workers have other working directories."""
+    """Absolute path, as a cluster's workers have other working directories, or an address."""
     sha256: str
     """Hash of its content; empty if it cannot be read."""
 
 
-def session_files(names: Sequence[str]) -> list[Path]:
-    """Return the session files that are meant, each once.
-
-    `names`: files, folders (every .h5 in them and below), patterns such as ``2026-*/*.h5``.  Raises
-    InputError if one of them means no file.
-    """
-    found: dict[Path, None] = {}
-    for name in names:
-        path = Path(name)
-        if path.is_dir():
-            files = sorted(path.rglob("*.h5"))
-        elif path.exists() or not set(name) & set("*?["):
-            files = [path]
-        else:
-            files = sorted(Path(path.anchor or ".").glob(str(path.relative_to(path.anchor))))
-        if not files or not all(file.exists() for file in files):
-            what = "holds no session file (*.h5)" if path.is_dir() else "no such file"
-            raise InputError(name, what, "name session files, folders or patterns")
-        found |= dict.fromkeys(file.absolute() for file in files if file.is_file())
-    return list(found)
-
-
-def job_of(file: Path) -> Job:
+def job_of(file: str) -> Job:
     """Return a file with the hash of its content."""
     try:
-        with file.open("rb") as stream:
-            return Job(str(file), file_digest(stream, "sha256").hexdigest())
+        with opened(file) as stream:
+            return Job(file, file_digest(stream, "sha256").hexdigest())
     except OSError:
-        return Job(str(file), "")  # the row says why
+        return Job(file, "")  # the row says why
 
 
 @cache
@@ -75,7 +54,8 @@ def row_of(job: Job) -> dict[str, Cell]:
 
     began_s = perf_counter()
     try:
-        row = session_row(read_session(job.file))
+        with at_hand(job.file) as path:
+            row = session_row(read_session(path))
     except BumpbenchError as error:
         row = _failed(str(error))
     except Exception as error:  # one strange session of thousands must not cost the others
