@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BufferedIOBase
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import IO, Any
+from typing import Any
 
 from dbc import InputError
 from dbc.errors import printable
@@ -33,7 +34,7 @@ def is_remote(file: str) -> bool:
 
 
 @contextmanager
-def opened(file: str) -> Iterator[IO[bytes]]:
+def opened(file: str) -> Iterator[BufferedIOBase]:
     """Open a session file for reading.
 
     Raises OSError if that cannot be done.
