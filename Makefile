@@ -45,9 +45,9 @@ bursts: .venv/test
 	$(BIN)/python -m tests.tui.terminal.bursts
 	$(BIN)/python -m tests.flow.burst_campaign
 
-# Do the intervals hold the truth?  Some 3 s a campaign.
+# Do the intervals hold the truth?  Some 3 s a campaign; CAR=granada-rough, with friction: 20 s.
 coverage: .venv/test
-	$(BIN)/python -m tests.flow.coverage $(or $(CAMPAIGNS),100)
+	$(BIN)/python -m tests.flow.coverage $(or $(CAMPAIGNS),100) $(CAR)
 
 # Small faults in the sources, each against the tests of its room: lists those that no test finds.
 # PATHS: files and folders; without it what differs from main, or all packages.

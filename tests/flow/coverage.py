@@ -1,4 +1,4 @@
-"""Does the truth lie in the intervals as often as they say?  `python -m tests.flow.coverage 100`.
+"""How often intervals hold the truth.  `python -m tests.flow.coverage 50 granada-rough`.
 
 The whole path from the simulated sensors on: encoded frames with jitter, runs cut, clocks
 recovered, parameters identified.  Only the bus itself is left out, which changes no byte.
@@ -7,7 +7,7 @@ recovered, parameters identified.  Only the bus itself is left out, which change
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,12 @@ from daq.journal.contents import HopCounts
 from daq.runs import Event
 from daq.sessions import Session
 from daq.sim.car import SimulatedCar
+from daq.sim.cars import GRANADA, named_car
 from daq.sim.ecu import campaign_frames
+from daq.sim.reported import true_parameters
 from dbc import FrameBatch, parse_codec
-from identify.fit.estimation import estimate, generic_vehicles
-from identify.fit.uncertainty import estimates
-from identify.pipeline import grey_box, usable_records
+from identify.pipeline import identify_parameters
 from identify.trust.finding import Quality, Verdict
-from identify.trust.judge import judge
 
 START_NS = 1_760_000_000_000_000_000
 CAR = SimulatedCar()
@@ -36,59 +35,63 @@ class Outcome:
 
     errors: NDArray[np.float64]
     stds: NDArray[np.float64]
-    """`errors`, `stds`: relative error and stated relative standard deviation of each parameter,
-    shape (15,)."""
+    """`errors`, `stds`: relative error and stated relative standard deviation of the 15 parameters,
+    then of what else was identified."""
+    names: tuple[str, ...]
+    """Of all of them."""
     quality: Quality
     """What the identification says of itself."""
 
     @property
     def covered(self) -> NDArray[np.bool_]:
-        """Which 95 % intervals hold the truth, (15,)."""
+        """Which 95 % intervals hold the truth."""
         return np.asarray(np.abs(self.errors) < 1.96 * self.stds)
 
 
-def simulated_session(bench: Bench, seed: int) -> Session:
+def simulated_session(bench: Bench, seed: int, car: SimulatedCar = CAR) -> Session:
     """Return the session that a recorder makes of a simulated campaign."""
     codec = parse_codec(bench.dbc_text, bench.dbc_name)
-    batches = list(campaign_frames(bench, codec, CAR, seed, START_NS))
+    batches = list(campaign_frames(bench, codec, car, seed, START_NS))
     bumps = [
-        Event(START_NS + round((i * CAR.run_s + CAR.lead_s) * 1e9), "bump", text=step.label)
+        Event(START_NS + round((i * car.run_s + car.lead_s) * 1e9), "bump", text=step.label)
         for i, step in enumerate(bench.campaign.steps)
     ]
     no_losses = HopCounts(np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
     return build_session(bench, codec, FrameBatch.concatenate(batches), bumps, no_losses, {})
 
 
-def outcome(bench: Bench, seed: int) -> Outcome:
+def outcome(bench: Bench, seed: int, car: SimulatedCar = CAR) -> Outcome:
     """Simulate a campaign and identify it."""
-    session = simulated_session(bench, seed)
-    records = usable_records(session)
-    box = grey_box(session, records)
-    estimation = estimate(box, records, generic_vehicles())
-    parameters = estimates(box, estimation.fit)
-    truth = asdict(CAR.parameters)
+    found = identify_parameters(simulated_session(bench, seed, car))
+    truth = {name: value for name, value in true_parameters(car).items() if value}
+    known = {name: e for name, e in found.parameters.items() if name in truth}
     return Outcome(
-        np.array([e.value / truth[name] - 1 for name, e in parameters.items()]),
-        np.array([e.std / truth[name] for name, e in parameters.items()]),
-        judge(session, estimation),
+        np.array([e.value / truth[name] - 1 for name, e in known.items()]),
+        np.array([e.std / truth[name] for name, e in known.items()]),
+        tuple(known),
+        found.quality,
     )
 
 
-def main(campaigns: int) -> None:
-    """Print what so many campaigns give."""
-    bench = load_bench(None)
-    outcomes = [outcome(bench, seed) for seed in range(campaigns)]
+def main(campaigns: int, name: str = GRANADA) -> None:
+    """Print what so many campaigns with a named car give."""
+    bench, car = load_bench(None), named_car(name).simulated()
+    outcomes = [outcome(bench, seed, car) for seed in range(campaigns)]
+    names = outcomes[0].names
     errors = np.array([o.errors for o in outcomes])
     stds = np.array([o.stds for o in outcomes])
+    z = errors / stds
     chi2 = np.array([o.quality.chi2_per_n for o in outcomes])
-    names = list(asdict(CAR.parameters))
-    print(f"{campaigns} campaigns, shipped bench, {CAR.bump_height_m * 1e3:.0f} mm bump")
-    print(f"{'':6} rms error %  stated %  covered %")
-    for i, name in enumerate(names):
+    print(f"{campaigns} campaigns of {name}, shipped bench, {car.bump_height_m * 1e3:.0f} mm bump")
+    print(f"{'':6} rms error %  stated %  covered %  rms z")
+    for i, parameter in enumerate(names):
         rms = np.sqrt(np.mean(errors[:, i] ** 2)) * 100
-        covered = np.mean(np.abs(errors[:, i]) < 1.96 * stds[:, i]) * 100
-        print(f"{name:6} {rms:11.3f} {stds[:, i].mean() * 100:9.3f} {covered:10.1f}")
-    print(f"covered in all: {np.mean([o.covered for o in outcomes]) * 100:.1f} %")
+        covered = np.mean(np.abs(z[:, i]) < 1.96) * 100
+        rms_z = np.sqrt(np.mean(z[:, i] ** 2))
+        stated = stds[:, i].mean() * 100
+        print(f"{parameter:6} {rms:11.3f} {stated:9.3f} {covered:10.1f} {rms_z:6.2f}")
+    covered_in_all = np.mean([o.covered for o in outcomes]) * 100
+    print(f"covered in all: {covered_in_all:.1f} %, rms z {np.sqrt(np.mean(z**2)):.2f}")
     print(f"largest error: {np.abs(errors).max() * 100:.2f} %")
     print(f"chi2/n: {chi2.min():.4f} .. {chi2.max():.4f}")
     for verdict in Verdict:
@@ -96,4 +99,4 @@ def main(campaigns: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), *sys.argv[2:])
