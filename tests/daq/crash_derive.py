@@ -78,48 +78,64 @@ def contents(path: Path) -> dict[str, bytes]:
 
 @dataclass(frozen=True, slots=True)
 class DeriveKills:
-    """Kills in mid-derivation: how many left no file, and how many a whole one."""
+    """Kills in mid-derivation: how many left no file, a whole one, and how many hit the writing."""
 
     absent: int
     whole: int
+    writing: int
 
 
 def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 7) -> DeriveKills:
-    """Kill `count` derivations at random moments of the time that one takes.
+    """Kill `count` derivations at random moments: every other of its end, the others of its writing.
 
     Raises
     ------
     AssertionError
-        If a file under the final name differs from the undisturbed one.
+        If a file under the final name differs from the undisturbed one, or no kill hit the writing.
     """
     began_s = time.monotonic()
     with run_derive(folder / "undisturbed.h5", segments) as process:
         assert process.stdout is not None
+        written_s = _until_written(process, folder / ".undisturbed.h5.tmp")
         reported = json.loads(process.stdout.readline())
-    whole_s = time.monotonic() - began_s
+    ended_s = time.monotonic()
     assert (reported["loss"], reported["runs"], process.returncode) == ("", len(LABELS), 0)
     true = contents(folder / "undisturbed.h5")
     assert true
     rng = np.random.default_rng(seed)
-    absent = whole = 0
-    target = folder / "killed.h5"
-    for _ in range(count):
+    absent = whole = writing = 0
+    target, part = folder / "killed.h5", folder / ".killed.h5.tmp"
+    for number in range(count):
         target.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
         with run_derive(target, segments) as process:
+            if number % 2 == 0:  # of the first one as soon as it writes, so that one is hit
+                _until_written(process, part)
+                wait_s = rng.uniform(0.0, ended_s - written_s) if number else 0.0
+            else:  # most of the time goes to imports; the writing is at the end
+                wait_s = rng.uniform(0.5, 1.0) * (ended_s - began_s)
             try:
-                # Most of the time goes to imports; the writing is at the end.
-                process.wait(rng.uniform(0.5, 1.0) * whole_s)
+                process.wait(wait_s)
             except subprocess.TimeoutExpired:
                 process.send_signal(signal.SIGKILL)
+        writing += part.exists()
         if target.exists():
             whole += 1
             assert contents(target) == true, "half a file under the final name"
         else:
             absent += 1
+    assert writing, "no kill hit the writing"
     assert len(derive(segments, target).runs) == len(LABELS)
     assert contents(target) == true, "derived twice, and not the same"
     assert not list(folder.glob(".*.tmp"))
-    return DeriveKills(absent, whole)
+    return DeriveKills(absent, whole, writing)
+
+
+def _until_written(process: subprocess.Popen[str], part: Path) -> float:
+    """Return the monotonic time at which a derivation has begun to write; or has ended."""
+    while not part.exists() and process.poll() is None:
+        time.sleep(0.0005)
+    return time.monotonic()
 
 
 def rates(folder: Path, frames: int) -> tuple[float, float]:
