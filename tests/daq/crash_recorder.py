@@ -41,6 +41,8 @@ def main(arguments: list[str]) -> int:
     """Run a command with a recorder on such a disk, and return its exit code."""
     if sys.platform == "linux":  # a campaign that is killed leaves no recorder behind
         ctypes.CDLL(None).prctl(_PARENT_DEATH, signal.SIGKILL)
+        if os.getppid() == 1:  # killed while this process was starting
+            return 1
     kind, number, *command = arguments
     if held := os.environ.get("HELD_BYTES"):
         vars(backlog)["HELD_BYTES"] = int(held)
