@@ -108,8 +108,8 @@ def _derive(folder: Path, count: int) -> str:
     done = kill_derive(folder, segments, count)
     verified, derived = rates(folder / "large", 4_000_000)
     return (
-        f"{count} kills in mid-derivation, {done.writing} of them while it wrote: {done.absent} left"
-        f" no file, {done.whole} a whole one;"
+        f"{count} kills in mid-derivation, {done.writing} of them while it wrote:"
+        f" {done.absent} left no file, {done.whole} a whole one;"
         f" derived again bit-equal; {verified / 1e6:.1f} M frames/s verified,"
         f" {derived / 1e6:.1f} M frames/s derived"
     )

@@ -86,7 +86,7 @@ class DeriveKills:
 
 
 def kill_derive(folder: Path, segments: Sequence[Path], count: int, seed: int = 7) -> DeriveKills:
-    """Kill `count` derivations at random moments: every other of its end, the others of its writing.
+    """Kill `count` derivations at random moments, every other one while it writes.
 
     Raises
     ------

@@ -1,6 +1,7 @@
 """A whole simulated campaign on the display, in a real browser: `make display-check`.
 
-Needs Chromium.  Pictures of each word on phone, tablet and TV go to build/display/.
+Needs Chromium.  Pictures of each word on phone, tablet and TV go to build/display/.  Last comes the
+terminal of `tui --web`, which takes its first keys without a click.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from daq.control.orders import Mark
 
 from .bench_terminal import DemoBench, demo_bench
 from .chromium import Tab, tabs
+from .web_keys import keys_at_once
 
 SIZES = {"phone": (390, 844), "tablet": (1024, 768), "tv": (1920, 1080)}
 PICTURES = Path("build/display")
@@ -154,6 +156,10 @@ def main() -> None:
             finally:
                 display.send_signal(signal.SIGCONT)
                 display.terminate()
+    with tempfile.TemporaryDirectory() as folder, demo_bench(Path(folder), 2.0) as bench:
+        bench.started()
+        bench.skip_to_bumps()
+        print(keys_at_once(bench, PICTURES / "web.png"))
 
 
 if __name__ == "__main__":

@@ -25,7 +25,16 @@ RESERVED = {
     "prometheus_client": ("daq/control/figures_file.py",),
     "textual": tuple(
         f"tui/terminal/{room}"
-        for room in ("app", "background", "keyboard", "palette", "themes", "screens/", "widgets/")
+        for room in (
+            "app",
+            "screens_app",
+            "background",
+            "keyboard",
+            "palette",
+            "themes",
+            "screens/",
+            "widgets/",
+        )
     ),
     "textual_serve": ("tui/browser/",),
     "aiohttp": ("tui/browser/", "tui/display/"),

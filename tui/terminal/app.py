@@ -7,10 +7,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, ClassVar
 
 from textual.binding import Binding, BindingType
 from textual.command import Provider
@@ -27,23 +25,19 @@ from .background import begin
 from .keyboard import KeyboardApp
 from .screens.news import LiveArrived, RecorderLost, StatusArrived
 from .screens.other_recorder import OtherRecorder
+from .screens_app import ScreensApp
 from .state.feed import Feed, Lost, News, Refused, Role
 from .state.glyphs import Glyphs, GlyphSet
 from .state.lanes import Lanes
 from .state.signals import Signals, signal_of
-from .state.steps import SCREEN_OF, BenchStep, in_run, progress, waits_unarmed
+from .state.steps import BenchStep, in_run, progress, waits_unarmed
 from .themes import THEMES
 from .widgets.bars import LOST_WORDS
-from .widgets.message_line import MessageApp
 from .widgets.plain_ascii import PlainAscii
 
 if TYPE_CHECKING:
     from daq import Bench
 
-    from ..jobs.outcome import Outcome
-    from .screens.identify import IdentifyScreen
-    from .screens.report import ReportScreen
-    from .screens.results import ResultsScreen
 
 HISTORY_S = 10.0
 """Seconds of samples that a new terminal asks for: more than the chart shows."""
@@ -51,12 +45,6 @@ AUTO_S = 0.25
 """Seconds between two looks of `--auto` at the next action."""
 MOST_NEWS = 1200
 """Messages kept for a terminal whose output is stopped: one minute of news."""
-
-
-def _screen(module: str, name: str) -> Screen[Any]:
-    """Return a new screen; its module is imported now, so that the first screen comes at once."""
-    made: Screen[Any] = getattr(import_module(f".screens.{module}", __package__), name)()
-    return made
 
 
 def _palette() -> type[Provider]:
@@ -69,7 +57,7 @@ class NewsArrived(Message):
     """The feed has posted news."""
 
 
-class BenchApp(MessageApp, KeyboardApp):
+class BenchApp(ScreensApp, KeyboardApp):
     """A client of one recorder.
 
     `folder`: the recorder's; sessions and reports are in it.  `operator`: the person; the journal
@@ -82,10 +70,6 @@ class BenchApp(MessageApp, KeyboardApp):
     TITLE = "Bumpbench"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]  # noqa: RUF012 - theirs
     VERTICAL_BREAKPOINTS = [(0, "-low"), (36, "-tall")]  # noqa: RUF012
-    SCREENS: ClassVar[dict[str, Callable[[], Screen[Any]]]] = {
-        name: partial(_screen, name, f"{name.capitalize()}Screen")
-        for name in (*SCREEN_OF.values(), "run", "results", "sessions")
-    }
     COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {_palette}
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "Quit", show=False, priority=True),
@@ -112,7 +96,6 @@ class BenchApp(MessageApp, KeyboardApp):
         self.theme = theme
         self.feed, self.folder, self.glyphs, self.operator = feed, folder, glyphs, operator
         self.auto, self.clock = auto, clock
-        self.status: Status | None = None
         self.lost: Lost | None = None
         self.in_control, self.role_text = False, ""
         self.lanes = Lanes()
@@ -199,7 +182,8 @@ class BenchApp(MessageApp, KeyboardApp):
             begin(self, self._fetch_history, group="history", exclusive=True)
         if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
             begin(self, self._fetch_bench, group="bench", exclusive=True)
-        if not self._started and not self._other.asking:
+        home = self.screen is self.get_screen("home")  # no dialog, which would be left by itself
+        if home and not self._started and not self._other.asking:
             self._started = True
             step = BenchStep.BASELINE if waits_unarmed(status) else progress(status).due
             await self.go_to(step)
@@ -248,11 +232,6 @@ class BenchApp(MessageApp, KeyboardApp):
                 self._publish(StatusArrived(self.status))
 
     @property
-    def step(self) -> BenchStep | None:
-        """The step of the screen in front; None for a dialog and for a session of the past."""
-        return getattr(self.screen, "step_shown", None)
-
-    @property
     def _early(self) -> bool:
         """True while the screen in front belongs to a step before the bumps."""
         return self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
@@ -273,84 +252,6 @@ class BenchApp(MessageApp, KeyboardApp):
             self.post(reply.status)
             await self._process_news()
         return reply
-
-    # Screens ------------------------------------------------------------------------------------
-
-    async def go_to(self, step: BenchStep) -> None:
-        """Show the screen of a step; the run screen while a run is in progress."""
-        name = SCREEN_OF[step]
-        if name == "home" and self.status is not None and in_run(self.status):
-            name = "run"
-        await self.open(name)
-
-    async def open(self, name: str) -> None:
-        """Show a screen by its name; it keeps what was typed into it."""
-        if self.screen is not self.get_screen(name):
-            await self.switch_screen(name)
-
-    async def open_build(self) -> None:
-        """Show the identify screen, build the recording's session file and identify it."""
-        await self.open("identify")
-        await self._identify_screen().build()
-
-    async def open_identify(self, session: str, without: tuple[str, ...] = ()) -> None:
-        """Show the identify screen and identify a session file, without the named runs."""
-        await self.open("identify")
-        self._identify_screen().begin(session, without)
-
-    def _identify_screen(self) -> IdentifyScreen:
-        return cast("IdentifyScreen", self.get_screen("identify"))
-
-    async def open_results(self, outcome: Outcome) -> None:
-        """Show the results of an identification."""
-        cast("ResultsScreen", self.get_screen("results")).show_outcome(outcome)
-        await self.open("results")
-
-    async def open_report(self, session: str, write: bool = False) -> None:
-        """Show the report screen of a session file; write the report at once if asked."""
-        report = cast("ReportScreen", self.get_screen("report"))
-        report.show_session(session)
-        await self.open("report")
-        if write:
-            report.begin()
-
-    async def action_step(self, number: int) -> None:
-        """Show the screen of a step if it is reached."""
-        step = BenchStep(number)
-        if progress(self.status).reached(step):
-            await self.go_to(step)
-        else:
-            self.warn(f"step {step.title} is not reached yet")
-
-    async def action_sessions(self) -> None:
-        """Show the sessions of the folder."""
-        await self.open("sessions")
-
-    async def action_home(self) -> None:
-        """Show the next action."""
-        await self.open("home")
-
-    def action_note(self, label: str = "") -> None:
-        """Open a note on a run; on the session without a label."""
-        from .screens.note import NoteScreen
-
-        self.push_screen(NoteScreen(label))
-
-    def show_help(self, page: str) -> None:
-        """Show a page of help over the screen."""
-        from .screens.help import HelpScreen
-
-        self.push_screen(HelpScreen(page))
-
-    def action_help(self) -> None:
-        """Show the help of the screen in front; of the screen below if a dialog has none."""
-        from .screens.help import HelpScreen
-
-        if isinstance(self.screen, HelpScreen):
-            self.screen.dismiss()
-            return
-        pages = (getattr(screen, "HELP_PAGE", "") for screen in reversed(self.screen_stack))
-        self.show_help(next(filter(None, pages), "home"))
 
     def action_take_over(self) -> None:
         """Ask for control of the recorder."""

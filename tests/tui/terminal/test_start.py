@@ -9,14 +9,16 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from textual.widgets import TextArea
 
 from daq.control import address
-from daq.control.orders import Hello
+from daq.control.orders import Arm, Hello
 from daq.errors import InputError
 from tui.cli import run
 from tui.commands.tui import check_fault, known_operator
 from tui.diagnostics import ExitCode
 from tui.terminal.app import BenchApp
+from tui.terminal.state.feed import News, Role
 from tui.terminal.widgets.form import Form
 
 from .conftest import screen_text
@@ -90,6 +92,32 @@ def test_the_form_proposes_the_name_of_the_login(
             assert app.screen.query_one(Form).values["operator"] == "anna"
 
     asyncio.run(act())
+
+
+class SlowRecorder(FakeRecorder):
+    """One that is connected, and publishes nothing before it is turned."""
+
+    def start(self, post: Callable[[News], None]) -> None:
+        super().start(lambda news: post(news) if isinstance(news, Role) else None)
+        self._post = post
+
+
+async def test_what_is_typed_before_the_first_status_stays_where_it_was_meant(
+    make_app: Callable[[FakeRecorder], BenchApp],
+) -> None:
+    recorder = SlowRecorder()
+    recorder.mark("vehicle")
+    app = make_app(recorder)
+    async with app.run_test() as pilot:
+        await pilot.press("n", *"we")
+        recorder.publish()
+        await pilot.press("t", "x")
+        assert app.screen.query_one(TextArea).text == "wetx"
+        await pilot.press("escape")
+        recorder.publish()
+        await pilot.pause()
+        assert app.screen is app.get_screen("check"), "the step that is due"
+        assert not [order for order in recorder.orders if isinstance(order, Arm)]
 
 
 async def test_an_answer_that_comes_after_the_last_screen_changes_nothing(
