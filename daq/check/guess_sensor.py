@@ -38,6 +38,8 @@ from .pushes import Pushes
 
 Traces = Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]]
 """Times and values of signals, by full name."""
+_NO_GRAVITY_G = 0.1
+"""Largest reading at rest, g, of an accelerometer that is AC coupled."""
 _TILTED_DEG = 5.0
 """Tilt of an IMU from which on its user is asked."""
 
@@ -70,6 +72,9 @@ class _Signal:
     def axis(self) -> str | None:
         """The axis of the sensor that its name states."""
         return axis_by_name(self.layout.name, self.comment)
+
+
+ON_HUB = "is it on the body, or on which hub? A kick against each tyre shows it (--push)"
 
 
 def shows_push_by_unit(message: str, signal: SignalLayout) -> bool:
@@ -106,6 +111,8 @@ def guess_bench(
         groups[sensor_of(signal.message), signal.corner].append(signal)
     for own in groups.values():
         guesses |= _together(own, push)
+    guesses |= _without_gravity(groups, guesses)
+    guesses |= _hubs(groups, guesses, push)
     guesses |= _travels([s for s in signals if s.kind == "m" and s.full in guesses], guesses, push)
     return guesses
 
@@ -263,6 +270,79 @@ def _rates(rates: Mapping[str, _Signal], how: Mounting, were_pushes: bool) -> di
 def _signed(direction: NDArray[np.float64]) -> str:
     axis, sign = axis_of(direction)
     return f"+{axis}" if sign > 0 else f"-{axis}"
+
+
+def _without_gravity(
+    groups: Mapping[tuple[str, Corner | None], Sequence[_Signal]], guesses: Mapping[str, Guess]
+) -> dict[str, Guess]:
+    """Return accelerations at wheels of which no axis reads gravity: those of AC coupled sensors.
+
+    A single one is taken for vertical, of several the one with z in its name.
+    """
+    found = {}
+    for (_, corner), own in groups.items():
+        at_rest = {s.full: _gravity_g(s, guesses[s.full]) for s in own if s.kind == "m/s2"}
+        shown = [g for g in at_rest.values() if g is not None]
+        if corner is None or not shown or max(map(abs, shown)) > _NO_GRAVITY_G:
+            continue
+        for signal in own:
+            vertical = signal.axis == "z" or (signal.axis is None and len(at_rest) == 1)
+            said = f"{signal.layout.name} {signal.message}"
+            if signal.full in at_rest and vertical and not is_body(said):
+                why = f"reads {at_rest[signal.full]:+.2f} g at rest; vertical and {corner} by name"
+                ask = "it reads no gravity: is it AC coupled, and does it point up?"
+                unit = guesses[signal.full].unit
+                hub = Quantity.HUB_ACCELERATION
+                found[signal.full] = Guess(hub, corner, 1, why, ask, unit)
+    return found
+
+
+def _gravity_g(signal: _Signal, guess: Guess) -> float | None:
+    if signal.level is None:
+        return None
+    return signal.level * to_si(guess.unit or signal.layout.unit).factor / G_M_S2
+
+
+def _hubs(
+    groups: Mapping[tuple[str, Corner | None], Sequence[_Signal]],
+    guesses: Mapping[str, Guess],
+    push: Push | None,
+) -> dict[str, Guess]:
+    """Return accelerations with the hubs that kicks against the tyres show.
+
+    One without gyroscopes beside it, of which no name says where it is, is asked for.
+    """
+    own = [s for group in groups.values() for s in group if s.kind == "m/s2"]
+    turning = {sensor for (sensor, _), group in groups.items() if any(_turns_too(s) for s in group)}
+    kicks = (
+        {s.full: push.pushes.kicks(push.traces[s.full]) for s in own if s.full in push.traces}
+        if push is not None
+        else {}
+    )
+    found = {}
+    for signal in own:
+        guess = guesses[signal.full]
+        alone = signal.axis is None or sensor_of(signal.message) not in turning
+        on_hub = guess.quantity is Quantity.HUB_ACCELERATION
+        on_body = guess.quantity is Quantity.BODY_ACCELERATION and alone
+        if is_body(f"{signal.layout.name} {signal.message}") or not (on_hub or on_body):
+            continue
+        others = [each for name, each in kicks.items() if name != signal.full]
+        place = pushed_corner(kicks[signal.full], others) if signal.full in kicks else None
+        if place is not None:
+            ask = f"its name says {guess.corner}: are plugs swapped?"
+            ask = ask if guess.corner not in (None, place[0]) else guess.ask
+            why = f"{guess.why}; shaken most by the kick at {place[0]}"
+            found[signal.full] = replace(
+                guess, quantity=Quantity.HUB_ACCELERATION, corner=place[0], why=why, ask=ask
+            )
+        elif on_body and not guess.ask:
+            found[signal.full] = replace(guess, ask=ON_HUB)
+    return found
+
+
+def _turns_too(signal: _Signal) -> bool:
+    return signal.kind in ("rad/s", "rad/s2")
 
 
 def _travels(

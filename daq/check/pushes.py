@@ -37,6 +37,15 @@ class Pushes:
         """Return the largest deviation from rest of a signal in each push, signed."""
         return {corner: _largest(_within(trace, span)) for corner, span in self.spans.items()}
 
+    def kicks(self, trace: Trace) -> dict[Corner, float]:
+        """Return the largest deviation between each push and the next one, signed.
+
+        The tyre of the corner that was pushed is kicked then, or never.
+        """
+        begins = [begin for begin, _ in self.spans.values()]
+        spans = zip(begins, [*begins[1:], int(trace[0][-1]) + 1], strict=True)
+        return {c: _largest(_within(trace, s)) for c, s in zip(self.spans, spans, strict=True)}
+
     def turns(self, trace: Trace) -> dict[Corner, float]:
         """Return the largest angle in each push of a signal that is a rate, signed."""
         found = {}

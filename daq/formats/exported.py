@@ -6,6 +6,8 @@ import gc
 import logging
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -54,14 +56,15 @@ def exported_session(path: Path) -> Session | None:
 
 
 def _mf4(path: Path) -> Session | None:
-    """Return the session in an MF4; asammdf raises and logs what it stumbles over."""
+    """Return the session in an MF4; asammdf raises, logs and prints what it meets."""
     if not _names_description(path):
         return None
     asammdf = optional("asammdf", "mf4")
     logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
     hook, failure = sys.unraisablehook, ""
     try:
-        return _from_mf4(asammdf, path)
+        with redirect_stdout(StringIO()):
+            return _from_mf4(asammdf, path)
     except BumpbenchError:
         raise
     except Exception as error:

@@ -10,7 +10,9 @@ import json
 import sys
 import warnings
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -46,7 +48,8 @@ def main(out: BinaryIO, path: str, max_bytes: int, max_s: int, names: Sequence[s
 def read_tree(path: str, names: Sequence[str]) -> Group:
     """Return columns of a file as `columns_tree` does; raises InputError whatever happens."""
     try:
-        with open_columns(Path(path)) as file:
+        # asammdf prints what it stumbles over; stdout is for the columns.
+        with redirect_stdout(StringIO()), open_columns(Path(path)) as file:
             return columns_tree(file, names, path)
     except InputError:
         raise

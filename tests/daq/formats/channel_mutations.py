@@ -16,6 +16,8 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
+from io import StringIO
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -81,7 +83,10 @@ def _work(case: Case, path: Path, files: Iterator[bytes], answers: Connection) -
     resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
     for damaged in files:
         path.write_bytes(damaged)
-        answers.send(read(case, path))
+        printed = StringIO()
+        with redirect_stdout(printed):
+            end = read(case, path)
+        answers.send("fault: prints" if printed.getvalue() else end)
     answers.send("")
 
 
