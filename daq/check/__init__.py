@@ -5,12 +5,17 @@ from typing import TYPE_CHECKING
 from dbc.lazy import lazy
 
 if TYPE_CHECKING:
+    from .answers import HINTS as HINTS
+    from .answers import NO_ANSWERS as NO_ANSWERS
+    from .answers import Answers as Answers
+    from .answers import Question as Question
     from .check import CheckReport as CheckReport
     from .check import check_bench as check_bench
     from .check import part_of as part_of
     from .dbc_readers import bench_witness as bench_witness
     from .dbc_readers import reader_lines as reader_lines
     from .frame_checks import mixed_messages as mixed_messages
+    from .guess_hubs import ON_HUB as ON_HUB
     from .propose import Proposal as Proposal
     from .propose import propose_sensors as propose_sensors
     from .propose_columns import propose_map as propose_map

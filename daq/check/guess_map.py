@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from enum import StrEnum
 
 from dbc.errors import InputError
 from dbc.layout import SignalLayout
@@ -47,6 +48,16 @@ FARTHEST_M = 1.0
 _PITCH, _ROLL, _YAW = {"pitch", "nick"}, {"roll", "wank"}, {"yaw", "gier"}
 
 
+class Asked(StrEnum):
+    """What a question of a proposal asks for."""
+
+    RIGHT = "whether it is right"
+    CORNER = "corner"
+    FORWARD = "axis that points forward"
+    UNIT = "unit"
+    OURS = "whether the sensor is one of this bench"
+
+
 @dataclass(frozen=True, slots=True)
 class Guess:
     """A guess of what a signal measures."""
@@ -61,6 +72,8 @@ class Guess:
     """The grounds of the guess."""
     ask: str = ""
     """Question to the user, because it is not sure; empty if it is."""
+    asked: Asked = Asked.RIGHT
+    """What it asks for."""
     unit: str = ""
     """Unit of the signal where the database states none."""
     is_proven: bool = False
@@ -117,7 +130,8 @@ def guess_quantity(
     if corner is not None:
         return Guess(Quantity.SUSPENSION_TRAVEL, corner[0], 1, f"{unit}, corner by its {corner[1]}")
     if words(signal.name) & _TRAVEL:
-        return Guess(Quantity.UNUSED, None, 1, f"{unit}, a travel by its name", "at which corner?")
+        why, ask = f"{unit}, a travel by its name", "at which corner?"
+        return Guess(Quantity.UNUSED, None, 1, why, ask, Asked.CORNER)
     return None
 
 

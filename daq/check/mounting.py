@@ -41,7 +41,7 @@ class Mounting:
     tilt_deg: float
     """Angle between the sensor's nearest axis and the vertical."""
     surely_forward: bool
-    """True if pushes prove the forward direction."""
+    """True if pushes prove the forward direction, or the user states it."""
 
     @property
     def left(self) -> Vector:
@@ -74,14 +74,21 @@ def up_axis(gravity_g: Mapping[str, float]) -> tuple[Vector, float] | None:
 
 
 def mounting(
-    up: Vector, tilt_deg: float, turns: Mapping[Corner, Mapping[str, float]] | None
+    up: Vector,
+    tilt_deg: float,
+    turns: Mapping[Corner, Mapping[str, float]] | None,
+    stated: str = "",
 ) -> Mounting:
     """Return how a sensor is mounted.
 
     `turns`: the angle by which the body turned about each axis in a push on each corner, any unit;
-    None without pushes: x is then taken for forward, or where x is vertical, z.
+    None without pushes: x is then taken for forward, or where x is vertical, z.  `stated`: the axis
+    that the user says points forward, as ``-x``; one that is vertical is not believed.
     """
     candidates = [sign * e for e in np.eye(3) if not np.any(up * e) for sign in (1.0, -1.0)]
+    said = [c for c in candidates if stated and axis_of(c) == (stated[1], int(f"{stated[0]}1"))]
+    if said:
+        return Mounting(up, said[0], tilt_deg, True)
     if turns:
         fits = [_fit(up, forward, turns) for forward in candidates]
         order = np.argsort(fits)[::-1]

@@ -21,14 +21,16 @@ from ..bench.ready_maps import PREFIX
 from ..bench.sensor_maps import sensor_map
 from ..bench.sensors import Sensor, sensors_codec
 from ..signal_names import sensor_of, signal_of
+from .answers import NO, NO_ANSWERS, YES, Answers, Question, answered, stated_forward
+from .candidates import shows_push_by_unit
 from .find_sensors import FoundSensor, find_sensors, traffic_of
 from .frame_checks import frame_table
-from .guess_map import Guess, signal_comments
-from .guess_sensor import Push, Traces, guess_bench, shows_push_by_unit
+from .guess_map import Asked, Guess, signal_comments
+from .guess_sensor import guess_bench
 from .open_questions import ASK
 from .propose_channel import REST, channel_table, unique_name
 from .propose_message import Seen, message_rule
-from .pushes import find_pushes
+from .pushes import Push, Trace, find_pushes
 
 _LATE = (
     "delay_s = 0.0005  # of a frame on the bus; add what the data sheet states",
@@ -42,8 +44,13 @@ class Proposal:
 
     text: str
     """TOML with comments."""
-    questions: tuple[str, ...]
-    """Questions about guesses that are not sure, one line each."""
+    asked: tuple[Question, ...]
+    """Questions about guesses that are not sure."""
+
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """Return the questions, one line each."""
+        return tuple(question.line for question in self.asked)
 
 
 def propose_bench(dbc: str, dbc_text: str, codec: Codec, frames: FrameBatch | None) -> str:
@@ -61,6 +68,7 @@ def propose_sensors(
     buses: Sequence[BusConfig],
     frames: FrameBatch | None,
     pushes: FrameBatch | None,
+    answers: Answers = NO_ANSWERS,
 ) -> Proposal:
     """Return a bench.toml for the sensors that databases describe and traffic shows.
 
@@ -73,7 +81,10 @@ def propose_sensors(
     frames : FrameBatch or None
         Some seconds of the car at rest, in order of arrival; without any, names must do.
     pushes : FrameBatch or None
-        A push on each corner, with rest before each, in the order of `push_test.ORDER`.
+        A push on each corner, with rest before each, in the order of `push_test.ORDER`; a kick
+        against its tyre after each tells hubs apart.
+    answers : mapping of Question to str
+        Answers to what an earlier proposal from the same traffic asked.
 
     Raises
     ------
@@ -83,6 +94,7 @@ def propose_sensors(
     present = frames is not None and len(frames)
     traffic = traffic_of(frames) if frames is not None and present else None
     found, absent = find_sensors(databases, traffic)
+    found = _ours(found, answers)
     numbers = [f.sensor.bus for f in found]
     n_buses = max([len(buses), *(number + 1 for number in numbers)])
     is_list = len(databases) > 1 or len(found) != 1 or found[0].sensor.id_offset != 0 or n_buses > 1
@@ -92,12 +104,13 @@ def propose_sensors(
     seen = push = None
     if frames is not None and present:
         seen = Seen(frame_table(codec.messages, frames).known, codec.decode(frames))
-    questions: list[str] = []
+    questions: list[Question] = []
     if pushes is not None and len(pushes):
         decoded = codec.decode(pushes)
         traces = {name: (s.t_ns, s.value) for name, s in decoded.samples.items()}
         push, questions = _pushed(codec.messages, traces)
-    guesses = guess_bench(codec.messages, _comments(found, databases, is_list), seen, push)
+    comments = _comments(found, databases, is_list)
+    guesses = guess_bench(codec.messages, comments, seen, push, stated_forward(answers))
     lines = _head(databases, found, buses, n_buses, is_list)
     missing = [*absent]
     used = set[str]()
@@ -105,11 +118,22 @@ def propose_sensors(
         if seen is not None and message.name not in seen.known:
             missing.append(message.name)
             continue
-        lines += _message(message, found, seen, guesses, used, is_list, questions)
+        lines += _message(message, found, seen, guesses, used, is_list, questions, answers)
     if missing:
         lines += ["", f"# Not on the bus: {printable(', '.join(missing), 400)}"]
-    questions += [f"sensor {f.sensor.name}: {f.why}" for f in found if not f.surely]
+    questions += [_question(f) for f in found if not f.surely]
     return Proposal("\n".join(lines) + "\n", tuple(questions))
+
+
+def _question(found: FoundSensor) -> Question:
+    name = found.sensor.name
+    return Question(f"sensor {name}: {found.why}", Asked.OURS, name)
+
+
+def _ours(found: Sequence[FoundSensor], answers: Answers) -> tuple[FoundSensor, ...]:
+    """Return the sensors of this bench, as far as was answered."""
+    said = [(each, "" if each.surely else answers.get(_question(each), "")) for each in found]
+    return tuple(replace(f, surely=f.surely or text == YES) for f, text in said if text != NO)
 
 
 def _without_sensor(message: MessageLayout) -> MessageLayout:
@@ -128,7 +152,9 @@ def _comments(
     }
 
 
-def _pushed(messages: Sequence[MessageLayout], traces: Traces) -> tuple[Push | None, list[str]]:
+def _pushed(
+    messages: Sequence[MessageLayout], traces: Mapping[str, Trace]
+) -> tuple[Push | None, list[Question]]:
     moved = {
         f"{message.name}.{signal.name}"
         for message in messages
@@ -137,7 +163,8 @@ def _pushed(messages: Sequence[MessageLayout], traces: Traces) -> tuple[Push | N
     }
     pushes, number = find_pushes({n: trace for n, trace in traces.items() if n in moved})
     if pushes is None:
-        return None, [f"{number} pushes were found, not one on each of four corners: repeat them"]
+        line = f"{number} pushes were found, not one on each of four corners: repeat them"
+        return None, [Question(line)]
     return Push(pushes, traces), []
 
 
@@ -194,7 +221,8 @@ def _message(
     guesses: Mapping[str, Guess],
     used: set[str],
     is_list: bool,
-    questions: list[str],
+    questions: list[Question],
+    answers: Answers,
 ) -> list[str]:
     """Return the tables of one message, and add what is to be asked."""
     channels: list[str] = []
@@ -205,8 +233,13 @@ def _message(
             continue
         sensor = sensor_of(message.name) if is_list else ""
         name = unique_name(signal.name, message.name, sensor, used)
+        subject = f"sensor {sensor}" if sensor else "the IMU"
+        # One answer is for all of a sensor, but for a corner.
+        if guess.asked is Asked.CORNER or not (sensor or guess.asked is Asked.FORWARD):
+            subject = f"channel {name}"
+        question = Question(f"{subject}: {guess.ask}", guess.asked, sensor)
+        guess = answered(guess, answers[question]) if question in answers else guess
         channels += channel_table(name, full, guess, _LATE)
-        question = f"{f'sensor {sensor}' if sensor else f'channel {name}'}: {guess.ask}"
         if guess.ask and question not in questions:
             questions.append(question)
     ready = {

@@ -15,6 +15,7 @@ from dbc.samples import DecodeCounts, Decoded, Samples
 from dbc.units import to_si
 
 from ..samples.columns import Column, Columns
+from .answers import Question
 from .frame_checks import Arrivals
 from .guess_map import words
 from .guess_sensor import guess_bench
@@ -73,7 +74,7 @@ def propose_map(file: Columns) -> Proposal:
         "# start_s = 12.0  # in the file's own time, a second of rest before the bump",
         "# stop_s = 15.5",
     ]
-    questions = [usual.ask] if usual is not None and usual.ask else []
+    questions = [Question(usual.ask)] if usual is not None and usual.ask else []
     names = set[str]()
     for full, column in columns.items():
         guess = guesses.get(full)
@@ -85,9 +86,10 @@ def propose_map(file: Columns) -> Proposal:
         if usual is None and column.clock not in file.times_s:
             lines += _own_clock(own)
         if guess.ask:
-            questions.append(f"channel {name}: {guess.ask}")
+            questions.append(Question(f"channel {name}: {guess.ask}", guess.asked))
     if not names:
-        questions.append("no column has a unit or a name of the method: write [[channel]] yourself")
+        line = "no column has a unit or a name of the method: write [[channel]] yourself"
+        questions.append(Question(line))
     return Proposal("\n".join(lines) + "\n", tuple(questions))
 
 

@@ -56,6 +56,16 @@ class Pushes:
         return found
 
 
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A recording of a push on each corner."""
+
+    pushes: Pushes
+    """When they were."""
+    traces: Mapping[str, Trace]
+    """Samples decoded from it, by full name of the signal."""
+
+
 def find_pushes(traces: Mapping[str, Trace]) -> tuple[Pushes | None, int]:
     """Return the four pushes in a recording, and how many were found; None if not four.
 

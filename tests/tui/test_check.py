@@ -1,6 +1,7 @@
 """`bumpbench check` as a shell sees it."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -185,3 +186,39 @@ def test_a_dbc_that_cantools_reads_otherwise_fails(
     assert found
     assert all(line.startswith("FAIL message ") for line in found)
     assert lines[-1].startswith("FAIL: ")
+
+
+def test_at_a_terminal_a_proposal_asks(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = {
+        "point forward?": ["upwards", "-x"],
+        "vehicle name": ["Granada"],
+        "acc_z x_m": ["far", "-1.05"],
+    }
+    typed: list[str] = []
+
+    class Terminal:
+        def isatty(self) -> bool:
+            return True
+
+        def readline(self) -> str:
+            question = capsys.readouterr().err.splitlines()[-1]
+            typed.append(question)
+            found = next((lines for key, lines in answers.items() if key in question), [])
+            return f"{found.pop(0) if found else ''}\n"
+
+    monkeypatch.setattr("sys.stdin", Terminal())
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    target = tmp_path / "asked.toml"
+    assert run(["check", "--propose", str(target), "--log", str(log)]) == 0
+    text = target.read_text("utf-8")
+    assert not [lines for lines in answers.values() if lines]
+    assert len([question for question in typed if "point forward?" in question]) == 2
+    bench = load_bench(target)
+    assert bench.vehicle.name == "Granada"
+    channels = {channel.name: channel for channel in bench.channels}
+    assert (channels["rate_x"].sign, channels["rate_y"].sign) == (-1, -1)
+    assert channels["acc_z"].x_m == -1.05
+    assert "# ASK" not in text
+    assert "y_m = 0.0  # FILL IN" in text  # an empty answer leaves the mark

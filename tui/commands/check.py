@@ -47,8 +47,8 @@ def check(
     push: Annotated[
         float,
         typer.Option(
-            help="Seconds of --propose after the rest, in which each corner is pushed once:"
-            " front left, front right, rear left, rear right.",
+            help="Seconds of --propose after the rest, in which each corner is pushed once, and its"
+            " tyre kicked: front left, front right, rear left, rear right.",
             min=0,
             max=600,
         ),
@@ -167,12 +167,14 @@ def _proposed(
 ) -> tuple[Bench, FrameBatch] | None:
     """Write the proposal; return it as a bench with the traffic, if there was any."""
     from dataclasses import replace
+    from functools import partial
 
     from daq import load_bench
     from daq.bench import parse_bench, stored_text
-    from daq.check import ORDER, propose_sensors, spoken
+    from daq.check import ON_HUB, ORDER, propose_sensors, spoken
 
     from ..bench import reachable
+    from ..proposal_questions import completed
 
     refuse_existing(target)
     known = load_bench(config)
@@ -187,9 +189,12 @@ def _proposed(
         if source.push_s:
             order = ", ".join(map(spoken, ORDER))
             if source.log is None:
-                say(f"push DOWN at each corner and let go: {order}; {source.push_s:.0f} s")
+                at_rest = propose_sensors(databases, buses, frames, None)
+                kick = any(ON_HUB in line for line in at_rest.questions)
+                then = "let go, then kick its tyre" if kick else "let go"
+                say(f"push DOWN at each corner and {then}: {order}; {source.push_s:.0f} s")
             pushes = _frames(listened, source.log, source.seconds, source.push_s)
-    proposal = propose_sensors(databases, buses, frames, pushes)
+    proposal = completed(partial(propose_sensors, databases, buses, frames, pushes))
     write_proposal(proposal, target)
     if frames is None or "[[channel]]" not in proposal.text:
         return None

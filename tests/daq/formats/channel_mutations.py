@@ -22,6 +22,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.errors import InputError
 from daq.formats.columns.child import read_tree
@@ -55,9 +56,12 @@ def whole(case: Case, folder: Path) -> Path:
         session = logged_session() if suffix == ".log" else small_session()
         export_session(session, path, format_of(path))
         return sidecar_of(path) if suffix in (".csv", ".log") else path
-    time_s = np.arange(60) * 0.005
-    tables: Tables = {"IMU": (time_s, {"az": np.cos(time_s), "roll": np.sin(time_s)})}
-    WRITERS[suffix][1](tables | {"HUB": (time_s[::2], {"fl": time_s[::2] ** 2})}, path)
+    time_s: NDArray[np.float64] = np.arange(60) * np.float64(0.005)
+    tables: Tables = {
+        "IMU": (time_s, {"az": np.cos(time_s), "roll": np.sin(time_s)}),
+        "HUB": (time_s[::2], {"fl": time_s[::2] ** 2}),
+    }
+    WRITERS[suffix][1](tables, path)
     return path
 
 

@@ -1,0 +1,87 @@
+"""Signals that may be channels, with what names and rest show of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dbc.errors import InputError
+from dbc.layout import MessageLayout, SignalLayout
+from dbc.units import to_si
+
+from ..signal_names import sensor_of
+from ..vehicle import Corner
+from .guess_map import axis_by_name, guess_corner, guess_quantity, is_no_value, kind_by_name
+from .propose_message import FEWEST, Seen
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A signal that may be a channel."""
+
+    full: str
+    """Name with its message."""
+    message: str
+    """Name of its message."""
+    layout: SignalLayout
+    """Its place in the frame."""
+    comment: str
+    """What the database says of it."""
+    kind: str
+    """SI unit of what it measures."""
+    corner: Corner | None
+    """Wheel that its name states."""
+    level: float | None
+    """At rest, in its own unit."""
+
+    @property
+    def axis(self) -> str | None:
+        """The axis of the sensor that its name states."""
+        return axis_by_name(self.layout.name, self.comment)
+
+
+def candidates(
+    messages: Sequence[MessageLayout],
+    comments: Mapping[tuple[str, int, str], str],
+    seen: Seen | None,
+) -> list[Candidate]:
+    """Return the signals that may be channels; parameters as `daq.check.guess_sensor`."""
+    found = []
+    for message in messages:
+        if seen is not None and message.name not in seen.known:
+            continue
+        owner = sensor_of(message.name)
+        number = message.can_id | message.is_extended << 31
+        for signal in message.signals:
+            kind = kind_of(signal)
+            if kind not in ("m/s2", "rad/s", "rad/s2", "m") or is_no_value(signal.name):
+                continue
+            full = f"{message.name}.{signal.name}"
+            comment = comments.get((owner, number, signal.name), "")
+            level = None
+            if seen is not None:
+                _, value = seen.good(full)
+                level = float(np.median(value)) if len(value) >= FEWEST else None
+            corner = guess_corner(signal.name, message.name, comment)
+            place = corner[0] if corner else None
+            found.append(Candidate(full, message.name, signal, comment, kind, place, level))
+    return found
+
+
+def shows_push_by_unit(message: str, signal: SignalLayout) -> bool:
+    """Return whether a push by hand moves such a signal: a rate of turn, or a length."""
+    kind = kind_of(signal)
+    return kind == "rad/s" or (
+        kind == "m" and guess_quantity(message, signal, "", None) is not None
+    )
+
+
+def kind_of(signal: SignalLayout) -> str | None:
+    """Return the SI unit of what a signal measures; None if it is not known."""
+    try:
+        unit = to_si(signal.unit).unit
+    except InputError:
+        return None
+    return kind_by_name(signal) if unit == "1" else unit

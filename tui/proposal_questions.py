@@ -1,0 +1,87 @@
+"""Asks in the terminal what a proposal is not sure of, until all is answered or passed over."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from .diagnostics import say
+
+if TYPE_CHECKING:
+    from daq.check import Answers, Proposal
+
+_TO_FILL_IN = re.compile(r"(\w+) = (\S.*?)  # FILL IN(?:: (.*))?")
+
+
+def is_asked() -> bool:
+    """Return whether somebody can be asked: stdin and stderr are terminals."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
+    """Return a proposal with what was typed to its questions; without a terminal as it is.
+
+    `propose`: makes the proposal from the answers so far.
+    """
+    from dataclasses import replace
+
+    from daq.check import HINTS, NO_ANSWERS, Question
+
+    answers: dict[Question, str] = {}
+    proposal = propose(NO_ANSWERS)
+    if not is_asked():
+        return proposal
+    say("an empty answer leaves the question in the file")
+    passed: set[Question] = set()
+    while question := next((q for q in proposal.asked if q not in passed), None):
+        typed = _typed(f"{question.line} ({HINTS[question.asked]})")
+        answer = question.understood(typed)
+        if typed and not answer:
+            say(f"{typed!r} is no answer to that: {HINTS[question.asked]}")
+            continue
+        passed.add(question)
+        if answer:
+            answers[question] = answer
+            proposal = propose(answers)
+    return replace(proposal, text=_filled_in(proposal.text))
+
+
+def _filled_in(text: str) -> str:
+    """Return a bench.toml with what was typed for the lines that are marked FILL IN."""
+    lines, table = [], ""
+    for line in text.splitlines():
+        if line.startswith("["):
+            table = line.strip("[]")
+        elif line.startswith("name = ") and "FILL IN" not in line:
+            table = line.partition("= ")[2].strip('"')
+        found = _TO_FILL_IN.fullmatch(line)
+        lines.append(_line(line, table, *found.groups("")) if found else line)
+    return "\n".join(lines) + "\n"
+
+
+def _line(line: str, table: str, key: str, value: str, remark: str) -> str:
+    """Return a line with the value that was typed; as it is if none was."""
+    is_text = value.startswith('"')
+    about = f"{remark}; " if remark else ""
+    while typed := _typed(f"{table} {key} ({about}now {value})"):
+        said = f'{key} = "{typed}"' if is_text else f"{key} = {typed}"
+        try:
+            found = tomllib.loads(said)[key]
+        except (tomllib.TOMLDecodeError, KeyError):
+            found = None
+        if isinstance(found, str) if is_text else isinstance(found, int | float):
+            return f"{said}  # {remark}" if remark else said
+        say(f"{typed!r} is no {'text' if is_text else 'number'}")
+    return line
+
+
+def _typed(question: str) -> str:
+    """Return what is typed to a question; empty at the end of the input."""
+    from dbc.errors import printable
+
+    sys.stderr.write(f"? {printable(question)}: ")
+    sys.stderr.flush()
+    return printable(sys.stdin.readline().strip(), 200)
