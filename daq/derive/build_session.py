@@ -178,7 +178,7 @@ def _write(
                 file = _copied(target, part, grown, rows, recording, bench)
             run = measured_run(bench, codec, mapped, logged, frames, recording.events, found.hops)
             add_run(file, len(rows) + 1, run, session)
-            rows.append(_row(logged, run))
+            rows.append(GrownRun(logged.t_ns, frames_digest(run), run.outline))
         if file != part:
             _copied(target, part, grown, rows, recording, bench)
         runs = [
@@ -189,32 +189,9 @@ def _write(
         finish_session(part, runs, journal_provenance(head, run_log, digests, found.loss))
     if growing and recording.ended:
         forget_grown(target, file=True)
-    return tuple(_outline(run, row) for run, row in zip(runs, rows, strict=True))
-
-
-def _row(logged: LoggedRun, run: Run) -> GrownRun:
-    outline = run.outline
-    return GrownRun(
-        label=logged.label,
-        t_ns=logged.t_ns,
-        reasons=run.reasons,
-        digest=frames_digest(run),
-        samples=outline.samples,
-        length_s=outline.length_s,
-        frames=outline.frames,
-        losses=outline.losses,
-    )
-
-
-def _outline(decided: Run, row: GrownRun) -> RunOutline:
-    return RunOutline(
-        label=decided.label,
-        status=decided.status,
-        reasons=decided.reasons,
-        samples=row.samples,
-        length_s=row.length_s,
-        frames=row.frames,
-        losses=row.losses,
+    return tuple(
+        replace(row.outline, status=run.status, reasons=run.reasons)
+        for run, row in zip(runs, rows, strict=True)
     )
 
 
@@ -246,7 +223,7 @@ def _without_data(bench: Bench, logged: LoggedRun, row: GrownRun) -> Run:
         bump_s=bench.bump_s,
         groups=(),
         status=RunStatus.ACCEPTED,
-        reasons=row.reasons,
+        reasons=row.outline.reasons,
         losses=Losses(),
         events=(),
         frames=FrameBatch.empty(),

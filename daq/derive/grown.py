@@ -7,18 +7,19 @@ since.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 
-from ..files import write_text
+from pydantic import TypeAdapter
+
+from ..files import write_bytes
 from ..journal.scan import SegmentInfo
 from ..runlog.runlog import LoggedRun
-from ..runs import Losses
+from ..runs import RunOutline
 from .build_samples import NOT_OF_A_RUN
 
 
@@ -26,21 +27,12 @@ from .build_samples import NOT_OF_A_RUN
 class GrownRun:
     """A run in a growing file."""
 
-    label: str
     t_ns: int
     """Time stamp of its bump."""
-    reasons: tuple[str, ...]
-    """Why it cannot be used at all; empty if it can."""
     digest: str
     """SHA-256 of its frames."""
-    samples: Mapping[str, int]
-    """Number of samples in each group."""
-    length_s: float
-    """Time of the last sample, s."""
-    frames: int
-    """Number of frames."""
-    losses: Losses
-    """Frames that were lost or unusable."""
+    outline: RunOutline
+    """The run as it was measured, before a verdict; its reasons make it unusable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +48,9 @@ class Grown:
     """End of the last run."""
     bytes: int = 0
     """Size of the file."""
+
+
+_NOTE = TypeAdapter(Grown)
 
 
 def inputs_digest(bench_text: str, dbc_text: str) -> str:
@@ -79,18 +74,14 @@ def load_grown(
     nothing = Grown(inputs)
     file = growing_path(target)
     try:
-        record = json.loads(_note(file).read_text("utf-8"))
-        rows = tuple(
-            GrownRun(**{**row, "reasons": tuple(row["reasons"]), "losses": Losses(**row["losses"])})
-            for row in record["runs"]
-        )
-        grown = replace(Grown(**record), runs=rows)
+        grown = _NOTE.validate_json(_note(file).read_bytes())
         if grown.inputs != inputs or file.stat().st_size != grown.bytes:
             return nothing
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError):
         return nothing
+    rows = grown.runs
     now = [(run.label, run.t_ns) for run in runs[: len(rows)]]
-    if [(row.label, row.t_ns) for row in rows] != now:
+    if [(row.outline.label, row.t_ns) for row in rows] != now:
         return nothing
     new = (info for info in segments if info.stop > grown.stop and info.frames)
     late = any(info.first_ns < grown.stop_ns for info in new) or any(
@@ -104,7 +95,7 @@ def load_grown(
 def note_grown(target: Path, grown: Grown) -> None:
     """Note that the growing file of a session is on the disk with these runs."""
     file = growing_path(target)
-    write_text(_note(file), json.dumps(asdict(replace(grown, bytes=file.stat().st_size))))
+    write_bytes(_note(file), _NOTE.dump_json(replace(grown, bytes=file.stat().st_size)))
 
 
 def forget_grown(target: Path, *, file: bool = False) -> None:
