@@ -12,6 +12,7 @@ import numpy as np
 from .fit.uncertainty import Correlation, Estimate
 from .model.matrices import PhysicalModel
 from .modes.modal_model import ModalModel
+from .software import software_sha256
 
 
 class CorrelationEntry(TypedDict):
@@ -26,6 +27,8 @@ class SourceEntry(TypedDict):
 
     software: str
     """Program and version that identified the session."""
+    software_sha256: str
+    """Hash of the program's modules (`identify.software`)."""
     session: str
     """Its UUID."""
     created: str
@@ -70,6 +73,7 @@ def source_entry(provenance: Mapping[str, str]) -> SourceEntry:
     """Return where the numbers come from, by the provenance of the session."""
     return {
         "software": f"bumpbench {version('bumpbench')}",
+        "software_sha256": software_sha256(),
         "session": provenance.get("uuid", ""),
         "created": provenance.get("created", ""),
         "origin": provenance.get("origin", "real"),

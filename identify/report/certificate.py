@@ -66,6 +66,7 @@ def _citation(session: Session, document: Document, source: Source) -> Table:
         ("sha256 of the file", source.sha256),
         ("sha256 of the raw frames", stated["frames_sha256"]),
         ("software", f"bumpbench {source.version}"),
+        ("sha256 of the software", stated["software_sha256"]),
         ("report issued", source.issued),
     )
     cells = tuple((Cell(name), Cell(text or _UNSTATED)) for name, text in rows)

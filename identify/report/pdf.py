@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from io import BytesIO
 
 import matplotlib
 from matplotlib.backends.backend_pdf import PdfPages
 from pypdf import PdfWriter
+from pypdf.annotations import Link as Annotation
+from pypdf.generic import NameObject, TextStringObject
 
 from ..trust.finding import Verdict
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Report, Section, Table
 from .figures.panels import WIDTH_IN, look, size_in
 from .panels import ShapePanel
-from .sheets import LEADING_IN, Sheets, Style, em_in
+from .sheets import LEADING_IN, Link, Sheets, Style, em_in
 from .words import HEADLINE, MEANING, SEVERITY, SYMBOL, plain
 
 _TITLE = Style(17.0, "#1d2329", "bold")
@@ -23,6 +25,7 @@ _HEADING = Style(12.0, "#1d2329", "bold")
 _SUBHEADING = Style(9.0, "#1d2329", "bold")
 _TEXT = Style(8.0, "#1d2329")
 _NOTE = Style(7.0, "#5b6670")
+_LINK = Style(8.0, "#0072b2")
 _COLOURS = {"ok": "#14683c", "doubtful": "#8a5200", "refused": "#9d1c14"}
 _ROW_PT = 7.0
 _SMALLEST_PT = 4.6
@@ -31,6 +34,7 @@ _WRAP_COLUMN = 72
 _WHOLE = 25
 """Lines up to which a table is not broken across sheets."""
 _GAP_EM = 1.5
+_POINTS_AN_INCH = 72.0
 
 
 def pdf_of(report: Report) -> bytes:
@@ -43,17 +47,26 @@ def pdf_of(report: Report) -> bytes:
     ):
         sheets = Sheets(file, f"{report.source.name}   sha256 {report.source.sha256[:16]}")
         _front(sheets, report)
-        places = [(section.title, _section(sheets, section)) for section in report.sections]
+        places = {section.title: _section(sheets, section) for section in report.sections}
         sheets.close()
-    return _outlined(data, [(report.vehicle, 1), *places])
+    return _navigable(data, {report.vehicle: 1, **places}, sheets.links)
 
 
-def _outlined(file: BytesIO, places: Sequence[tuple[str, int]]) -> bytes:
-    """Return a PDF with an outline, which a reader shows beside it: titles and their sheets."""
+def _navigable(file: BytesIO, places: Mapping[str, int], links: Sequence[Link]) -> bytes:
+    """Return a PDF with an outline, which a reader shows beside it, and with links.
+
+    `places`: the sheet of each heading.  `links`: words that lead to one.
+    """
     writer = PdfWriter(clone_from=file)
-    for title, number in places:
+    for title, number in places.items():
         writer.add_outline_item(title=title, page_number=number - 1)
+    for link in links:
+        left, low, right, high = (inch * _POINTS_AN_INCH for inch in link.place_in)
+        target = places[link.title] - 1
+        leads = Annotation(rect=(left, low, right, high), target_page_index=target)
+        writer.add_annotation(link.sheet - 1, leads)
     writer.page_mode = "/UseOutlines"
+    writer.root_object[NameObject("/Lang")] = TextStringObject("en")
     done = BytesIO()
     writer.write(done)
     return done.getvalue()
@@ -88,6 +101,8 @@ def _front(sheets: Sheets, report: Report) -> None:
         sheets.text("Every gate was passed; nothing was found.", _TEXT)
     for line in report.survival:
         sheets.text(line, _TEXT)
+    sheets.space(0.08)
+    sheets.contents([section.title for section in report.sections], _LINK)
 
 
 def _section(sheets: Sheets, section: Section) -> int:

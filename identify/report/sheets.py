@@ -19,6 +19,8 @@ _TOP_IN, _BOTTOM_IN = 0.6, 0.65
 LEADING_IN = 0.16
 """Height of a small line of text."""
 _LEADING_EM = 1.45
+_ACROSS = 3
+"""Headings of the contents that stand side by side."""
 _PARAGRAPH_EM = 0.92
 """Prose is narrower than figures: share of the width of a digit."""
 
@@ -31,6 +33,18 @@ class Style:
     colour: str
     weight: str = "normal"
     family: str = "DejaVu Sans"
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """Words on a sheet that lead to a heading."""
+
+    title: str
+    """The heading."""
+    sheet: int
+    """Number of the sheet, from 1."""
+    place_in: tuple[float, float, float, float]
+    """Left, lower, right and upper edge of the words, inches from the lower left corner."""
 
 
 def em_in(size: float) -> float:
@@ -46,6 +60,8 @@ class Sheets:
 
     def __init__(self, file: PdfPages, footer: str) -> None:
         self._file, self._footer, self._number = file, footer, 0
+        self.links: list[Link] = []
+        """Words that lead to a heading, on the sheets so far."""
         self._page, self._y = self._fresh()
 
     @property
@@ -89,6 +105,20 @@ class Sheets:
                         parse_math=False,
                     )
         self.space(lines * leading)
+
+    def contents(self, titles: Sequence[str], style: Style) -> None:
+        """Set headings side by side, each a link to the place of that name."""
+        width = WIDTH_IN / _ACROSS
+        for first in range(0, len(titles), _ACROSS):
+            row = titles[first : first + _ACROSS]
+            self.keep(LEADING_IN)
+            top = _PAGE_IN[1] - self._y
+            self.line([(i * width, title) for i, title in enumerate(row)], style)
+            low = _PAGE_IN[1] - self._y
+            for i, title in enumerate(row):
+                left = _LEFT_IN + i * width
+                right = left + min(len(title) * em_in(style.size), width)
+                self.links.append(Link(title, self._number, (left, low, right, top)))
 
     def rule(self, width_in: float) -> None:
         """Draw a line under what was set last."""

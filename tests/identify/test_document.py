@@ -17,6 +17,7 @@ from identify.document import EstimateEntry, survival_lines
 from identify.document_html import document_html
 from identify.fit.uncertainty import Correlation, ModeEstimate
 from identify.modes.pairing import Pairing
+from identify.software import software_sha256
 from identify.trust.survival import Loss, Survival
 
 KEYS = (
@@ -90,6 +91,7 @@ def test_each_entry_is_that_of_the_result() -> None:
     assert document["matrices"]["baseline"]["K"][1][:3] == [0.0, 3.0, 0.0]
     source = document["source"]
     assert source["software"] == f"bumpbench {version('bumpbench')}"
+    assert source["software_sha256"] == software_sha256()
     assert (source["session"], source["origin"], source["created"]) == ("one", "replayed", "")
     assert document["drivers"] == {"m_s": {"facts": 1.0}}
     (mode,) = document["modes"]["baseline"]

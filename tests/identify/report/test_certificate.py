@@ -10,6 +10,7 @@ from identify import Identification, Quality
 from identify.document import Document
 from identify.report.blocks import Cell, Section, Source, Table
 from identify.report.certificate import REFUSED, certificate_section, marked
+from identify.software import software_sha256
 
 SOURCE = Source("car.h5", "ab" * 32, "1.2", {}, "2026-11-22", "A. Engineer", "B. Head")
 
@@ -34,6 +35,7 @@ def test_it_cites_session_software_and_persons() -> None:
     assert tables["Result"]["recorded"] == "not stated"
     assert tables["Result"]["sha256 of the file"] == "ab" * 32
     assert tables["Result"]["software"] == "bumpbench 1.2"
+    assert tables["Result"]["sha256 of the software"] == software_sha256()
     assert tables["Result"]["report issued"] == "2026-11-22"
     assert tables["Signed"] == {"operator": "A. Engineer", "approved by": "B. Head"}
     assert tables["What was overridden, and why"] == {"warning overridden": "hub_fl"}

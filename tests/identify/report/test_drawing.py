@@ -1,6 +1,7 @@
 """What is drawn: thinned curves, cars that move as their mode, PDF sheets."""
 
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 from pypdf import PdfReader
@@ -71,3 +72,14 @@ def test_the_report_goes_on_sheets_of_a4() -> None:
         number = file.get_destination_page_number(place)
         assert number is not None
         assert str(place.title) in file.pages[number].extract_text()
+    # The contents on the first sheets lead there too.
+    links: list[tuple[Any, int | None]] = []
+    for page in file.pages:
+        for one in page.get("/Annots", ()):
+            link: Any = one.get_object()
+            links.append((link["/Rect"], file.get_page_number(link["/Dest"][0].get_object())))
+    numbers = [file.get_destination_page_number(place) for place in places[1:]]
+    assert [number for _, number in links] == numbers
+    assert all(0.0 < x0 < x1 < 595.0 and 0.0 < y0 < y1 < 842.0 for (x0, y0, x1, y1), _ in links)
+    root: Any = file.trailer["/Root"]
+    assert root["/Lang"] == "en"

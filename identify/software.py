@@ -1,0 +1,37 @@
+"""The hash of the program that makes the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+import daq
+import dbc
+
+_PACKAGES = (Path(dbc.__file__).parent, Path(daq.__file__).parent, Path(__file__).parent)
+
+_KINDS = (".py", ".toml", ".dbc")
+"""Endings of what makes numbers; compiled copies and pages do not."""
+
+
+@cache
+def software_sha256() -> str:
+    """Return the hash of the modules of `dbc`, `daq` and `identify` and their shipped tables.
+
+    A version says what a program is meant to be, the hash what it is, changed in place or not.
+    """
+    return hash_of(_PACKAGES)
+
+
+def hash_of(folders: Sequence[Path]) -> str:
+    """Return SHA-256 over names and contents of the files in some folders that make numbers."""
+    whole = sha256()
+    for folder in folders:
+        for path in sorted(folder.rglob("*")):
+            if path.suffix in _KINDS:
+                name = path.relative_to(folder.parent).as_posix().encode()
+                content = path.read_bytes()
+                whole.update(b"%s\0%d\0%s" % (name, len(content), content))
+    return whole.hexdigest()
