@@ -53,3 +53,45 @@ def test_frames_that_all_come_at_once_keep_their_arrival() -> None:
     found = even_times(np.full(30, 5_000_000_000), 0)
     assert found.time_s == pytest.approx(np.full(30, 5.0), abs=1e-6)
     assert np.all(np.diff(found.time_s) > 0)
+
+
+@pytest.mark.parametrize(("missing", "is_found"), [(None, True), (350, False)])
+def test_frames_a_cycle_late_are_put_on_the_clock_where_none_is_missing(
+    missing: int | None, is_found: bool
+) -> None:
+    rng = np.random.default_rng(5)
+    taken_s = 0.0013 + CYCLE_S * (1 + 2e-4) * np.arange(700)
+    late_s = rng.exponential(200e-6, 700)
+    late_s[rng.random(700) < 0.04] += 4 * CYCLE_S  # a stall, and then all at once
+    arrival_s = np.maximum.accumulate(taken_s + late_s)
+    kept = np.arange(700) != missing
+    taken_s, t_ns = taken_s[kept], np.rint(arrival_s[kept] * 1e9).astype(np.int64)
+    found = even_times(t_ns, 0).time_s
+    assert (np.max(np.abs(found - taken_s)) < 50e-6) == is_found
+    assert np.allclose(found, t_ns * 1e-9, rtol=0.0, atol=1e-6) == (not is_found)
+
+
+def stalled(every: int) -> NDArray[np.float64]:
+    """Return the lateness of frames where each `every`-th waits for the one two cycles later."""
+    late_s = np.zeros(240)
+    late_s[1::every], late_s[2::every] = 2 * CYCLE_S, CYCLE_S
+    return late_s
+
+
+def is_on_a_clock(late_s: NDArray[np.float64]) -> bool:
+    arrival_s = 0.0013 + CYCLE_S * np.arange(240) + late_s
+    t_ns = np.rint(np.maximum.accumulate(arrival_s) * 1e9).astype(np.int64)
+    return bool(np.all(np.diff(even_times(t_ns, 0).time_s) > 0.9 * CYCLE_S))
+
+
+@pytest.mark.parametrize(("late_share", "is_found"), [(0.08, True), (0.12, False)])
+def test_some_of_forty_frames_must_be_punctual(late_share: float, is_found: bool) -> None:
+    late_s = stalled(9)
+    late_s[96:144] += late_share * CYCLE_S
+    assert is_on_a_clock(late_s) == is_found
+
+
+@pytest.mark.parametrize(("every", "is_found"), [(9, True), (7, False)])
+def test_frames_that_are_read_in_blocks_keep_their_arrival(every: int, is_found: bool) -> None:
+    # Two of nine come with the one before them, 22 %; of seven, 29 %.
+    assert is_on_a_clock(stalled(every)) == is_found
