@@ -186,7 +186,8 @@ def _is_complete(arrival: NDArray[np.float64], cycle_s: float) -> bool:
     """
     if np.mean(np.diff(arrival) < _PUNCTUAL_SHARE * cycle_s) > _MOST_AT_ONCE:
         return False
-    k = np.arange(len(arrival)) - (len(arrival) - 1) / 2.0
+    k: NDArray[np.float64] = np.arange(len(arrival), dtype=np.float64)
+    k -= (len(arrival) - 1) / 2.0
     start, rate = lower_line(k, arrival - arrival[0], cycle_s, LARGEST_TOLERANCE)
     late = arrival - arrival[0] - start - rate * k
     parts = np.array_split(late, len(late) // _FEWEST)
