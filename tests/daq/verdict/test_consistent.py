@@ -54,6 +54,13 @@ def test_height_and_timing_of_a_bump_do_not_matter() -> None:
     assert _left_out(_run(waves={"body": late, "travel": 0.01 * late})) == {}
 
 
+@pytest.mark.parametrize(("hertz", "out"), [(3.0, True), (8.0, False)])
+def test_only_what_is_as_slow_as_the_body_is_its_course(hertz: float, out: bool) -> None:
+    wave = np.exp(-2.0 * T_S) * np.cos(8.8 * T_S) + 0.01 * np.cos(2.0 * np.pi * hertz * T_S)
+    odd = _run(waves={"body": wave, "travel": 0.01 * wave})
+    assert (set(_left_out(odd)) == {"odd"}) is out
+
+
 @pytest.mark.parametrize(
     ("odd", "text"),
     [
