@@ -21,7 +21,7 @@ from .engine import NonlinearEngine, residuals_of
 from .fit import Optimum, inverse
 from .forces import ElementChoice, Forces, axle_forces, element_estimates
 from .groups import GROUPS
-from .release import Start, release
+from .release import Attempt, release
 from .run import run_of
 from .sandwich import scatter, widened
 from .unknowns import KNOTS
@@ -35,10 +35,11 @@ _SEARCH_RATE_HZ = 250.0
 _START_RATE_HZ = 125.0
 """Rates of the samples, Hz, of the search and of the linear fit from which it starts."""
 
-_LATE_S = (0.0, 0.15)
-"""Time after the beginning of each decay from which the linear starts are found, s.  In the first
-tenths of a second wheels may leave the ground and stops be touched: one car of 400 kg started at
-chi2/n 1700 with wheels twice too heavy, and 0.15 s later with all but its dampers within 25 %."""
+_ATTEMPTS_S = ((0.0, 0.0), (0.0, 0.15), (0.15, 0.15), (0.25, 0.25))
+"""For each attempt the time after the beginning of the decays, s, from which they are fitted, and
+from which the linear start is found.  In the first tenths of a second wheels may leave the ground
+and stops be touched: one car of 400 kg started at chi2/n 1700 with wheels twice too heavy, and 0.15
+s later with all but its dampers within 25 %.  Wheels are known by little else than that time."""
 
 Log = Callable[[str], None]
 
@@ -71,18 +72,23 @@ def real_car(
     sigma = floored(rest or rough_noise(decays), decays)
     model, simple = _models(linear.box, decided)
     few = tuple(thinned(record) for record in records)
-    runs = tuple(run_of(model, decay, sigma) for decay in decays)
-    searched = tuple(run_of(model, begun(decay), sigma) for decay in decays)
+    near = [simple.unknowns(theta) for theta in vehicles]
 
-    def starts() -> Iterator[Start]:
-        for late_s in _LATE_S:
-            vehicles_near = [simple.unknowns(theta) for theta in vehicles]
-            near = basin(simple, few, rest, start_s + late_s, vehicles_near)
-            full = simple.full(near.astype(complex)).real
+    def attempts() -> Iterator[Attempt]:
+        for late_s, linear_s in _ATTEMPTS_S:
+            full = simple.full(
+                basin(simple, few, rest, start_s + linear_s, near).astype(complex)
+            ).real
             eta = model.unknowns(model.box.unknowns_of(full))
-            yield eta, owns_of(model, eta, decays, sigma)
+            own = tuple(r.decay(float(s)) for r, s in zip(records, start_s + late_s, strict=True))
+            yield Attempt(
+                runs=tuple(run_of(model, decay, sigma) for decay in own),
+                searched=tuple(run_of(model, begun(decay), sigma) for decay in own),
+                eta=eta,
+                owns=owns_of(model, eta, own, sigma),
+            )
 
-    found = release(model, runs, searched, starts(), lambda name: decided.get(name, True), log)
+    found = release(model, attempts(), lambda name: decided.get(name, True), log)
     if found is None:
         return None
     best, chosen = found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,37 +51,50 @@ _CONVERGED = 0.05
 _POLISHED = 0.3
 
 Log = Callable[[str], None]
-Start = tuple[NDArray[np.float64], tuple[Own, ...]]
-"""Unknowns (P,) to start from, elements at rest, and how each run begins by them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """Where a search begins."""
+
+    runs: tuple[Run, ...]
+    """The decays."""
+    searched: tuple[Run, ...]
+    """The same, shorter and of fewer samples, to find the neighbourhood of the optimum."""
+    eta: NDArray[np.float64]
+    """Unknowns, (P,), elements at rest."""
+    owns: tuple[Own, ...]
+    """How each run begins."""
+
+    @property
+    def freedom(self) -> float:
+        """Number of searched samples less that of the runs' own unknowns."""
+        return sum(run.freedom - 18.0 for run in self.searched)
 
 
 def release(
-    model: Model,
-    runs: tuple[Run, ...],
-    searched: tuple[Run, ...],
-    starts: Iterable[Start],
-    allowed: Callable[[str], bool],
-    log: Log,
+    model: Model, attempts: Iterable[Attempt], allowed: Callable[[str], bool], log: Log
 ) -> tuple[Optimum, tuple[str, ...]] | None:
     """Return the optimum of the rich model and the groups in it; None without a finite path.
 
-    `searched`: the runs once more, shorter and on fewer samples, to find the neighbourhood of the
-    optimum.  `starts`: the next is asked for only where the first lead to nothing.  `allowed`:
-    whether a group may be released.  `log`: receives a line for each stage.
+    `attempts`: the next is asked for only where the first lead to nothing.  `allowed`: whether a
+    group may be released.  `log`: receives a line for each stage.
     """
-    n = sum(run.freedom - 18.0 for run in searched)
     chosen = tuple(name for name in STAGES[0] if allowed(name))
-    best: Optimum | None = None
-    for start in starts:
-        found = _first(model, searched, start, chosen)
-        if found is not None and (best is None or found.cost < best.cost):
-            best = found
-        if best is not None:
-            log(f"{', '.join(chosen)}: chi2/n {best.cost / n:.3f} after {best.iterations} steps")
-            if best.cost < _FAR * n:
-                break
-    if best is None:
+    tried: list[tuple[float, Optimum, Attempt]] = []
+    for attempt in attempts:
+        found = _first(model, attempt, chosen)
+        if found is None:
+            continue
+        chi2 = found.cost / attempt.freedom
+        tried.append((chi2, found, attempt))
+        log(f"{', '.join(chosen)}: chi2/n {chi2:.3f} after {found.iterations} steps")
+        if chi2 < _FAR:
+            break
+    if not tried:
         return None
+    _, best, taken = min(tried, key=lambda one: one[0])
+    n = taken.freedom
     problem, eta, owns = best.point.problem, best.eta, best.point.owns
     for k, stage in enumerate(STAGES[1:], start=1):
         before = chosen
@@ -118,7 +131,7 @@ def release(
         )  # fmt: skip
         if found is not None and found.cost < best.cost:
             best, chosen, problem = found, more, found.point.problem
-    whole = replace(problem, runs=runs)
+    whole = replace(problem, runs=taken.runs)
     polished = fit(
         whole, best.eta, best.point.owns, POLISH, tolerance=_POLISHED, max_iterations=_POLISH_STEPS
     )
@@ -127,22 +140,16 @@ def release(
     return None if polished is None else (polished, chosen)
 
 
-def _first(
-    model: Model,
-    searched: tuple[Run, ...],
-    start: Start,
-    chosen: tuple[str, ...],
-) -> Optimum | None:
+def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...]) -> Optimum | None:
     """Return where the first stage ends from a linear start; None if it has no finite path."""
-    eta, owns = start
+    eta = attempt.eta.copy()
     centre, prior = weak_priors(model, eta)
-    eta = eta.copy()
     if "friction" in chosen:
         for name in BY_NAME["friction"].members(model)[:2]:
             eta[model.names.index(name)] = _FIRST_FRICTION_N / 50.0
-    problem = Problem(model, searched, centre, prior, positions(model, chosen, False))
+    problem = Problem(model, attempt.searched, centre, prior, positions(model, chosen, False))
     return fit(
-        problem, eta, owns, ROUGH, tolerance=_CONVERGED, rough=_ROUGH_SHARE,
+        problem, eta, attempt.owns, ROUGH, tolerance=_CONVERGED, rough=_ROUGH_SHARE,
         max_iterations=_STAGE_STEPS,
     )  # fmt: skip
 

@@ -14,7 +14,7 @@ from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
 from identify.nonlinear.begin import owns_of
 from identify.nonlinear.car import Model
-from identify.nonlinear.release import Start, release
+from identify.nonlinear.release import Attempt, release
 from identify.nonlinear.run import run_of
 from identify.nonlinear.unknowns import KNOTS
 from identify.pipeline import identify
@@ -40,17 +40,17 @@ def test_the_next_start_is_asked_for_where_one_leads_nowhere(
         decays.append(replace(record.decay(decay_start_s(record)), recordings=low))
     model = Model(BOX, KNOTS["K3"])
     given = []
+    runs = tuple(run_of(model, decay, sigma) for decay in decays)
 
-    def starts() -> Iterator[Start]:
+    def attempts() -> Iterator[Attempt]:
         for lost in astray:
             theta = TRUTH.copy()
             theta[[0, 2, 6, 8]] *= (6.0, 7.0, 20.0, 30.0) if lost else 1.1
             eta = model.unknowns(BOX.unknowns(theta))
             given.append(lost)
-            yield eta, owns_of(model, eta, tuple(decays), sigma)
+            yield Attempt(runs, runs, eta, owns_of(model, eta, tuple(decays), sigma))
 
-    runs = tuple(run_of(model, decay, sigma) for decay in decays)
-    found = release(model, runs, runs, starts(), lambda _: False, lambda _: None)
+    found = release(model, attempts(), lambda _: False, lambda _: None)
     assert found is not None
     best, chosen = found
     assert chosen == ()
@@ -59,17 +59,22 @@ def test_the_next_start_is_asked_for_where_one_leads_nowhere(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("number", "seed"), [(8, 1), (8, 3), (12, 2)])
+@pytest.mark.parametrize(
+    ("number", "seed", "verdict"),
+    [
+        (8, 1, Verdict.OK),
+        (8, 3, Verdict.OK),
+        (12, 2, Verdict.OK),
+        (23, 2, Verdict.DOUBTFUL),  # only from 0.15 s on
+    ],
+)
 def test_cars_whose_linear_start_or_first_stage_is_far_off_are_found(
-    number: int, seed: int
+    number: int, seed: int, verdict: Verdict
 ) -> None:
-    """Two of 500 kg that leave the ground; a van with mounts and a stop, which others stand in for.
-
-    All stand on scales.
-    """
+    """Light ones that leave the ground; a van with mounts and a stop; all weighed on scales."""
     drawn = fleet_car(number, seed, facts=True)
     found = identify(drawn.simulate().session)
-    assert found.quality.verdict is Verdict.OK
+    assert found.quality.verdict is verdict
     truth = true_parameters(drawn.car)
     for name in ("m_s", "I_yy", "I_xx", "m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "a", "b"):
         assert found.parameters[name].value == pytest.approx(truth[name], rel=0.03), name
