@@ -1,11 +1,12 @@
 """Install a release as a user would, and try it: `python -m tests.house.release`.
 
 Wheel and sdist are built, the wheel is installed into empty environments with the pinned
-dependencies: alone, and with each extra.
+dependencies: alone, and with each extra.  Type checkers see the examples from a user's folder.
 """
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -24,9 +25,12 @@ EXTRAS = {
     "mf4": "import asammdf",
     "modal": "import pyuff",
     "cluster": "import dask, distributed",
+    "remote": "import fsspec",
     "web": "import textual_serve.server",
 }
 """Extra to what it is for."""
+CHECKERS = ("mypy", "pyright[nodejs]==1.1.414")
+"""Type checkers of users; pyright comes with the Node.js that it needs."""
 LIBRARY = "import dbc, daq, identify; print(daq.__file__)"
 
 
@@ -38,6 +42,7 @@ def main() -> None:
         _try(
             folder, str(wheel), [["--help"], ["study", "table2"], ["notebook", "--out", "n.ipynb"]]
         )
+        _check_types(folder)
         _try(folder, str(sdist), [["--help"]])
         for extra, statement in EXTRAS.items():
             _try(folder, f"{wheel}[{extra}]", [["--help"]], statement)
@@ -64,10 +69,28 @@ def _try(folder: Path, what: str, commands: list[list[str]], statement: str = ""
         raise SystemExit(f"imported {used}, not what was installed")
 
 
+def _check_types(folder: Path) -> None:
+    """Check the examples against what is installed: a user's code, in a user's folder."""
+    python, user = folder / "venv" / "bin" / "python", folder / "user"
+    shutil.copytree(ROOT / "docs" / "examples", user)
+    checkers = folder / "checkers"
+    _run(folder, [*UV, "venv", "--quiet", "--python", sys.executable, str(checkers)])
+    constraints = ["--constraint", str(ROOT / "constraints.txt")]
+    where = ["--quiet", "--python", str(checkers / "bin" / "python")]
+    _timed("install checkers", partial(
+        _run, folder, [*UV, "pip", "install", *where, *constraints, *CHECKERS]
+    ))  # fmt: skip
+    mypy = [str(checkers / "bin" / "mypy"), "--strict", "--python-executable", str(python), "."]
+    pyright = [str(checkers / "bin" / "pyright"), "--pythonpath", str(python), "."]
+    for line in (mypy, pyright):
+        _timed(f"  {Path(line[0]).name} of the examples", partial(_run, user, line))
+
+
 def _run(folder: Path, command: list[str]) -> str:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise SystemExit(f"{' '.join(command)} ended with {done.returncode}:\n{done.stderr}")
+        said = f"{done.stdout}{done.stderr}"
+        raise SystemExit(f"{' '.join(command)} ended with {done.returncode}:\n{said}")
     return done.stdout
 
 
