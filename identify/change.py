@@ -1,15 +1,15 @@
 """The change between sessions: the fewest parameters whose difference explains all that differs.
 
-One joint fit (`identify.joint`): every parameter is common to the sessions unless the data ask for
-a difference.  Of all sets of up to three parameters that one is taken whose gain in squared
-residuals exceeds most what chance, and the number of parameters tried, make of it.  What is left is
-tested: if the sessions still differ, the change is none of the parameters.
+One joint fit (`identify.joint`): every parameter, and every element that all sessions have, is
+common to the sessions unless the data ask for a difference.  Of all sets of up to three of them
+that one is taken whose gain in squared residuals exceeds most what chance, and the number tried,
+make of it.  What is left is tested: if the sessions still differ, the change is none of these.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from math import log
 
@@ -23,6 +23,8 @@ from .fit.estimation import Estimation
 from .fit.grey_box import SIGNED
 from .fit.uncertainty import COVERAGE_95, Estimate
 from .joint import Differences, Model, Share, differences, first_share, share_at
+from .nonlinear.forces import element_in_words
+from .nonlinear.unknowns import elements
 from .numbers import plus_minus
 
 LEVEL = 0.05
@@ -42,7 +44,7 @@ class NamedChange:
     """A parameter that differs between sessions."""
 
     name: str
-    """The parameter."""
+    """The parameter, or the element: `front friction`."""
     kind: str
     """`differs` between two sessions; over more, `drifts` by one step a session or `varies`."""
     changes: tuple[Estimate, ...]
@@ -71,10 +73,19 @@ class Change:
     rest_freedom: int = 0
     rest_p: float = 1.0
     """`rest_chi2`, `rest_freedom`, `rest_p`: test that nothing differs but what is named."""
+    apart: tuple[str, ...] = ()
+    """Elements that some sessions need and others do not: they are not compared."""
 
     @property
     def sentence(self) -> str:
-        """Say it in a line."""
+        """Say it in a line, or two where sessions differ in their elements."""
+        if not self.apart:
+            return self._found
+        some = ", ".join(self.apart)
+        return f"{self._found} Not every session needs these elements: {some}; not compared."
+
+    @property
+    def _found(self) -> str:
         match self.outcome:
             case "nothing":
                 return "Nothing differs beyond chance."
@@ -87,6 +98,23 @@ class Change:
                     " a sensor, the load, or more than three parameters at once."
                 )
         return "The sessions are not described by the same parameters: no joint fit."
+
+
+@dataclass(frozen=True, slots=True)
+class _Unknown:
+    """What may differ: a parameter, or an element that all sessions have."""
+
+    name: str
+    """As people know it."""
+    unit: str
+    scale: float
+    """Value of the unknown 1, SI; NaN where the unknown is the logarithm of the value."""
+
+    def value(self, unknown: float) -> tuple[float, float]:
+        """Return the value, SI, and its slope by the unknown."""
+        if np.isnan(self.scale):
+            return float(np.exp(unknown)), float(np.exp(unknown))
+        return self.scale * unknown, self.scale
 
 
 def _amount(change: NamedChange) -> str:
@@ -103,10 +131,16 @@ def _amount(change: NamedChange) -> str:
 def change_of(estimations: Sequence[Estimation]) -> Change:
     """Find what differs between two or more sessions, in their order."""
     names = estimations[0].box.parameters
+    every = [list(e.engine.elements) for e in estimations]
+    shared = [name for name in every[0] if all(name in own for own in every)]
+    several = dict.fromkeys(name for own in every for name in own if name not in shared)
+    apart = tuple(element_in_words(name) for name in several)
     if any(e.box.parameters != names for e in estimations):
-        return Change("not compared")
-    candidates = _candidates(len(estimations), len(names))
-    shares = tuple(first_share(e) for e in estimations)
+        return Change("not compared", apart=apart)
+    unknowns = _unknowns(names, shared)
+    p = len(unknowns)
+    candidates = _candidates(len(estimations), p)
+    shares = tuple(first_share(e, shared) for e in estimations)
     n_values = sum(d.n_values for e in estimations for d in e.decays)
     chosen: tuple[int, ...] = ()
     for last in range(_ROUNDS):
@@ -120,10 +154,20 @@ def change_of(estimations: Sequence[Estimation]) -> Change:
         step = np.zeros(len(found.target))
         step[which] = by
         shares = tuple(
-            share_at(e, common + candidates.columns(i, len(names)) @ step, share.own)
+            share_at(e, common + candidates.columns(i, p) @ step, share.own, shared)
             for i, (e, share) in enumerate(zip(estimations, shares, strict=True))
         )
-    return _answer(differences(shares, candidates), candidates, chosen, names, shares)
+    answer = _answer(differences(shares, candidates), candidates, chosen, unknowns, shares)
+    return replace(answer, apart=apart)
+
+
+def _unknowns(parameters: Sequence[str], shared: Sequence[str]) -> tuple[_Unknown, ...]:
+    """Return what may differ, in the order of the common unknowns of a `Share`."""
+    sizes = {e.name: e for e in elements(())}
+    return (
+        *(_Unknown(n, parameter_unit(n), SIGNED.get(n, np.nan)) for n in parameters),
+        *(_Unknown(element_in_words(n), sizes[n].unit, sizes[n].scale) for n in shared),
+    )
 
 
 def _candidates(n_sessions: int, p: int) -> Model:
@@ -172,11 +216,11 @@ def _answer(
     found: Differences,
     model: Model,
     chosen: tuple[int, ...],
-    names: tuple[str, ...],
+    unknowns: tuple[_Unknown, ...],
     shares: tuple[Share, ...],
 ) -> Change:
     groups = _groups(model)
-    p = len(names)
+    p = len(unknowns)
     free = [groups[i] for i in range(len(groups)) if groups[i].size == len(shares) - 1][-p:]
     everything = np.concatenate(free)
     everything = everything[found.shown[everything]]
@@ -196,30 +240,21 @@ def _answer(
         mine = np.flatnonzero(np.isin(which, groups[i]))
         others = np.setdiff1d(which, groups[i])
         gain = explained - (found.gain(others) if others.size else 0.0)
-        name = names[model.parameters[i]]
+        one = unknowns[model.parameters[i]]
         kind = "differs" if len(shares) == 2 else ("drifts" if i < p else "varies")
-        first, slope = _value(name, float(common[model.parameters[i]]))
+        first, slope = one.value(float(common[model.parameters[i]]))
         changes, parts = [], []
         for number in mine.tolist():
             step, std = float(by[number]), float(covariance[number, number]) ** 0.5
             value, after = (
                 (slope * step, slope)
-                if name in SIGNED
+                if np.isfinite(one.scale)
                 else (first * float(np.expm1(step)), first * float(np.exp(step)))
             )
             half = COVERAGE_95 * after * std
-            unit = parameter_unit(name)
-            changes.append(Estimate(value, after * std, value - half, value + half, unit))
+            changes.append(Estimate(value, after * std, value - half, value + half, one.unit))
             parts.append(value / first if first else float("nan"))
         chance = float(chdtrc(len(mine), gain))
-        named.append(NamedChange(name, kind, tuple(changes), tuple(parts), chance))
+        named.append(NamedChange(one.name, kind, tuple(changes), tuple(parts), chance))
     named.sort(key=lambda change: change.p)
     return Change("parameters", tuple(named), *tests)
-
-
-def _value(name: str, unknown: float) -> tuple[float, float]:
-    """Return a parameter's value at its unknown, and its slope by it."""
-    if name in SIGNED:
-        return SIGNED[name] * unknown, SIGNED[name]
-    value = float(np.exp(unknown))
-    return value, value

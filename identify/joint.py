@@ -9,6 +9,7 @@ likelihood near a point, as a quadratic in the parameters: its normal matrix and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,7 @@ class Share:
     """A session's likelihood: ``x^T information x - 2 x^T target`` and a constant."""
 
     information: NDArray[np.float64]
-    """Of the parameters, the session's own unknowns eliminated, shape (p, p)."""
+    """Of the common unknowns, the session's own eliminated, shape (p, p)."""
     target: NDArray[np.float64]
     """Shape (p,)."""
     own: NDArray[np.float64]
@@ -40,27 +41,38 @@ class Share:
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
-def first_share(estimation: Estimation) -> Share:
-    """Return the likelihood of a session about its own optimum."""
+def first_share(estimation: Estimation, elements: Sequence[str] = ()) -> Share:
+    """Return the likelihood of a session about its own optimum.
+
+    In common are the parameters, and of a car that is not linear the `elements` that are named.
+    """
     fit, p = estimation.fit, len(estimation.box.parameters)
-    block = fit.covariance[:p, :p]
-    if estimation.nonlinear is not None and np.all(np.isfinite(np.diag(block))):
-        information = np.asarray(
-            np.linalg.inv(block), np.float64
-        )  # of intervals that may be wider than the information
-    else:
+    if estimation.nonlinear is None:
         whole = np.sum(list(fit.information.values()), axis=0)
         information, _, _ = _profiled(whole, np.zeros(len(fit.eta)), p)
-    return Share(information, information @ fit.eta[:p], fit.eta[p:])
+        return Share(information, information @ fit.eta[:p], fit.eta[p:])
+    common = np.array([*range(p), *(estimation.nonlinear.elements[name] for name in elements)])
+    # Of the intervals, which may be wider than the information says.
+    block = fit.covariance[np.ix_(common, common)]
+    known = np.flatnonzero(np.isfinite(np.diag(block)))
+    information = np.zeros_like(block)
+    information[np.ix_(known, known)] = np.linalg.inv(block[np.ix_(known, known)])
+    own = np.delete(fit.eta, common)
+    return Share(information, information @ fit.eta[common], own)
 
 
-def share_at(estimation: Estimation, at: NDArray[np.float64], own: NDArray[np.float64]) -> Share:
+def share_at(
+    estimation: Estimation,
+    at: NDArray[np.float64],
+    own: NDArray[np.float64],
+    elements: Sequence[str] = (),
+) -> Share:
     """Return the likelihood of a session about a point, (p,); `own` as its last `Share` has them.
 
     Where a fit was nonlinear, or is stored without its decays, it stays that about its own optimum.
     """
     if estimation.nonlinear is not None or not estimation.decays:
-        return first_share(estimation)
+        return first_share(estimation, elements)
     eta = np.concatenate([at, own])
     blocks = estimation.engine.normal_blocks(estimation.decays, estimation.sigma, eta).values()
     whole = np.sum([block.information for block in blocks], axis=0)

@@ -196,6 +196,10 @@ def residuals(
 class Engine(Protocol):
     """Evaluates normal blocks and residuals of runs, for the linear or the nonlinear fit."""
 
+    @property
+    def elements(self) -> Mapping[str, int]:
+        """Place among the unknowns of a `Fit` of each element that has a size."""
+
     def normal_blocks(
         self,
         decays: tuple[FreeDecay, ...],
@@ -224,6 +228,11 @@ class LinearEngine:
 
     box: GreyBox
     """Structure of the problem."""
+
+    @property
+    def elements(self) -> Mapping[str, int]:
+        """None: a linear model has no elements."""
+        return {}
 
     def normal_blocks(
         self,

@@ -16,6 +16,7 @@ from .level import POLISH
 from .path import Own
 from .problem import Normal, Point, Problem, normal, point
 from .run import run_of
+from .unknowns import elements
 
 _OWN_STEPS = 4
 """Gauss-Newton steps for the runs' own states at other unknowns: they are nearly linear."""
@@ -32,6 +33,13 @@ class NonlinearEngine:
     """How each run begins, by its label."""
     shown: NDArray[np.intp]
     """Positions, among all, of the unknowns of a `Fit`."""
+
+    @property
+    def elements(self) -> Mapping[str, int]:
+        """Place among the unknowns of a `Fit` of each element that has a size: knees have none."""
+        sized = {e.name for e in elements(()) if not e.logarithmic}
+        names = [self.problem.model.names[i] for i in self.shown.tolist()]
+        return {name: place for place, name in enumerate(names) if name in sized}
 
     def normal_blocks(
         self,

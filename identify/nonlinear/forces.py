@@ -49,6 +49,13 @@ KINDS = {
 """Unknown, without its axle, by the name under which it is reported."""
 
 
+def element_in_words(name: str) -> str:
+    """Return what an unknown element is called: `front friction` for `F_cf`."""
+    (label,) = (label for label, kind in KINDS.items() if kind == name[:-1])
+    axle = _AXLES[name[-1] == "r"]
+    return f"{axle} {'mount compliance' if label == MOUNT_LABEL else label.replace('_', ' ')}"
+
+
 @dataclass(frozen=True, slots=True)
 class DamperCurve:
     """Force of one damper over its speed, as far as the speeds occurred."""

@@ -59,8 +59,9 @@ def comparison_sections(
 
 
 METHOD = (
-    "What changed is found by one joint fit of all sessions: every parameter is common to them "
-    "unless the data ask for a difference, and of all sets of few parameters the one is named that "
+    "What changed is found by one joint fit of all sessions: every parameter, and every element "
+    "that all of them have, is common to them unless the data ask for a difference, and of all "
+    "sets of few of these the one is named that "
     "explains most for its number. Beside it each quantity is compared by itself, from fits that "
     "share nothing. Every session is held against the first one named. The errors of two "
     "sessions are taken as independent; facts and weights stated alike in both have errors in "

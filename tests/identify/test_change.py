@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
 from identify.change import Change, change_of
+from identify.fit.estimation import Estimation
 from identify.joint import Model, differences, first_share, share_at
 
 from .changes import session
@@ -101,3 +104,64 @@ def test_a_share_about_another_point_says_the_same() -> None:
     )
     best = np.linalg.solve(far.information, far.target)
     assert np.max(np.abs(best - one.fit.eta) / np.sqrt(np.diag(one.fit.covariance))) < 0.1
+
+
+@dataclass(frozen=True)
+class _WithElements:
+    """What a joint fit asks of the engine of a nonlinear fit; all else it must not ask."""
+
+    elements: Mapping[str, int]
+
+
+def with_elements(linear: Estimation, **values: tuple[float, float]) -> Estimation:
+    """Return a fit with elements beside its parameters, each with an unknown and its deviation."""
+    n = len(linear.fit.eta)
+    eta = np.concatenate([linear.fit.eta, [value for value, _ in values.values()]])
+    covariance = np.zeros((len(eta), len(eta)))
+    covariance[:n, :n] = linear.fit.covariance
+    covariance[range(n, len(eta)), range(n, len(eta))] = [std**2 for _, std in values.values()]
+    engine: Any = _WithElements({name: n + i for i, name in enumerate(values)})
+    fit = replace(linear.fit, eta=eta, covariance=covariance)
+    return replace(linear, fit=fit, nonlinear=engine)
+
+
+def test_an_element_that_both_have_is_named_in_its_unit() -> None:
+    """The unknown 1 of a friction is 50 N: 0.8 +- 0.03 and 1.2 +- 0.04 differ by 20 +- 2.5 N."""
+    before = with_elements(session({}, 1), F_cf=(0.8, 0.03), F_cr=(0.5, 0.1))
+    after = with_elements(session({}, 5), F_cf=(1.2, 0.04), F_cr=(0.6, 0.1))
+    change = change_of([before, after])
+    (one,) = change.named
+    (by,) = one.changes
+    assert (one.name, by.unit) == ("front friction", "N")
+    assert by.value == pytest.approx(20.0, abs=1e-6)
+    assert by.std == pytest.approx(2.5, abs=1e-6)
+    assert one.shares[0] == pytest.approx(0.5, abs=1e-6)
+    assert (change.freedom, change.rest_freedom) == (17, 16)
+    assert change.apart == ()
+
+
+def test_parameters_of_nonlinear_sessions_are_compared_in_one_fit() -> None:
+    before = with_elements(session({}, 1), F_cf=(0.8, 0.03))
+    after = with_elements(session({"c_sf": 0.03}, 2), F_cf=(0.8, 0.03))
+    assert named(change_of([before, after])) == {"c_sf"}
+
+
+def test_elements_of_one_session_alone_are_said_to_be_not_compared() -> None:
+    before = with_elements(session({}, 1), F_cf=(0.8, 0.03))
+    after = with_elements(session({}, 5), F_cf=(0.8, 0.03), k_br=(0.5, 0.1), s_mf=(3.0, 0.1))
+    change = change_of([before, after])
+    assert change.apart == ("rear bump stop", "front mount compliance")
+    assert change.sentence == (
+        "Nothing differs beyond chance. Not every session needs these elements: rear bump stop, "
+        "front mount compliance; not compared."
+    )
+    mixed = change_of([session({}, 1), before])
+    assert mixed.apart == ("front friction",)
+    assert mixed.freedom == 15
+
+
+def test_an_unknown_that_one_session_does_not_determine_is_left_out() -> None:
+    before = with_elements(session({}, 1), F_cf=(0.8, 0.03))
+    after = with_elements(session({}, 5), F_cf=(3.0, np.inf))
+    change = change_of([before, after])
+    assert (change.outcome, change.freedom) == ("nothing", 15)
