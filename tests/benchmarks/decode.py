@@ -76,8 +76,8 @@ def _block_rate(codec: Codec, part: FrameBatch) -> float:
     return len(part) / _fastest(partial(codec.decode, part), 20)
 
 
-def _asammdf_s(frames: FrameBatch) -> float:
-    """Return the time that asammdf takes to decode an MF4 log of the frames, file open."""
+def write_mf4(frames: FrameBatch, path: Path) -> None:
+    """Write a bus log of classic frames as asammdf has it."""
     from asammdf import MDF, Signal, Source
 
     fields = {
@@ -93,14 +93,21 @@ def _asammdf_s(frames: FrameBatch) -> float:
     )
     for name, (_, column) in fields.items():
         record[f"CAN_DataFrame.{name}"] = column
+    source = Source("CAN1", "CAN1", "", Source.SOURCE_BUS, Source.BUS_TYPE_CAN)
+    signal = Signal(record, frames.t_ns / 1e9, name="CAN_DataFrame", source=source)
+    with MDF(version="4.11") as writer:
+        writer.append([signal], acq_source=source, common_timebase=True)
+        writer.save(path)
+
+
+def _asammdf_s(frames: FrameBatch) -> float:
+    """Return the time that asammdf takes to decode an MF4 log of the frames, file open."""
+    from asammdf import MDF
+
     with TemporaryDirectory() as folder:
         dbc, log = Path(folder, "x.dbc"), Path(folder, "x.mf4")
         dbc.write_text(database_text())
-        source = Source("CAN1", "CAN1", "", Source.SOURCE_BUS, Source.BUS_TYPE_CAN)
-        signal = Signal(record, frames.t_ns / 1e9, name="CAN_DataFrame", source=source)
-        with MDF(version="4.11") as writer:
-            writer.append([signal], acq_source=source, common_timebase=True)
-            writer.save(log)
+        write_mf4(frames, log)
         with MDF(log) as reader:
             wanted: Any = {"CAN": [(str(dbc), 0)]}
             decoded = reader.extract_bus_logging(wanted)
