@@ -4,15 +4,29 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
+from copy import copy
 from functools import cache
+from typing import Any
 
 import typer
 from typer.main import get_command
 
 from .diagnostics import ExitCode, report, report_usage
 
-_tree = cache(get_command)
-"""Commands as they are parsed: built once, not with each command that a process runs."""
+
+@cache
+def _tree(commands: typer.Typer, word: str) -> Callable[..., object]:
+    """Return what parses the commands, built once; of those with a name, the one that is asked for.
+
+    To build all of them takes as long as to load the library that does.
+    """
+    asked = [one for one in commands.registered_commands if one.name == word]
+    if not asked:
+        return get_command(commands)
+    alone = copy(commands)
+    alone.registered_commands, alone.registered_groups = asked, []
+    return get_command(alone)
 
 
 def invoke(arguments: list[str], commands: typer.Typer) -> int:
@@ -22,7 +36,8 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
     (`tui.diagnostics.ExitCode`).
     """
     try:
-        code = _tree(commands)(arguments, standalone_mode=False, prog_name="bumpbench")
+        parse = _tree(commands, arguments[0] if arguments else "")
+        code: Any = parse(arguments, standalone_mode=False, prog_name="bumpbench")
         sys.stdout.flush()
     except typer.exceptions.TyperException as error:
         message = error.format_message()
