@@ -8,6 +8,7 @@ import pytest
 
 from daq.arrays import session_from_arrays
 from daq.vehicle import Vehicle
+from identify.change import change_of
 from identify.identification import Identification
 from identify.pipeline import identify
 from identify.trust.finding import Verdict
@@ -94,3 +95,16 @@ def test_what_is_there_is_named() -> None:
     kept = {choice.name for choice in forces.choices if choice.kept}
     assert kept >= {"anti_roll_bars", "friction", "one_sided_dampers", "damper_knees"}
     assert not kept & {"bump_stops", "damper_mounts", "progressive_springs", "progressive_tyres"}
+
+
+def test_its_elements_are_part_of_a_joint_fit() -> None:
+    estimation = result().estimation
+    assert estimation is not None
+    places = estimation.engine.elements
+    assert places.keys() >= {"F_cf", "F_cr"}
+    assert not {name for name in places if name.startswith("h_")}  # knees are no sizes
+    assert estimation.fit.eta[places["F_cf"]] * 50.0 == pytest.approx(50.0, abs=2.5)  # N
+    change = change_of([estimation, estimation])
+    assert (change.outcome, change.apart) == ("nothing", ())
+    assert change.freedom >= 17
+    assert change.chi2 < 1e-6
