@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,9 @@ from dbc.samples import DecodeCounts, Decoded, Samples
 from dbc.units import to_si
 
 from ..samples.columns import Column, Columns
-from .answers import Question
+from .answers import NO_ANSWERS, YES, Answers, Question, answered, stated_forward
 from .frame_checks import Arrivals
-from .guess_map import words
+from .guess_map import Asked, words
 from .guess_sensor import guess_bench
 from .open_questions import ASK
 from .propose import Proposal
@@ -46,10 +46,11 @@ class _Times:
     """Question, because the unit is not stated; empty if it is."""
 
 
-def propose_map(file: Columns) -> Proposal:
+def propose_map(file: Columns, answers: Answers = NO_ANSWERS) -> Proposal:
     """Return a channel map for a file.
 
     `file`: all its columns, or as many samples of them as are needed to see the car at rest.
+    `answers`: to what an earlier proposal from the same file asked.
     """
     by_clock: dict[str, list[Column]] = {}
     for column in file.columns.values():
@@ -57,9 +58,11 @@ def propose_map(file: Columns) -> Proposal:
     times = {clock: _times(own) for clock, own in by_clock.items() if clock not in file.times_s}
     used = {id(each.column) for each in times.values() if each is not None}
     messages, columns = _layouts([c for c in file.columns.values() if id(c) not in used])
-    guesses = guess_bench(messages, {}, _seen(messages, columns), None)
+    seen = _seen(messages, columns)
+    guesses = guess_bench(messages, {}, seen, None, stated_forward(answers))
     common = {each.column.name: each for each in times.values() if each is not None}
     usual = next(iter(common.values())) if len(common) == 1 else None
+    usual = _in_unit(usual, answers) if usual is not None else None
     lines = [
         f"# Proposed by bumpbench import from {printable(file.where, 200)}.  Read it, and use it:",
         "# bumpbench import FILE --channels MAP.  Fill in what is marked FILL IN; it cannot be",
@@ -74,19 +77,22 @@ def propose_map(file: Columns) -> Proposal:
         "# start_s = 12.0  # in the file's own time, a second of rest before the bump",
         "# stop_s = 15.5",
     ]
-    questions = [Question(usual.ask)] if usual is not None and usual.ask else []
+    questions = [_unit_of(usual)] if usual is not None and usual.ask else []
     names = set[str]()
     for full, column in columns.items():
         guess = guesses.get(full)
         if guess is None:
             continue
         name = unique_name(full.rpartition(".")[2], full.rpartition(".")[0], "", names)
+        subject = "the IMU" if guess.asked is Asked.FORWARD else f"channel {name}"
+        question = Question(f"{subject}: {guess.ask}", guess.asked)
+        guess = answered(guess, answers[question]) if question in answers else guess
         lines += channel_table(name, column.name, guess, _LATE)
         own = times.get(column.clock)
         if usual is None and column.clock not in file.times_s:
             lines += _own_clock(own)
-        if guess.ask:
-            questions.append(Question(f"channel {name}: {guess.ask}", guess.asked))
+        if guess.ask and question not in questions:
+            questions.append(question)
     if not names:
         line = "no column has a unit or a name of the method: write [[channel]] yourself"
         questions.append(Question(line))
@@ -108,6 +114,18 @@ def _times(columns: Sequence[Column]) -> _Times | None:
         unit = next(fits, "")
         return _Times(column, unit, f"are the times {column.name} in {unit or 'which unit'}?")
     return None
+
+
+def _unit_of(times: _Times) -> Question:
+    return Question(times.ask, Asked.UNIT)
+
+
+def _in_unit(times: _Times, answers: Answers) -> _Times:
+    """Return times in the unit that was stated."""
+    text = answers.get(_unit_of(times), "")
+    if not text:
+        return times
+    return replace(times, ask="", unit=times.unit if text == YES else text)
 
 
 def _is_second(unit: str) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from hashlib import file_digest
 from json import dumps
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 from ..diagnostics import ExitCode, say
 from ..output import Stage, print_json, progress
 from ..proposal_file import refuse_existing, write_proposal
+from ..proposal_questions import completed
 from .recording import print_summary, summary
 
 if TYPE_CHECKING:
@@ -30,8 +32,8 @@ def propose_channel_map(target: Path, files: Sequence[Path], has_map: bool) -> i
         raise InputError("--propose", what, "name one file")
     (path,) = files
     refuse_existing(target)
-    proposal = propose_map(read_columns(path, ()))
-    write_proposal(proposal, target)
+    columns = read_columns(path, ())
+    write_proposal(completed(partial(propose_map, columns)), target)
     return ExitCode.OK
 
 

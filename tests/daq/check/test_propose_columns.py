@@ -22,9 +22,13 @@ def around(level: float) -> NDArray[np.float64]:
     return level + 0.01 * NOISE.standard_normal(N)
 
 
-def proposed(*columns: tuple[str, str, NDArray[np.float64]], own_times: bool = False) -> Proposal:
+def file_of(*columns: tuple[str, str, NDArray[np.float64]], own_times: bool = False) -> Columns:
     held = {n: Column(n, unit, "table", values) for n, unit, values in columns}
-    return propose_map(Columns("car.csv", 0, held, {"table": T} if own_times else {}))
+    return Columns("car.csv", 0, held, {"table": T} if own_times else {})
+
+
+def proposed(*columns: tuple[str, str, NDArray[np.float64]], own_times: bool = False) -> Proposal:
+    return propose_map(file_of(*columns, own_times=own_times))
 
 
 def tables(proposal: Proposal) -> dict[str, dict[str, object]]:
@@ -63,6 +67,20 @@ def test_a_unit_of_time_that_is_not_stated_is_asked() -> None:
     assert 'unit = "ms"  # ASK: are the times t in ms?' in proposal.text
     assert proposal.questions[0] == "are the times t in ms?"
     assert tables(proposal)["acc_fl"]["signal_unit"] == "m/s2"
+
+
+def test_answers_complete_a_map() -> None:
+    file = file_of(("t", "", T * 1e3), ("acc_fl", "", around(9.81)))
+    asked = {question.line: question for question in propose_map(file).asked}
+    assert list(asked) == [
+        "are the times t in ms?",
+        "channel acc_fl: the database states no unit: is it m/s2?",
+    ]
+    answers = dict(zip(asked.values(), ("s", "y"), strict=True))
+    proposal = propose_map(file, answers)
+    assert proposal.questions == ()
+    assert "# ASK" not in proposal.text
+    assert 'column = "t"\nunit = "s"\n' in proposal.text
 
 
 def test_times_of_the_file_need_no_column() -> None:
