@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 from dbc.frames import FrameBatch
 
@@ -145,6 +145,4 @@ class Link:
         if self._source is not None:
             with suppress(Exception):
                 now = self._source.losses()
-        return SourceLosses(
-            *(a + b for a, b in zip(astuple(self._before), astuple(now), strict=True))
-        )
+        return self._before.plus(now)

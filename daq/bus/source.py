@@ -6,7 +6,7 @@ reading loses frames in the adapter.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from dbc.frames import FrameBatch
@@ -32,6 +32,14 @@ class SourceLosses:
     restamped: int = 0
     """Frames with an impossible time stamp, which were stamped on arrival instead."""
 
+    def plus(self, other: SourceLosses) -> SourceLosses:
+        """Return the sum of both."""
+        return SourceLosses(
+            self.dropped + other.dropped,
+            self.garbled + other.garbled,
+            self.restamped + other.restamped,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class HopLosses:
@@ -46,9 +54,14 @@ class HopLosses:
     queue_dropped: int = 0
     """Frames read but not recorded because the writer was too far behind."""
 
+    @property
+    def counts(self) -> tuple[int, int, int, int]:
+        """The counts in this order; `dataclasses.astuple` takes ten times as long."""
+        return self.bus_dropped, self.bus_garbled, self.restamped, self.queue_dropped
+
     def since(self, before: HopLosses) -> HopLosses:
         """Return what was lost since an earlier count."""
-        lost = zip(astuple(self), astuple(before), strict=True)
+        lost = zip(self.counts, before.counts, strict=True)
         return HopLosses(*(now - then for now, then in lost))
 
 

@@ -115,7 +115,7 @@ def pack_frames(number: int, frames: FrameBatch, losses: HopLosses) -> bytes:
     width = frames.data.shape[1]
     body = b"".join(
         [
-            _BLOCK.pack(number, len(frames), width, *astuple(losses)),
+            _BLOCK.pack(number, len(frames), width, *losses.counts),
             *(getattr(frames, name).astype(form).tobytes() for name, form in _COLUMNS),
             frames.data.tobytes(),
         ]

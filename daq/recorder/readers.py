@@ -10,7 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 from dbc.frames import FrameBatch
 
@@ -173,7 +173,7 @@ class Readers:
 
     def hops(self) -> HopLosses:
         """Return the losses up to the pieces taken last, over all readers."""
-        rows = [astuple(self._ended), *(astuple(counts) for counts in self._counts.values())]
+        rows = [self._ended.counts, *(counts.counts for counts in self._counts.values())]
         return HopLosses(*(sum(column) for column in zip(*rows, strict=True)))
 
     def facts(self) -> tuple[LinkFacts, ...]:

@@ -1,4 +1,4 @@
-"""When a recorder that does not answer is called lost."""
+"""When a recorder that does not answer is called lost; what comes with a connection."""
 
 from __future__ import annotations
 
@@ -9,9 +9,50 @@ from typing import NoReturn
 
 import pytest
 
+from daq.bench.origin import Origin
 from daq.control.client import RecorderGone
+from daq.control.messages import Reply, Setup
+from daq.control.orders import AskSetup, Order
 from tui.terminal.state import feed
-from tui.terminal.state.feed import BIRTH_S, Lost, News, RecorderFeed
+from tui.terminal.state.feed import BIRTH_S, Lost, News, RecorderFeed, Role
+
+from ...daq.a_status import a_status
+
+
+class Connected:
+    """A client whose recorder has nothing new."""
+
+    in_control = True
+    first_status = a_status(5)
+
+    def __init__(self, *_: object, **__: object) -> None:
+        self.asked: list[Order] = []
+
+    def ask(self, order: Order, _timeout_s: float = 2.0) -> Reply:
+        self.asked.append(order)
+        return Reply(0, setup=Setup(Origin.REAL))
+
+    def news(self, timeout_s: float) -> None:
+        threading.Event().wait(timeout_s)
+
+    def close(self) -> None:
+        pass
+
+
+def test_orders_can_be_given_as_soon_as_there_is_news(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(feed, "Client", Connected)
+    monkeypatch.setattr(feed, "is_running", lambda _: True)
+    monkeypatch.setattr(feed, "SLICE_S", 0.01)
+    posted: Queue[tuple[News, Reply]] = Queue()
+    listener = RecorderFeed(tmp_path, "MK", lambda: None)
+    listener.start(lambda news: posted.put((news, listener._ask(AskSetup()))))
+    try:
+        first = [posted.get(timeout=10)[0] for _ in range(3)]
+    finally:
+        listener.stop()
+    assert first == [Role(True), Setup(Origin.REAL), a_status(5)]
 
 
 def test_a_recorder_that_has_only_just_been_started_is_not_lost(

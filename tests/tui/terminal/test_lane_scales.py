@@ -1,15 +1,19 @@
-"""Lanes of one quantity at the wheels share a scale; a chart follows the colours."""
+"""Scales of lanes; colours of a chart; a banner whose text comes before it is laid out."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from textual.app import App, ComposeResult
+from textual.widgets import Static
 
 from daq.bench.config import default_bench_text, parse_bench
+from tui.terminal.state.banner import Banner
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
 from tui.terminal.state.lane_view import lane_specs
 from tui.terminal.state.lanes import Lanes
+from tui.terminal.widgets.banner_bar import BannerBar
 from tui.terminal.widgets.lane_chart import LaneChart
 
 
@@ -22,6 +26,16 @@ def test_one_scale_for_each_quantity_at_the_wheels() -> None:
     assert hubs.isdisjoint(travels)
     assert specs["body_acc_z"] == "body_acc_z"
     assert specs["roll_rate"] != specs["pitch_rate"]
+
+
+@pytest.mark.parametrize("glyphs", [GlyphSet.ASCII, GlyphSet.BLOCKS])
+async def test_a_banner_takes_a_status_before_it_is_laid_out(glyphs: GlyphSet) -> None:
+    app: App[None] = App()
+    async with app.run_test(size=(80, 24)):
+        bar = BannerBar(choose_glyphs(glyphs, {}, "utf-8"))
+        bar.show(Banner("good", "+", "ACCEPTED", "bounce 3", "peak 9.1 m/s2", digits="3"))
+        await app.mount(bar)
+        assert "ACCEPTED" in str(bar.query(Static).first().render())
 
 
 class Chart(App[None]):

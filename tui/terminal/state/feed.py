@@ -180,7 +180,7 @@ class RecorderFeed:
         """Connect, post the news, and connect again, until stopped."""
         while not self._stop.is_set():
             try:
-                client = self._connect(post)
+                client, role = self._connect()
             except BumpbenchError as error:
                 lost = Lost(error.what, error.advice)
                 # A recorder that was started just now is not lost yet.
@@ -190,7 +190,8 @@ class RecorderFeed:
                 self._stop.wait(RETRY_S)
                 continue
             self._reported, self._born_s = None, float("-inf")
-            self._client = client
+            self._client = client  # before the news, which the terminal answers with questions
+            self._post_first(client, role, post)
             lost_text = self._post_news(client, post)
             self._client = None
             client.close()
@@ -203,7 +204,7 @@ class RecorderFeed:
         age_s = time.monotonic() - self._born_s
         return age_s <= BIRTH_S or (age_s <= SLOW_BIRTH_S and is_locked(self._folder))
 
-    def _connect(self, post: Callable[[News], None]) -> Client:
+    def _connect(self) -> tuple[Client, Role]:
         """Return a connection: in control if that is free or asked for, else looking on."""
         address = control_address(self._folder)
         take_over, self._take_over = self._take_over, False
@@ -211,17 +212,18 @@ class RecorderFeed:
         try:
             client = Client(address, self._name, self._control, take_over)
         except OrderRefused as error:
-            client = Client(address, self._name, control=False)
-            post(Role(False, str(error)))
-        else:
-            post(Role(self._control))
+            return Client(address, self._name, control=False), Role(False, str(error))
+        return client, Role(self._control)
+
+    def _post_first(self, client: Client, role: Role, post: Callable[[News], None]) -> None:
+        """Post what is known with the connection: role, setup and status."""
+        post(role)
         # One of an earlier version does not know the question.
         with suppress(OrderRefused, RecorderGone):
             if (setup := client.ask(AskSetup()).setup) is not None:
                 post(setup)
         if client.first_status is not None:  # the next one comes in up to 0.1 s
             post(client.first_status)
-        return client
 
     def _post_news(self, client: Client, post: Callable[[News], None]) -> str:
         """Post news until the recorder is silent; return what happened, '' if stopped."""

@@ -23,11 +23,14 @@ class BannerBar(Horizontal):
         super().__init__()
         self._plain = glyphs.name is GlyphSet.ASCII
         self._shown: tuple[Banner, int] | None = None
+        # Kept, not looked for: a status may come before they are composed.
+        self._words = Static(markup=False)
+        self._digits = Static(markup=False, id="figures") if self._plain else Digits()
 
     def compose(self) -> ComposeResult:
         """Words on the left, digits on the right."""
-        yield Static(markup=False)
-        yield Digits() if not self._plain else Static(markup=False, id="figures")
+        yield self._words
+        yield self._digits
 
     def show(self, banner: Banner) -> None:
         """Show a banner."""
@@ -43,11 +46,8 @@ class BannerBar(Horizontal):
             ),
             *(Content(f"{indent}{line}") for line in self._folded(banner, len(indent))),
         ]
-        self.query_one(Static).update(Content("\n").join(lines))
-        if self._plain:
-            self.query_one("#figures", Static).update(f"\n{banner.digits:>5} ")
-        else:
-            self.query_one(Digits).update(banner.digits)
+        self._words.update(Content("\n").join(lines))
+        self._digits.update(f"\n{banner.digits:>5} " if self._plain else banner.digits)
 
     def _folded(self, banner: Banner, indent: int) -> list[str]:
         """Return two lines; what is too long for the first may go on before the second."""
