@@ -79,6 +79,14 @@ class _Rest:
     motion: float
     unit: str
 
+    @property
+    def text(self) -> str:
+        """The level to two digits of the noise, with its unit."""
+        if not self.noise:
+            return f"{self.level:.4g} {self.unit}"
+        places = max(0, 1 - math.floor(math.log10(self.noise)))
+        return f"{round(self.level, places) + 0.0:.{places}f} {self.unit}"  # -0.0 is 0
+
 
 def check_channel(
     mapped: MappedChannel,
@@ -130,9 +138,7 @@ def check_channel(
     wrong = [each for each in found if each.severity is not Severity.NOTE]
     if all(each.passed for each in wrong):
         proof = "".join(f", {each.text}" for each in found if each.severity is Severity.NOTE)
-        reason = (
-            f"{rest.level:.4g} {rest.unit} at rest, noise {rest.noise:.2g}, {rate:.0f} Hz{proof}"
-        )
+        reason = f"{rest.text} at rest, noise {rest.noise:.2g}, {rate:.0f} Hz{proof}"
         wrong.insert(0, ok("rest", reason))
     return about(subject, wrong, figures)
 

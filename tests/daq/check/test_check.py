@@ -1,5 +1,6 @@
 """The bench check on simulated benches: a sound one passes, each fault is named."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import date
@@ -94,6 +95,9 @@ def test_a_sound_bench_passes_and_says_what_it_measured() -> None:
     assert z.figures["noise"] == pytest.approx(0.03, rel=0.15)  # as simulated
     assert "+1 g" in z.text
     assert lines["channel hub_acc_fl"].figures["noise"] == pytest.approx(0.15, rel=0.15)
+    # No digit below the noise: 0.0017 rad/s, and no minus before a zero.
+    shown = lines["channel roll_rate"].text.split()[0]
+    assert re.fullmatch(r"0\.0000|-?0\.000[1-9]", shown), shown
     assert report.frames == len(_rest())
 
 
