@@ -31,7 +31,10 @@ def test_export_says_what_it_wrote_and_what_it_left_out(
 ) -> None:
     assert run(["export", car, "--format", "asc", "--run", "baseline_roll_2"]) == 0
     out, err = capsys.readouterr()
-    assert out == f"{tmp_path / 'car.asc'}\n"
+    assert out.splitlines() == [
+        str(tmp_path / "car.asc"),
+        str(tmp_path / "car.asc.bumpbench.json"),
+    ]
     assert "ASC rounds times to 1 µs" in err
     with can.ASCReader(tmp_path / "car.asc") as reader:
         assert len(list(reader)) == len(small_session().runs[1].frames)
