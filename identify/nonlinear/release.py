@@ -45,6 +45,9 @@ Released where nothing asks for it, it leads the search astray."""
 _STAGE_STEPS = 25
 _FAR = 5.0
 """chi2/n from which on the first stage counts as led astray: from good starts it ends at 1 to 4."""
+_FOLLOWED = 10.0
+"""chi2/n up to which later stages bring a second attempt down to the noise (8.2 became 0.99): the
+next attempts leave data out.  From 17.6 they did not."""
 _LAST_STEPS = 40
 _POLISH_STEPS = 25
 _CONVERGED = 0.05
@@ -89,7 +92,7 @@ def release(
         chi2 = found.cost / attempt.freedom
         tried.append((chi2, found, attempt))
         log(f"{', '.join(chosen)}: chi2/n {chi2:.3f} after {found.iterations} steps")
-        if chi2 < _FAR:
+        if chi2 < (_FAR if len(tried) == 1 else _FOLLOWED):
             break
     if not tried:
         return None
