@@ -220,8 +220,8 @@ class SessionsScreen(BenchScreen):
         return None if index is None or index >= len(self._shown) else self._shown[index]
 
     def _draw(self) -> None:
-        if not self.query("#list"):
-            return
+        if len(self.query("#head, #list, #about, #find")) < 4:
+            return  # not laid out yet, or being removed widget by widget
         words = self.query_one("#find", Input).value
         chosen = self._chosen()
         self._shown = [entry for entry in self._entries if found(entry, words)]
