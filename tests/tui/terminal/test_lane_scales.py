@@ -11,7 +11,7 @@ from textual.widgets import Static
 from daq.bench.config import default_bench_text, parse_bench
 from tui.terminal.state.banner import Banner
 from tui.terminal.state.glyphs import GlyphSet, choose_glyphs
-from tui.terminal.state.lane_view import lane_specs
+from tui.terminal.state.lane_view import Window, lane_specs
 from tui.terminal.state.lanes import Lanes
 from tui.terminal.widgets.banner_bar import BannerBar
 from tui.terminal.widgets.lane_chart import LaneChart
@@ -55,3 +55,31 @@ async def test_a_chart_takes_the_colours_of_another_theme() -> None:
             assert segment.style == chart.rich_style
             colours.append(segment.style)
         assert colours[0] != colours[1]
+
+
+class _Charted(App[None]):
+    """An app of one chart, which counts how often the chart asks for a drawing."""
+
+    asked = 0
+
+    def compose(self) -> ComposeResult:
+        """Show the chart."""
+        yield LaneChart(choose_glyphs(GlyphSet.ASCII, {}, "utf-8"))
+
+    def on_lane_chart_resized(self) -> None:
+        """Count."""
+        self.asked += 1
+
+
+async def test_a_chart_that_shrinks_cuts_its_rows_and_asks_for_new_ones() -> None:
+    app = _Charted()
+    async with app.run_test(size=(120, 24)) as pilot:
+        await pilot.pause()
+        chart = app.query_one(LaneChart)
+        chart.show(Lanes(), [], Window(0, 8, None), ())
+        before = app.asked
+        await pilot.resize_terminal(90, 24)
+        await pilot.pause()
+        assert app.asked > before
+        row = chart.render_line(0)
+        assert row.cell_length == len(row.text) == 90

@@ -12,7 +12,7 @@ from ..context import BenchContext
 from ..state.steps import BenchStep
 from ..widgets.bars import KeyBar, StepBar, TopLine
 from ..widgets.message_line import MessageLine
-from .news import LiveArrived, RecorderLost, StatusArrived
+from .news import RecorderLost, StatusArrived
 
 if TYPE_CHECKING:
     from daq import Status
@@ -123,7 +123,6 @@ class BenchScreen(Screen[None]):
         """Fit the screen into its new size."""
         if self.bench_app.status is not None:
             self.call_after_refresh(self._show, self.bench_app.status)
-            self.call_after_refresh(self.post_message, LiveArrived())
 
     def on_recorder_lost(self, _: RecorderLost) -> None:
         """Show in the top line that the recorder is lost."""

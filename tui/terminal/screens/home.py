@@ -9,6 +9,7 @@ from textual.containers import Horizontal, Vertical
 
 from daq import Status
 
+from ..widgets.lane_chart import LaneChart
 from ..widgets.lists import AlarmList, Journal, RunList, TallyList
 from ..widgets.next_panel import NextPanel
 from ..widgets.sketch import SketchBox
@@ -59,6 +60,10 @@ class HomeScreen(BumpingScreen):
 
     def on_live_arrived(self, _: LiveArrived) -> None:
         """Draw the newest samples."""
+        draw_lanes(self, self.bench_app)
+
+    def on_lane_chart_resized(self, _: LaneChart.Resized) -> None:
+        """Draw the samples in the chart's new size."""
         draw_lanes(self, self.bench_app)
 
     def on_recorder_lost(self, message: RecorderLost) -> None:

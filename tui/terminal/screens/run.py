@@ -12,6 +12,7 @@ from daq import Status
 from ..state.banner import banner
 from ..widgets.banner_bar import BannerBar
 from ..widgets.big_word import BigWord
+from ..widgets.lane_chart import LaneChart
 from ..widgets.lists import AlarmList, Journal, RunList, TallyList
 from ..widgets.progress_line import ProgressLine
 from .bumping import BumpingScreen
@@ -54,6 +55,10 @@ class RunScreen(BumpingScreen):
 
     def on_live_arrived(self, _: LiveArrived) -> None:
         """Draw the newest samples."""
+        draw_lanes(self, self.bench_app, self._page)
+
+    def on_lane_chart_resized(self, _: LaneChart.Resized) -> None:
+        """Draw the samples in the chart's new size."""
         draw_lanes(self, self.bench_app, self._page)
 
     def on_recorder_lost(self, message: RecorderLost) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.segment import Segment
 from textual.geometry import Region
+from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -26,6 +27,9 @@ Traced = tuple[NDArray[np.float64], NDArray[np.float64], float]
 
 class LaneChart(Widget):
     """A chart recorder."""
+
+    class Resized(Message):
+        """The chart has another size, and its rows have to be drawn anew."""
 
     def __init__(self, glyphs: Glyphs) -> None:
         super().__init__()
@@ -65,9 +69,13 @@ class LaneChart(Widget):
         if changed:
             self.refresh(*(Region(0, y, width, 1) for y in changed))
 
+    def on_resize(self) -> None:
+        """Ask the screen for a drawing that fits: the layout may settle in several steps."""
+        self.post_message(self.Resized())
+
     def render_line(self, y: int) -> Strip:
-        """Return one row as a single segment."""
-        row = self._rows[y] if y < len(self._rows) else ""
+        """Return one row as a single segment, cut where the chart has shrunk since its drawing."""
+        row = self._rows[y][: self.size.width] if y < len(self._rows) else ""
         style = self.visual_style.rich_style  # which Textual keeps, unlike `rich_style`
         return Strip([Segment(row.ljust(self.size.width), style)], self.size.width)
 

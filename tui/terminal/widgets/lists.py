@@ -36,6 +36,12 @@ class TallyList(Words):
         self.border_title = "Progress"
         self._glyphs = glyphs
         self.chosen = 0
+        self._status: Status | None = None
+
+    def on_resize(self) -> None:
+        """Fit the tallies into the new width."""
+        if self._status is not None:
+            self.show(self._status)
 
     def move(self, by: int, status: Status) -> None:
         """Choose another kind of bump."""
@@ -44,6 +50,7 @@ class TallyList(Words):
 
     def show(self, status: Status) -> None:
         """Show the tallies."""
+        self._status = status
         lines = []
         wide = self.size.width > _WITH_REASONS
         reasons = _reasons(status)
@@ -64,8 +71,11 @@ class TallyList(Words):
             measured = _frequency(status, tally, wide)
             word = "rejected" if wide or not measured else "rej."
             rejected = f"  {tally.rejected} {word}  {why}".rstrip() if tally.rejected else ""
-            if len(words) + len(count) + len(measured) + len(rejected) > self.size.width:
+            room = self.size.width - len(words) - len(count)
+            if len(measured) + len(rejected) > room:
                 measured = ""  # the rejects are more important
+            if len(rejected) > room:
+                rejected = rejected.removesuffix(why).rstrip()
             lines.append(
                 Content.assemble(
                     (f"{words}{count}", "bold" if here else ""), f"{measured}{rejected}"
