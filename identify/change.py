@@ -102,7 +102,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class _Unknown:
-    """What may differ: a parameter, or an element that all sessions have."""
+    """A parameter, or an element that all sessions have: both may differ."""
 
     name: str
     """As people know it."""

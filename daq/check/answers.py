@@ -1,4 +1,4 @@
-"""What a proposal asks its user, and what was answered."""
+"""Questions of a proposal to its user, and the answers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Question:
     line: str
     """The question, with what it is about."""
     asked: Asked = Asked.RIGHT
-    """What it asks for."""
+    """Kind of the answer."""
     sensor: str = ""
     """Sensor that it is about; empty if the bench has no list of sensors."""
 

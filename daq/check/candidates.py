@@ -28,7 +28,7 @@ class Candidate:
     layout: SignalLayout
     """Its place in the frame."""
     comment: str
-    """What the database says of it."""
+    """Its description in the database."""
     kind: str
     """SI unit of what it measures."""
     corner: Corner | None

@@ -49,7 +49,7 @@ _PITCH, _ROLL, _YAW = {"pitch", "nick"}, {"roll", "wank"}, {"yaw", "gier"}
 
 
 class Asked(StrEnum):
-    """What a question of a proposal asks for."""
+    """Kind of the answer to a question of a proposal."""
 
     RIGHT = "whether it is right"
     CORNER = "corner"
@@ -73,7 +73,7 @@ class Guess:
     ask: str = ""
     """Question to the user, because it is not sure; empty if it is."""
     asked: Asked = Asked.RIGHT
-    """What it asks for."""
+    """Kind of the answer."""
     unit: str = ""
     """Unit of the signal where the database states none."""
     is_proven: bool = False

@@ -82,7 +82,7 @@ def propose_sensors(
         Some seconds of the car at rest, in order of arrival; without any, names must do.
     pushes : FrameBatch or None
         A push on each corner, with rest before each, in the order of `push_test.ORDER`; a kick
-        against its tyre after each tells hubs apart.
+        against its tyre after each shows which hub is which.
     answers : mapping of Question to str
         Answers to what an earlier proposal from the same traffic asked.
 

@@ -8,8 +8,8 @@ if TYPE_CHECKING:
     from .address import control_address as control_address
     from .address import is_running as is_running
     from .client import Client as Client
-    from .client import OrderRefused as OrderRefused
-    from .client import RecorderGone as RecorderGone
+    from .client import OrderRefusedError as OrderRefusedError
+    from .client import RecorderGoneError as RecorderGoneError
     from .figures_file import write_figures as write_figures
     from .lock import group_readable as group_readable
     from .lock import is_locked as is_locked

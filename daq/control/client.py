@@ -45,12 +45,12 @@ _NEWS_HELD = 100
 """Published messages kept for a client that does not fetch them."""
 
 
-class RecorderGone(BumpbenchError):  # noqa: N818 - that is what happened
+class RecorderGoneError(BumpbenchError):
     """No recorder answers."""
 
 
-class OrderRefused(Exception):  # noqa: N818 - the recorder's word, not a failure
-    """The recorder refused an order; the text is one line for a person."""
+class OrderRefusedError(Exception):
+    """The recorder refuses an order, or cannot be asked; the text is one line for a person."""
 
 
 class Client:
@@ -59,7 +59,8 @@ class Client:
     `address`: `daq.control.address.control_address` of the recorder's folder.  `name`: the person,
     for the journal and for others who want control.  `control`: True to take control; without it,
     only questions are answered.  `take_over`: take control from the client that has it.  Raises
-    RecorderGone if no recorder answers.  Raises OrderRefused if another client is in control.
+    RecorderGoneError if no recorder answers.  Raises OrderRefusedError if another client is in
+    control.
     """
 
     def __init__(self, address: Address, name: str, control: bool, take_over: bool = False) -> None:
@@ -85,7 +86,7 @@ class Client:
         try:
             self.first_status = self.ask(Hello(name, control, take_over)).status
             """The status at the time of the connection; None if there was none yet."""
-        except (RecorderGone, OrderRefused):
+        except (RecorderGoneError, OrderRefusedError):
             self.close()
             raise
         self._heart.start()
@@ -100,8 +101,8 @@ class Client:
 
         A `Hello` changes name and wish for control of this client.
 
-        Raises RecorderGone if no answer comes in time.  The order may have been carried out
-        nevertheless.  Raises OrderRefused with the recorder's reason.
+        Raises RecorderGoneError if no answer comes in time.  The order may have been carried out
+        nevertheless.  Raises OrderRefusedError with the recorder's reason.
         """
         reply = self._answer(order, timeout_s)
         if isinstance(order, Hello):
@@ -132,7 +133,7 @@ class Client:
         if reply is None:
             raise self._gone(f"no answer within {timeout_s:g} s")
         if reply.error:
-            raise OrderRefused(reply.error)
+            raise OrderRefusedError(reply.error)
         return reply
 
     def news(self, timeout_s: float) -> Status | Live | None:
@@ -149,7 +150,7 @@ class Client:
                     return live
                 news: StatusNews = STATUS_NEWS.validate_json(b"".join(body))
                 return self._filled(news.status, news.log)
-            except (ValidationError, RecorderGone, OrderRefused):
+            except (ValidationError, RecorderGoneError, OrderRefusedError):
                 continue  # of another version, which the replies report; or it has just ended
         return None
 
@@ -169,7 +170,7 @@ class Client:
         if self._closed.is_set():
             return
         if self._heart.ident is not None and self._hello.control:
-            with suppress(RecorderGone, OrderRefused):
+            with suppress(RecorderGoneError, OrderRefusedError):
                 self.ask(Hello(self._hello.name), timeout_s=0.5)
         self._closed.set()
         if self._heart.ident is not None:
@@ -184,9 +185,9 @@ class Client:
         while not self._closed.wait(HEARTBEAT_S):
             try:
                 self._answer(self._hello, HEARTBEAT_S)
-            except OrderRefused:  # another client has taken over: only look on from now on
+            except OrderRefusedError:  # another client has taken over: only look on from now on
                 self._hello = Hello(self._hello.name)
-            except RecorderGone:
+            except RecorderGoneError:
                 continue
 
     def _exchange(self, request: bytes, number: int, deadline_s: float) -> Reply | None:
@@ -209,5 +210,5 @@ class Client:
             raise self._gone(f"the recorder speaks protocol {reply.protocol}, not {PROTOCOL}")
         return reply
 
-    def _gone(self, what: str) -> RecorderGone:
-        return RecorderGone(str(self._address.paths[0]), what, "start `bumpbench record`")
+    def _gone(self, what: str) -> RecorderGoneError:
+        return RecorderGoneError(str(self._address.paths[0]), what, "start `bumpbench record`")

@@ -146,7 +146,7 @@ class Segment:
         """
         try:
             self._writer.add_metadata(SUMMARY_RECORD, pack_summary(self._summary()))
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()
             self.file.sync()
         finally:
             self._settle()

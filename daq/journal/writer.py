@@ -42,6 +42,7 @@ _BATCH_BYTES = 4_000_000
 """Size up to which blocks that waited are synced together, bytes."""
 _WARNING_S = 60.0
 """Seconds for which there is a warning of a file that failed or was taken away."""
+_USUAL_LIMITS = RecorderConfig()
 _TRANSIENT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 
 
@@ -67,7 +68,7 @@ class JournalWriter:
         self,
         folder: Path,
         head: JournalHead,
-        limits: RecorderConfig = RecorderConfig(),  # noqa: B008 - frozen
+        limits: RecorderConfig = _USUAL_LIMITS,
         create: Callable[[Path], JournalFile] = SyncedFile,
         resume: JournalTail | None = None,
         room: Callable[[Path], Room] = room_on,

@@ -155,7 +155,7 @@ def _message(message: Any) -> MessageLayout:
 
 
 def _with_own_names(signals: Sequence[SignalLayout]) -> tuple[SignalLayout, ...]:
-    """Return signals; those of one name that a selector tells apart have its value in theirs.
+    """Return signals; those of one name that a selector distinguishes have its value in theirs.
 
     ``Limit`` with the selector 3, and another with 4, are ``Limit_m3`` and ``Limit_m4``.
     """

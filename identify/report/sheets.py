@@ -155,7 +155,7 @@ class Sheets:
                 (_LEFT_IN + x) / _PAGE_IN[0], self._up(self._y), text, fontsize=foot.size,
                 color=foot.colour, ha="right" if right else "left", parse_math=False,
             )  # fmt: skip
-        self._file.savefig(self._page)  # type: ignore[no-untyped-call]
+        self._file.savefig(self._page)
 
     def _fresh(self) -> tuple[Figure, float]:
         self._number += 1

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from daq import InputError, read_session
 from daq.control.address import control_address
-from daq.control.client import Client, RecorderGone
+from daq.control.client import Client, RecorderGoneError
 from daq.control.messages import Status
 from daq.control.orders import AskStatus
 from daq.journal.contents import JournalLoss
@@ -107,7 +107,7 @@ class RecorderProcess:
     def status(self) -> Status:
         """Return its status."""
         while True:
-            with contextlib.suppress(RecorderGone):
+            with contextlib.suppress(RecorderGoneError):
                 if self._client is None:
                     self._client = Client(control_address(self._folder), "crash", control=False)
                 found = self._client.ask(AskStatus(), PATIENCE_S).status

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from daq.control.address import control_address
-from daq.control.client import Client, RecorderGone
+from daq.control.client import Client, RecorderGoneError
 from daq.control.messages import SessionState, Status
 from daq.control.orders import AskStatus, Order, Start, Stop
 from daq.session.load import load_tree
@@ -139,7 +139,7 @@ def stored() -> int:
     """Return the frames that this process of the recorder has stored; -1 if none answers."""
     try:
         return ask(AskStatus()).storage.stored_frames
-    except RecorderGone:
+    except RecorderGoneError:
         return -1
 
 

@@ -15,7 +15,14 @@ def status(
     json: Annotated[bool, typer.Option("--json", help="Print the whole status as JSON.")] = False,
 ) -> int:
     """Print the status of a folder's recorder; exit code 1 if none runs there."""
-    from daq.control import STATUS, AskStatus, Client, OrderRefused, RecorderGone, control_address
+    from daq.control import (
+        STATUS,
+        AskStatus,
+        Client,
+        OrderRefusedError,
+        RecorderGoneError,
+        control_address,
+    )
 
     from ..output import print_json, print_line
     from ..recorders.lines import status_lines
@@ -26,8 +33,10 @@ def status(
             status_now = client.ask(AskStatus()).status
         finally:
             client.close()
-    except (RecorderGone, OrderRefused) as error:
-        return _none(folder, error.what if isinstance(error, RecorderGone) else str(error), json)
+    except (RecorderGoneError, OrderRefusedError) as error:
+        return _none(
+            folder, error.what if isinstance(error, RecorderGoneError) else str(error), json
+        )
     if status_now is None:
         return _none(folder, "the recorder has only just started", json)
     if json:

@@ -11,7 +11,7 @@ LOCKED_S = 60.0
 _MOST_PAGES = 32
 
 
-class Refusal(Exception):  # noqa: N818 - that is what happened
+class NoControlError(Exception):
     """A page gets no control; one line for a person."""
 
 
@@ -27,16 +27,16 @@ class Control:
     def grant(self, typed: str, now_s: float) -> str:
         """Return the key of a page on which the number was typed.
 
-        `now_s`: of a clock that is never set.  Raises Refusal for a wrong number, and for any after
-        too many wrong ones.
+        `now_s`: of a clock that is never set.  Raises NoControlError for a wrong number, and for
+        any after too many wrong ones.
         """
         self._wrong_s = [wrong_s for wrong_s in self._wrong_s if now_s - wrong_s < LOCKED_S]
         if len(self._wrong_s) >= TRIES:
-            raise Refusal("too many wrong numbers: wait a minute")
+            raise NoControlError("too many wrong numbers: wait a minute")
         digits = "".join(typed.split())
         if not secrets.compare_digest(digits.encode(), self.secret.encode()):
             self._wrong_s.append(now_s)
-            raise Refusal("that is not the number shown at the terminal")
+            raise NoControlError("that is not the number shown at the terminal")
         key = secrets.token_urlsafe()
         self._pages = [*self._pages[-_MOST_PAGES + 1 :], key]
         return key

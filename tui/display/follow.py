@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq import InputError, Status
-from daq.control import AskBench, AskHistory, Live
+from daq.control import AskBench, AskHistory, Live, OrderRefusedError
 
-from ..terminal.state.feed import Feed, Lost, News, Refused
+from ..terminal.state.feed import Feed, Lost, News
 from ..terminal.state.lanes import Lanes
 from .curves import AFTER_S, NO_CURVES, Curves, curves_of
 from .hub import Hub
@@ -108,7 +108,7 @@ class Follower:
             if begins and (live := (await self._feed.ask(AskHistory(HISTORY_S))).live):
                 self._lanes.clear()
                 self._lanes.add(live)
-        except (Refused, InputError):
+        except (OrderRefusedError, InputError):
             self._bench_crc32 = None  # the next status asks again
             return
         self._drawn = (0, True)

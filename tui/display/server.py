@@ -16,12 +16,12 @@ from typing import Any
 
 from aiohttp import web
 
-from daq.control import Hello
+from daq.control import Hello, OrderRefusedError
 
 from ..browser.guard import Guard
-from ..terminal.state.feed import Feed, Refused
+from ..terminal.state.feed import Feed
 from .buttons import order_of
-from .control import Control, Refusal
+from .control import Control, NoControlError
 from .follow import Follower
 from .hub import Hub
 
@@ -109,7 +109,7 @@ class DisplayServer:
             return _refused(403, "this display only looks on")
         try:
             key = self._control.grant(str(body.get("number", "")), time.monotonic())
-        except Refusal as error:
+        except NoControlError as error:
             return _refused(403, str(error))
         answer = web.json_response({})
         path = f"{self._guard.prefix}/"
@@ -129,11 +129,11 @@ class DisplayServer:
                 return _refused(409, "that is over: look at the page again")
             try:
                 await self._feed.ask(Hello(self._name, True, body.get("take_over") is True))
-            except Refused as error:
+            except OrderRefusedError as error:
                 return _refused(423, str(error))
             try:
                 await self._feed.ask(order)
-            except Refused as error:
+            except OrderRefusedError as error:
                 return _refused(409, str(error))
         return web.json_response({})
 

@@ -17,7 +17,17 @@ from textual.message import Message
 from textual.screen import ModalScreen, Screen
 
 from daq import InputError, Status
-from daq.control import QUESTIONS, AskBench, AskHistory, Hello, Live, Order, Reply, Setup
+from daq.control import (
+    QUESTIONS,
+    AskBench,
+    AskHistory,
+    Hello,
+    Live,
+    Order,
+    OrderRefusedError,
+    Reply,
+    Setup,
+)
 from daq.errors import printable
 
 from ..diagnostics import unknown_value
@@ -26,7 +36,7 @@ from .keyboard import KeyboardApp
 from .screens.news import LiveArrived, RecorderLost, StatusArrived
 from .screens.other_recorder import OtherRecorder
 from .screens_app import ScreensApp
-from .state.feed import Feed, Lost, News, Refused, Role
+from .state.feed import Feed, Lost, News, Role
 from .state.glyphs import Glyphs, GlyphSet
 from .state.lanes import Lanes
 from .state.signals import Signals, signal_of
@@ -68,8 +78,12 @@ class BenchApp(ScreensApp, KeyboardApp):
 
     CSS_PATH = "app.tcss"
     TITLE = "Bumpbench"
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]  # noqa: RUF012 - theirs
-    VERTICAL_BREAKPOINTS = [(0, "-low"), (36, "-tall")]  # noqa: RUF012
+    HORIZONTAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [
+        (0, "-narrow"),
+        (120, "-wide"),
+        (180, "-huge"),
+    ]
+    VERTICAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [(0, "-low"), (36, "-tall")]
     COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {_palette}
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "Quit", show=False, priority=True),
@@ -215,7 +229,7 @@ class BenchApp(ScreensApp, KeyboardApp):
         self.push_screen(Question("Your name or initials, for every verdict", "name"), answered)
 
     async def _fetch_history(self) -> None:
-        with suppress(Refused):
+        with suppress(OrderRefusedError):
             reply = await self.feed.ask(AskHistory(HISTORY_S))
             if reply.live is not None:
                 self.lanes.add(reply.live)
@@ -224,7 +238,7 @@ class BenchApp(ScreensApp, KeyboardApp):
     async def _fetch_bench(self) -> None:
         from daq.bench import parse_bench
 
-        with suppress(Refused, InputError):
+        with suppress(OrderRefusedError, InputError):
             text = (await self.feed.ask(AskBench())).bench_text
             self.bench = parse_bench(text, "bench.toml", self.folder, dbc_text="")
             self.bench_text = text
@@ -245,7 +259,7 @@ class BenchApp(ScreensApp, KeyboardApp):
             return None
         try:
             reply = await self.feed.ask(order)
-        except Refused as refused:
+        except OrderRefusedError as refused:
             self.warn(str(refused))
             return None
         if reply.status is not None:  # the next action builds on it
@@ -262,7 +276,7 @@ class BenchApp(ScreensApp, KeyboardApp):
         """Start a recorder if none runs."""
         try:
             await asyncio.to_thread(self.feed.restart)
-        except Refused as refused:
+        except OrderRefusedError as refused:
             self.warn(str(refused))
 
     def action_sound(self) -> None:

@@ -19,7 +19,7 @@ import zmq
 
 from daq.bench.origin import Origin
 from daq.control.address import Address, control_address, is_running
-from daq.control.client import Client, OrderRefused, RecorderGone
+from daq.control.client import Client, OrderRefusedError, RecorderGoneError
 from daq.control.messages import PROTOCOL, REPLY, Lane, Live, Reply, Status
 from daq.control.orders import Arm, AskBench, AskSetup, AskStatus, Hello, Mark, Order, Pause
 from daq.control.peers import Peers
@@ -94,14 +94,14 @@ def test_orders_and_answers(server: Server, engine: Engine, address: Address) ->
     assert engine.orders == [(Mark("boards moved"), "Anna")]
 
     engine.answer = lambda future: future.set_result(Reply(0, "no run is open"))
-    with pytest.raises(OrderRefused, match="no run is open"):
+    with pytest.raises(OrderRefusedError, match="no run is open"):
         client.ask(Pause())
     engine.answer = lambda future: future.set_exception(ValueError("first\nsecond"))
-    with pytest.raises(OrderRefused, match=r"first\\nsecond"):
+    with pytest.raises(OrderRefusedError, match=r"first\\nsecond"):
         client.ask(Pause())
     client.close()
     client.close()
-    with pytest.raises(RecorderGone):
+    with pytest.raises(RecorderGoneError):
         client.ask(Pause())
 
 
@@ -129,16 +129,16 @@ def test_one_controller_many_viewers(server: Server, engine: Engine, address: Ad
     viewers.append(Client(address, "viewer 2", control=False))
     assert viewers[2].first_status == replace(a_status(3), controller="Anna", viewers=2)
     viewers[0].ask(AskBench())  # a question is anybody's
-    with pytest.raises(OrderRefused, match="Anna is in control"):
+    with pytest.raises(OrderRefusedError, match="Anna is in control"):
         viewers[0].ask(Arm())
-    with pytest.raises(OrderRefused, match="Anna is in control"):
+    with pytest.raises(OrderRefusedError, match="Anna is in control"):
         Client(address, "Berta", control=True)
     assert [order for order, _ in engine.orders] == [AskBench()]
 
     berta = Client(address, "Berta", control=True, take_over=True)
     berta.ask(Arm())
     assert engine.orders[-1] == (Arm(), "Berta")
-    with pytest.raises(OrderRefused, match="Berta is in control"):
+    with pytest.raises(OrderRefusedError, match="Berta is in control"):
         anna.ask(Pause())
     until(lambda: not anna.in_control)  # its heart has noticed, and does not fight
     berta.close()  # gives control back
@@ -162,7 +162,7 @@ def test_control_of_a_killed_terminal_is_free_at_once(
     ) as terminal:
         assert terminal.stdout
         assert terminal.stdout.readline() == "in control\n"
-        with pytest.raises(OrderRefused, match="Anna is in control"):
+        with pytest.raises(OrderRefusedError, match="Anna is in control"):
             Client(address, "Berta", control=True)
         terminal.kill()
         terminal.wait()
@@ -172,7 +172,7 @@ def test_control_of_a_killed_terminal_is_free_at_once(
             try:
                 Client(address, "Berta", control=True).close()
                 break
-            except OrderRefused:
+            except OrderRefusedError:
                 assert tries < 200
                 time.sleep(0.01)
 
@@ -184,14 +184,14 @@ def test_a_client_survives_a_restart_of_the_recorder(engine: Engine, address: Ad
     first.close()
     assert not is_running(address)
     assert not any(path.exists() for path in address.paths)
-    with pytest.raises(RecorderGone, match="no answer"):
+    with pytest.raises(RecorderGoneError, match="no answer"):
         client.ask(Pause(), timeout_s=0.05)
     second = Server(engine.submit, address)
 
     def in_control_again() -> bool:
         try:
             client.ask(Pause(), timeout_s=1.0)
-        except (OrderRefused, RecorderGone):
+        except (OrderRefusedError, RecorderGoneError):
             return False
         return True
 
@@ -224,7 +224,7 @@ def test_who_is_refused_leaves_nothing_behind() -> None:
 def test_a_stale_socket_is_replaced(engine: Engine, address: Address) -> None:
     for path in address.paths:
         path.write_bytes(b"")
-    with pytest.raises(RecorderGone, match="no recorder is running"):
+    with pytest.raises(RecorderGoneError, match="no recorder is running"):
         Client(address, "Anna", control=True)
     server = Server(engine.submit, address)
     Client(address, "Anna", control=True).close()
@@ -284,9 +284,9 @@ def test_an_engine_that_does_not_answer_is_reported(
     asked: list[Future[Reply]] = []
     engine.answer = asked.append
     client = Client(address, "Anna", control=True)
-    with pytest.raises(OrderRefused, match="did not answer"):
+    with pytest.raises(OrderRefusedError, match="did not answer"):
         client.ask(Pause(), timeout_s=PATIENCE_S)
-    with pytest.raises(RecorderGone, match="no answer within"):
+    with pytest.raises(RecorderGoneError, match="no answer within"):
         client.ask(Pause(), timeout_s=0.01)
     asked[-1].set_result(Reply(0))  # too late: the next question gets its own answer
     engine.answer = lambda future: future.set_result(Reply(0, bench_text="x = 1"))
@@ -296,7 +296,7 @@ def test_an_engine_that_does_not_answer_is_reported(
         future.cancel()
 
     engine.answer = give_up
-    with pytest.raises(OrderRefused, match="is ending"):
+    with pytest.raises(OrderRefusedError, match="is ending"):
         client.ask(Pause())
     client.close()
 

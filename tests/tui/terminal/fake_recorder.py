@@ -12,6 +12,7 @@ import numpy as np
 
 from daq.bench.campaign import Campaign
 from daq.bench.config import Bench, default_bench_text, parse_bench
+from daq.control.client import OrderRefusedError
 from daq.control.messages import (
     BusState,
     BusStatus,
@@ -57,7 +58,7 @@ from daq.runlog.fold import advance
 from daq.runlog.runlog import Code, LoggedStatus, RunLog, next_step
 from daq.runs import Event, Excitation, Losses
 from dbc.finding import Finding, Severity
-from tui.terminal.state.feed import News, Refused, Role
+from tui.terminal.state.feed import News, Role
 
 WALL_NS = 1_795_267_320_000_000_000  # 2026-11-21 13:22 UTC
 BIN_S = 0.02
@@ -139,7 +140,7 @@ class FakeRecorder:
     async def ask(self, order: Order) -> Reply:
         self.orders.append(order)
         if self.refuse:
-            raise Refused(self.refuse)
+            raise OrderRefusedError(self.refuse)
         match order:
             case AskHistory():
                 return Reply(0, live=self.live())

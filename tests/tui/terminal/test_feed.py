@@ -10,7 +10,7 @@ from typing import NoReturn
 import pytest
 
 from daq.bench.origin import Origin
-from daq.control.client import RecorderGone
+from daq.control.client import RecorderGoneError
 from daq.control.messages import Reply, Setup
 from daq.control.orders import AskSetup, Order
 from tui.terminal.state import feed
@@ -63,7 +63,7 @@ def test_a_recorder_that_has_only_just_been_started_is_not_lost(
 
     def refused(*_: object, **__: object) -> NoReturn:
         tried.release()
-        raise RecorderGone("here", "no recorder is running there", "start one")
+        raise RecorderGoneError("here", "no recorder is running there", "start one")
 
     monkeypatch.setattr(feed, "Client", refused)
     monkeypatch.setattr(feed, "RETRY_S", 0.01)

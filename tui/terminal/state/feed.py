@@ -19,8 +19,8 @@ from daq.control import (
     Hello,
     Live,
     Order,
-    OrderRefused,
-    RecorderGone,
+    OrderRefusedError,
+    RecorderGoneError,
     Reply,
     Setup,
     control_address,
@@ -71,10 +71,6 @@ class Role:
 News = Status | Live | Lost | Role | Setup
 
 
-class Refused(Exception):  # noqa: N818 - that is what happened
-    """The recorder refused an order, or cannot be reached; one line for a person."""
-
-
 class Feed(Protocol):
     """News and orders of a recorder."""
 
@@ -84,7 +80,7 @@ class Feed(Protocol):
     async def ask(self, order: Order) -> Reply:
         """Send an order and return the answer.
 
-        Raises Refused if the recorder refuses or is gone.
+        Raises OrderRefusedError if the recorder refuses or is gone.
         """
 
     def take_over(self) -> None:
@@ -140,17 +136,19 @@ class RecorderFeed:
     def restart(self) -> None:
         """Start a recorder, as soon as the one before has ended; the listener finds it.
 
-        Raises Refused if it does not come up, or the one before does not end.
+        Raises OrderRefusedError if it does not come up, or the one before does not end.
         """
         deadline_s = time.monotonic() + END_S
         while is_locked(self._folder):
             if time.monotonic() > deadline_s:
-                raise Refused(f"the recorder in {self._folder} has not ended: see its log")
+                raise OrderRefusedError(
+                    f"the recorder in {self._folder} has not ended: see its log"
+                )
             time.sleep(RETRY_S / 5)
         try:
             self._start_recorder()
         except BumpbenchError as error:
-            raise Refused(str(error)) from error
+            raise OrderRefusedError(str(error)) from error
         self._born_s, self._reported = time.monotonic(), None
         if self._client is None and self._post is not None:
             self._post(STARTING)
@@ -164,14 +162,12 @@ class RecorderFeed:
     def _ask(self, order: Order) -> Reply:
         client = self._client
         if client is None:
-            raise Refused("no recorder answers: X starts one")
+            raise OrderRefusedError("no recorder answers: X starts one")
         timeout_s = SLOW_S if isinstance(order, AskCheck) else ANSWER_S
         try:
             reply = client.ask(order, timeout_s)
-        except OrderRefused as error:
-            raise Refused(str(error)) from error
-        except RecorderGone as error:
-            raise Refused(f"{error.what}: {error.advice}") from error
+        except RecorderGoneError as error:
+            raise OrderRefusedError(f"{error.what}: {error.advice}") from error
         if isinstance(order, Hello):
             self._name = order.name  # also to a recorder that comes back
         return reply
@@ -211,7 +207,7 @@ class RecorderFeed:
         self._reconnect.clear()
         try:
             client = Client(address, self._name, self._control, take_over)
-        except OrderRefused as error:
+        except OrderRefusedError as error:
             return Client(address, self._name, control=False), Role(False, str(error))
         return client, Role(self._control)
 
@@ -219,7 +215,7 @@ class RecorderFeed:
         """Post what is known with the connection: role, setup and status."""
         post(role)
         # One of an earlier version does not know the question.
-        with suppress(OrderRefused, RecorderGone):
+        with suppress(OrderRefusedError, RecorderGoneError):
             if (setup := client.ask(AskSetup()).setup) is not None:
                 post(setup)
         if client.first_status is not None:  # the next one comes in up to 0.1 s

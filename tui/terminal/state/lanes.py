@@ -18,12 +18,9 @@ class Lanes:
     """
 
     def __init__(self) -> None:
-        self.bin_s = 0.0
-        self.end = 0
-        """The bin after the newest."""
-        self._begin = 0
         self._low: dict[str, NDArray[np.float64]] = {}
         self._high: dict[str, NDArray[np.float64]] = {}
+        self.clear()
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -37,7 +34,12 @@ class Lanes:
 
     def clear(self) -> None:
         """Forget everything: another recording begins."""
-        self.__init__()  # type: ignore[misc]
+        self.bin_s = 0.0
+        self.end = 0
+        """The bin after the newest."""
+        self._begin = 0
+        self._low.clear()
+        self._high.clear()
 
     def add(self, live: Live) -> None:
         """Add live samples; bins older than the newest only fill gaps."""
