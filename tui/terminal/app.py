@@ -55,6 +55,9 @@ AUTO_S = 0.25
 """Seconds between two looks of `--auto` at the next action."""
 MOST_NEWS = 1200
 """Messages kept for a terminal whose output is stopped: one minute of news."""
+_WIDTHS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]
+_HEIGHTS = [(0, "-low"), (36, "-tall")]
+"""Columns and rows from which a screen has a class of style."""
 
 
 def _palette() -> type[Provider]:
@@ -78,12 +81,8 @@ class BenchApp(ScreensApp, KeyboardApp):
 
     CSS_PATH = "app.tcss"
     TITLE = "Bumpbench"
-    HORIZONTAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [
-        (0, "-narrow"),
-        (120, "-wide"),
-        (180, "-huge"),
-    ]
-    VERTICAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [(0, "-low"), (36, "-tall")]
+    HORIZONTAL_BREAKPOINTS = _WIDTHS
+    VERTICAL_BREAKPOINTS = _HEIGHTS
     COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {_palette}
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "Quit", show=False, priority=True),

@@ -110,7 +110,7 @@ def chunked(path: Path, compression: CompressionType, megabytes: int) -> None:
     for name, text in ((BENCH_NAME, HEAD.bench_text), (DBC_NAME, HEAD.dbc_text)):
         writer.add_attachment(0, 0, name, "text/plain", text.encode())
     writer.add_message(channel, 0, bytes(megabytes << 20), 0)
-    writer.finish()  # type: ignore[no-untyped-call]
+    writer.finish()
 
 
 @pytest.mark.parametrize(
