@@ -49,12 +49,13 @@ def contact(
     if memory is not None:
         suspension += plant.friction.force_n * memory.friction
     squash = road - pose[3:]
-    tyre = plant.tyre_n_m * squash + plant.tyre_damping_ns_m * (road_speed - velocity[3:])
+    tyre = plant.tyre_n_m * squash
     if plant.progression is not None:
         suspension += plant.progression.suspension_n(compression)
         tyre += plant.progression.tyre_n(squash)
+    damped = tyre + plant.tyre_damping_ns_m * (road_speed - velocity[3:])
     # In the air a tyre does nothing, however fast it comes down.
-    return Contact(suspension, np.maximum(tyre, 0.0) * (squash > 0.0))
+    return Contact(suspension, np.maximum(damped, 0.0) * (tyre > 0.0))
 
 
 def damping(plant: Plant, velocity: Array, memory: Memory | None) -> Array:

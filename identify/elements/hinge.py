@@ -22,3 +22,8 @@ def hinge(x: Value, width: Value) -> Value:
 def hinge_slope(x: Value, width: Value) -> Value:
     """Return the derivative of `hinge` by x, 0..1."""
     return (np.minimum(np.maximum(x, -width), width) + width) / (2.0 * width)
+
+
+def hinge_bend(x: Value, width: Value) -> Value:
+    """Return the second derivative of `hinge` by x: that of its parabola, and 0 beyond."""
+    return (np.abs(x) < width) / (2.0 * width)

@@ -46,9 +46,19 @@ friction_rate_by_limit = friction.friction_rate_by_limit
 sliding_share, sliding_share_by_speed = friction.sliding_share, friction.sliding_share_by_speed
 sliding_share_by_surplus = friction.sliding_share_by_surplus
 sliding_share_by_fall = friction.sliding_share_by_fall
-tyre_load, tyre_contact = tyre.tyre_load, tyre.tyre_contact
-tyre_load_by_heave = tyre.tyre_load_by_heave
+tyre_load, tyre_load_by_heave = tyre.tyre_load, tyre.tyre_load_by_heave
+tyre_push, tyre_push_by_load = tyre.tyre_push, tyre.tyre_push_by_load
+tyre_contact, tyre_grip = tyre.tyre_contact, tyre.tyre_grip
 mount_slope = mount.mount_slope
+
+
+@njit(cache=True, error_model="numpy", fastmath=LOOSE)
+def _tyre_slopes(one, z, v, width):
+    """Return the derivatives of the road's force: by the tyre's load, and by its damping."""
+    load = tyre_load(z, one[K_T], one[BETA], one[STATIC])
+    contact = tyre_contact(tyre_push(load, v, one[C_T], width), width)
+    by_load = contact * tyre_push_by_load(load, v, one[C_T], width)
+    return by_load, contact * tyre_grip(load, width)
 
 
 @njit(cache=True, error_model="numpy", fastmath=LOOSE)
@@ -70,11 +80,11 @@ def _partials(one, knots, level, x, rate, r, u, across, i, by_force, by_speed, b
     by_force[RATIO], by_force[C] = force, ratio * r
     by_speed[MOUNT] = -ratio * force
     by_speed[RATIO], by_speed[C] = -sigma * force, -sigma * ratio * r
-    contact = tyre_contact(tyre_load(z, x[10 + i], one[K_T], one[BETA], one[C_T], one[STATIC]))
-    by_road[K_T] = -contact * z * (1.0 - one[BETA] * z)
-    by_road[BETA] = contact * one[K_T] * z * z
-    by_road[C_T] = -contact * x[10 + i]
-    by_road[STATIC] = contact - 1.0
+    by_load, damped = _tyre_slopes(one, z, x[10 + i], level[5])
+    by_road[K_T] = -by_load * z * (1.0 - one[BETA] * z)
+    by_road[BETA] = by_load * one[K_T] * z * z
+    by_road[C_T] = -damped * x[10 + i]
+    by_road[STATIC] = by_load - 1.0
     by_road[MASS], by_road[PULL] = -rate[10 + i], 1.0
 
 
@@ -93,8 +103,7 @@ def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body
         u = x[3 + i] - x[0] + one[X] * x[1] - one[Y] * x[2]
         w = x[10 + i] - x[7] + one[X] * x[8] - one[Y] * x[9]
         across = x[3 + k] - x[0] + p[k, X] * x[1] - p[k, Y] * x[2]
-        load = tyre_load(x[3 + i], x[10 + i], one[K_T], one[BETA], one[C_T], one[STATIC])
-        contact = tyre_contact(load)
+        by_load, damped = _tyre_slopes(one, x[3 + i], x[10 + i], level[5])
         over = 1.0 / one[MASS]
         damping = one[RATIO] * curve_slope(one, knots, r[i], width)
         stiff = spring_stiffness(u, one[K_S], one[K_2], one[K_3]) + one[K_A]
@@ -118,8 +127,8 @@ def linearise(x, rate, r, p, lines, knots, inverse, level, mounted, sparse, body
         s = slopes[i]
         s[0], s[1], s[2], s[3], s[4] = one[X], one[Y], stiff, one[K_A], one[F_C]
         s[5], s[6], s[7] = through, turn, damping
-        s[8] = contact * tyre_load_by_heave(x[3 + i], one[K_T], one[BETA]) * over
-        s[9], s[10], s[11] = -contact * one[C_T] * over, over, by_w
+        s[8] = by_load * tyre_load_by_heave(x[3 + i], one[K_T], one[BETA]) * over
+        s[9], s[10], s[11] = -damped * one[C_T] * over, over, by_w
         s[12] = friction_rate_by_share(w, length, limit, level[1], level[2])
         _partials(one, knots, level, x, rate, r[i], u, across, i, by_force, by_speed, by_road)
         for n in range(first[i], first[i + 1]):

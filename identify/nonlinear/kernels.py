@@ -47,7 +47,7 @@ for _module in (hinge, spring, stop, bar, damper, friction, tyre, mount):
 knee, knee_slope, hinge_ = damper.knee, damper.knee_slope, hinge.hinge
 spring_force, stop_force, bar_force = spring.spring_force, stop.stop_force, bar.bar_force
 friction_rate, sliding_share = friction.friction_rate, friction.sliding_share
-tyre_load, tyre_force = tyre.tyre_load, tyre.tyre_force
+tyre_load, tyre_push, tyre_force = tyre.tyre_load, tyre.tyre_push, tyre.tyre_force
 mount_misfit, mount_slope = mount.mount_misfit, mount.mount_slope
 
 _TIGHT = 1e-11  # m/s, of the speed in a damper on a mount
@@ -136,8 +136,8 @@ def rates(x, p, lines, knots, inverse, pull, level, mounted, r, out):
         f0 += force
         f1 -= one[X] * force
         f2 += one[Y] * force
-        load = tyre_load(x[3 + i], x[10 + i], one[K_T], one[BETA], one[C_T], one[STATIC])
-        road = tyre_force(load, one[STATIC])
+        load = tyre_load(x[3 + i], one[K_T], one[BETA], one[STATIC])
+        road = tyre_force(tyre_push(load, x[10 + i], one[C_T], level[5]), one[STATIC], level[5])
         out[10 + i] = (road - force + one[PULL]) / one[MASS]
         limit = sliding_share(w, one[SURPLUS], one[FALL]) if one[SURPLUS] != 0.0 else 1.0
         out[14 + i] = friction_rate(w, x[14 + i], one[LENGTH], limit, level[1], level[2])

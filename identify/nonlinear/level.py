@@ -18,6 +18,8 @@ class Level(NamedTuple):
     """Loss of the damper's mount over its stiffness (t0)."""
     stop_m: float
     """Of the corner of the bump stop."""
+    load_n: float
+    """Of the load at which a tyre meets the road: small beside any static load."""
 
 
 class Grade(NamedTuple):
@@ -42,24 +44,27 @@ class Grade(NamedTuple):
     """Spacing of the tangents, s, at the input of a sensor's low-pass."""
 
 
-PATH = Level(0.002, 0.0002, 0.02e-3, 0.12e-3, 0.05e-3)
+PATH = Level(0.002, 0.0002, 0.02e-3, 0.12e-3, 0.05e-3, 20.0)
 """Unsmoothed to the eye."""
 
 ROUGH = Grade(
-    Level(0.004, 0.0005, 0.25e-3, 0.25e-3, 0.1e-3), 2.5e-3 / 4, 4, 2, 2,
-    Level(0.010, 0.003, 1.2e-3, 0.5e-3, 0.5e-3), Level(0.005, 0.001, 0.5e-3, 0.5e-3, 0.2e-3),
+    Level(0.004, 0.0005, 0.25e-3, 0.25e-3, 0.1e-3, 60.0), 2.5e-3 / 4, 4, 2, 2,
+    Level(0.010, 0.003, 1.2e-3, 0.5e-3, 0.5e-3, 200.0),
+    Level(0.005, 0.001, 0.5e-3, 0.5e-3, 0.2e-3, 100.0),
     2.5e-3,
 )  # fmt: skip
 """For the search: an optimum within a few standard deviations, at a third of the work."""
 USUAL = Grade(
     PATH, 2.5e-3 / 8, 8, 4, 2,
-    Level(0.010, 0.003, 1.2e-3, 0.5e-3, 0.5e-3), Level(0.002, 0.0005, 0.02e-3, 0.25e-3, 0.1e-3),
+    Level(0.010, 0.003, 1.2e-3, 0.5e-3, 0.5e-3, 200.0),
+    Level(0.002, 0.0005, 0.02e-3, 0.25e-3, 0.1e-3, 60.0),
     2.5e-3,
 )  # fmt: skip
 """An exact path with tangents that are good enough to walk by."""
 POLISH = Grade(
     PATH, 2.5e-3 / 10, 2, 2, 2,
-    Level(0.002, 0.0003, 0.1e-3, 0.2e-3, 0.1e-3), Level(0.002, 0.0003, 0.1e-3, 0.2e-3, 0.1e-3),
+    Level(0.002, 0.0003, 0.1e-3, 0.2e-3, 0.1e-3, 60.0),
+    Level(0.002, 0.0003, 0.1e-3, 0.2e-3, 0.1e-3, 60.0),
     1e-3,
 )  # fmt: skip
 """The last steps of a fit, and its covariance."""

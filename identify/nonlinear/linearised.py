@@ -21,7 +21,14 @@ from ..elements.friction import (
 from ..elements.mount import mount_slope
 from ..elements.spring import spring_force, spring_stiffness
 from ..elements.stop import stop_by_rate, stop_force, stop_stiffness
-from ..elements.tyre import tyre_contact, tyre_load, tyre_load_by_heave
+from ..elements.tyre import (
+    tyre_contact,
+    tyre_grip,
+    tyre_load,
+    tyre_load_by_heave,
+    tyre_push,
+    tyre_push_by_load,
+)
 from .car import (
     BETA,
     C_T,
@@ -93,8 +100,10 @@ def linearised(
         + p[:, K_A] * (u - u[:, ACROSS])
         + p[:, F_C] * zeta
     )
-    load = tyre_load(z, v, p[:, K_T], p[:, BETA], p[:, C_T], p[:, STATIC])
-    contact = tyre_contact(load)
+    load = tyre_load(z, p[:, K_T], p[:, BETA], p[:, STATIC])
+    contact = tyre_contact(tyre_push(load, v, p[:, C_T], level.load_n), level.load_n)
+    by_load = contact * tyre_push_by_load(load, v, p[:, C_T], level.load_n)
+    damped = contact * tyre_grip(load, level.load_n)
 
     # Derivatives by each coefficient: of the force, of the mount's equation, of the wheel's push.
     by_force, by_speed, by_road = (np.zeros((n, 4, p.shape[1])) for _ in range(3))
@@ -108,10 +117,10 @@ def linearised(
     for j, at in enumerate(car.knots):
         bent = ratio * knee(r, at, level.knee_m_s)
         by_force[:, :, KNEES + j], by_speed[:, :, KNEES + j] = bent, -sigma * bent
-    by_road[:, :, K_T] = -contact * z * (1.0 - p[:, BETA] * z)
-    by_road[:, :, BETA] = contact * p[:, K_T] * z**2
-    by_road[:, :, C_T] = -contact * v
-    by_road[:, :, STATIC] = contact - 1.0
+    by_road[:, :, K_T] = -by_load * z * (1.0 - p[:, BETA] * z)
+    by_road[:, :, BETA] = by_load * p[:, K_T] * z**2
+    by_road[:, :, C_T] = -damped * v
+    by_road[:, :, STATIC] = by_load - 1.0
     by_road[:, :, MASS], by_road[:, :, PULL] = -rate[:, 10:14], 1.0
 
     def coefficients(slopes: Array) -> Array:
@@ -147,8 +156,8 @@ def linearised(
     body[:, :, STATES:] -= np.einsum("akm,nm->nka", car.d_mass[acts], rate[:, 7:10])
     out[:, 7:10] = np.linalg.inv(car.mass) @ body
     wheel = -push
-    wheel[:, range(4), range(3, 7)] += contact * tyre_load_by_heave(z, p[:, K_T], p[:, BETA])
-    wheel[:, range(4), range(10, 14)] -= contact * p[:, C_T]
+    wheel[:, range(4), range(3, 7)] += by_load * tyre_load_by_heave(z, p[:, K_T], p[:, BETA])
+    wheel[:, range(4), range(10, 14)] -= damped * p[:, C_T]
     wheel[:, :, STATES:] += coefficients(by_road)
     out[:, 10:14] = wheel / p[:, MASS, None]
     rounding = (level.turn_m_s, level.lag_s)

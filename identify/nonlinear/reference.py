@@ -19,7 +19,7 @@ from ..elements.hinge import hinge, hinge_slope
 from ..elements.mount import mount_misfit, mount_slope
 from ..elements.spring import spring_force
 from ..elements.stop import stop_force
-from ..elements.tyre import tyre_force, tyre_load
+from ..elements.tyre import tyre_force, tyre_load, tyre_push
 from .car import (
     BETA,
     C_T,
@@ -149,8 +149,9 @@ def rates(x: Array, cars: Stack, r: Array) -> tuple[Array, Array]:
     )
     if cars.stopped:
         force += stop_force(u, p[K_B], p[GAP], level.stop_m)
-    load = tyre_load(x[:, 3:7], x[:, 10:14], p[K_T], p[BETA], p[C_T], p[STATIC])
-    road = tyre_force(load, p[STATIC])
+    load = tyre_load(x[:, 3:7], p[K_T], p[BETA], p[STATIC])
+    push = tyre_push(load, x[:, 10:14], p[C_T], level.load_n)
+    road = tyre_force(push, p[STATIC], level.load_n)
     out = np.zeros_like(x)
     out[:, :7] = x[:, 7:14]
     body = np.empty((len(x), 3))

@@ -11,7 +11,6 @@ from ..elements.damper import knee
 from ..elements.tyre import tyre_load
 from .car import (
     BETA,
-    C_T,
     GAP,
     K_B,
     K_T,
@@ -163,7 +162,7 @@ def plan_of(car: Car, path: Path, grade: Grade) -> Plan:
         return Plan(starts, whole, np.zeros(len(starts), np.int64), levels)
     p, x = car.corner, path.states
     travel = travel_speeds(car, x[:, :7], 0)
-    load = tyre_load(x[:, 3:7], x[:, 10:14], p[:, K_T], p[:, BETA], p[:, C_T], p[:, STATIC])
+    load = tyre_load(x[:, 3:7], p[:, K_T], p[:, BETA], p[:, STATIC])
     signs = [travel_speeds(car, x) > 0.0, load > 0.0]
     if p[:, K_B].any() or car.d_corner[:, K_B].any():
         signs.append(travel > p[:, GAP])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..elements.tyre import tyre_force, tyre_load
+from ..elements.tyre import tyre_force, tyre_load, tyre_push
 from ..nonlinear.car import BETA, C_T, K_T, MASS, STATIC, Car
 from ..nonlinear.level import PATH, USUAL
 from ..nonlinear.path import STATES, Own, first_state, step_of
@@ -64,10 +64,14 @@ def _rates(x: Array, cars: Stack, r: Array, road: Array, rise: Array) -> tuple[A
     """Return the rates of change of the states with a road of heights (n, 4) under the wheels."""
     out, r = rates(x, cars, r)
     p = cars.p
-    laws = (p[K_T], p[BETA], p[C_T], p[STATIC])
-    flat = tyre_load(x[:, 3:7], x[:, 10:14], *laws)
-    raised = tyre_load(x[:, 3:7] - road, x[:, 10:14] - rise, *laws)
-    change = tyre_force(raised, p[STATIC]) - tyre_force(flat, p[STATIC])
+    width = cars.level.load_n
+
+    def road_force(z: Array, v: Array) -> Array:
+        load = tyre_load(z, p[K_T], p[BETA], p[STATIC])
+        return np.asarray(tyre_force(tyre_push(load, v, p[C_T], width), p[STATIC], width))
+
+    change = road_force(x[:, 3:7] - road, x[:, 10:14] - rise)
+    change -= road_force(x[:, 3:7], x[:, 10:14])
     out[:, 10:14] += change / p[MASS]
     return out, r
 

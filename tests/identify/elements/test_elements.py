@@ -24,7 +24,15 @@ from identify.elements.hinge import hinge, hinge_slope
 from identify.elements.mount import mount_misfit, mount_slope
 from identify.elements.spring import spring_force, spring_stiffness
 from identify.elements.stop import stop_by_rate, stop_force, stop_stiffness
-from identify.elements.tyre import tyre_contact, tyre_force, tyre_load, tyre_load_by_heave
+from identify.elements.tyre import (
+    tyre_contact,
+    tyre_force,
+    tyre_grip,
+    tyre_load,
+    tyre_load_by_heave,
+    tyre_push,
+    tyre_push_by_load,
+)
 
 STEP = 1e-6
 
@@ -132,15 +140,28 @@ def test_the_derivatives_of_friction(w: float, zeta: float) -> None:
 
 
 def test_a_tyre_pushes_and_never_pulls() -> None:
-    load = tyre_load(-0.01, 0.0, 200e3, 2.0, 100.0, 3500.0)
+    load = tyre_load(-0.01, 200e3, 2.0, 3500.0)
     assert load == pytest.approx(3500.0 + 2000.0 * 1.02)
-    assert tyre_force(load, 3500.0) == pytest.approx(2040.0)
-    gone = tyre_load(0.03, 0.0, 200e3, 0.0, 0.0, 3500.0)
-    assert tyre_force(gone, 3500.0) == -3500.0
-    assert tyre_contact(gone) == 0.0
-    assert tyre_contact(load) == 1.0
-    found = slope(lambda z: tyre_load(z, 0.1, 200e3, 2.0, 100.0, 3500.0), -0.01)
+    assert tyre_force(load, 3500.0, 20.0) == pytest.approx(2040.0)
+    gone = tyre_load(0.03, 200e3, 0.0, 3500.0)
+    assert tyre_force(gone, 3500.0, 20.0) == -3500.0
+    assert tyre_contact(gone, 20.0) == 0.0
+    assert tyre_contact(load, 20.0) == 1.0
+    found = slope(lambda z: tyre_load(z, 200e3, 2.0, 3500.0), -0.01)
     assert tyre_load_by_heave(-0.01, 200e3, 2.0) == pytest.approx(found, rel=1e-7)
+
+
+def test_a_tyre_is_damped_on_the_road_and_not_in_the_air() -> None:
+    coming_down, going_up = -2.0, 2.0
+    assert tyre_push(500.0, coming_down, 100.0, 20.0) == 700.0
+    assert tyre_push(-21.0, coming_down, 100.0, 20.0) == -21.0
+    assert tyre_force(tyre_push(-21.0, coming_down, 100.0, 20.0), 900.0, 20.0) == -900.0
+    assert tyre_force(tyre_push(150.0, going_up, 100.0, 20.0), 900.0, 20.0) == -900.0
+    for load in (-30.0, -11.0, 7.0, 30.0):
+        found = slope(lambda x: tyre_push(x, -1.5, 100.0, 20.0), load, 1e-3)
+        assert tyre_push_by_load(load, -1.5, 100.0, 20.0) == pytest.approx(found, rel=1e-7)
+        found = slope(lambda v, load=load: tyre_push(load, v, 100.0, 20.0), -1.5)
+        assert -100.0 * tyre_grip(load, 20.0) == pytest.approx(found, rel=1e-7, abs=1e-7)
 
 
 def test_a_rigid_mount_gives_the_speed_of_the_suspension() -> None:

@@ -19,6 +19,9 @@ from .truth import BASELINE
 END_S = 0.2
 STEP = 1e-6
 
+CORNERS = PATH._replace(load_n=60.0)
+"""A tyre that meets the road within 20 N does so between two nodes of the tangents."""
+
 
 def made(mounted: bool) -> Car:
     model = model_of()
@@ -75,7 +78,7 @@ def test_machine_code_and_numpy_give_the_same_low_pass() -> None:
 
 
 def motion(one: Car, own: Own, times: np.ndarray) -> np.ndarray:
-    path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)[0])
+    path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
     seen = fast.sample(one, path, times)
     return np.concatenate([seen.motion(k) for k in range(3)], axis=1)
 
@@ -88,11 +91,11 @@ def test_tangents_are_the_differences_of_paths(mounted: bool) -> None:
     free = np.array([i for i, n in enumerate(names) if mounted or not n.startswith("s_m")])
     one, own = car(model, eta, BASELINE, free), moving()
     times = 2.0 * USUAL.step_s * np.arange(5, 305, 8)  # at nodes: between two, a corner is cut
-    path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)[0])
+    path = whole(fast.integrate([one], [own], [END_S], USUAL.step_s, CORNERS)[0])
     acts = acting([one])
-    start = start_of(one, own, acts, PATH)
+    start = start_of(one, own, acts, CORNERS)
     polish = plan_of(one, path, POLISH)
-    plan = Plan(polish.starts, polish.lengths, polish.fine, (PATH, PATH))
+    plan = Plan(polish.starts, polish.lengths, polish.fine, (CORNERS, CORNERS))
     found = np.zeros((len(times), 21, start.matrix.shape[1]))
     fast.seen(fast.tangents(one, acts, path, start, plan), everything(plan, path, times), found)
     n_own = start.matrix.shape[1] - len(acts)

@@ -176,8 +176,9 @@ def drive(car: Truth, bumps: Sequence[Bump], end_s: float, step_s: float = 1e-4)
         damp = np.hstack([curve(0, w[:, :2]), curve(1, w[:, 2:])]) * ratio
         F = F + np.where(stiff, mount, damp) + friction * zeta
         c = road - q[:, 3:]
-        N = ground + k_t * c * (1 + per["beta"] * c) + per["c_t"] * (speed - v[:, 3:])
-        N = np.maximum(N, 0.0)
+        N = ground + k_t * c * (1 + per["beta"] * c)
+        touches = N > 0.0  # in the air a tyre is not damped either
+        N = np.maximum(N + per["c_t"] * (speed - v[:, 3:]), 0.0) * touches
         acc = np.empty((R, 7))
         gen = np.stack([F.sum(1), -(F * x).sum(1), (F * y).sum(1)], axis=1) + pull
         acc[:, :3] = np.einsum("rij,rj->ri", inv, gen)
