@@ -15,7 +15,6 @@ from ..decays.onset import decay_start_s
 from ..fit.estimation import Estimation, basin, floored, rough_noise
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import Fit
-from .begin import owns_of
 from .car import Model
 from .engine import NonlinearEngine, residuals_of
 from .fit import Optimum, inverse
@@ -85,7 +84,8 @@ def real_car(
                 runs=tuple(run_of(model, decay, sigma) for decay in own),
                 searched=tuple(run_of(model, begun(decay), sigma) for decay in own),
                 eta=eta,
-                owns=owns_of(model, eta, own, sigma),
+                sigma=sigma,
+                late_s=late_s,
             )
 
     found = release(model, attempts(), lambda name: decided.get(name, True), log)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .begin import owns_of
 from .car import Model
 from .fit import Optimum, fit
 from .groups import BY_NAME, CORRECTIONS_FROM, STAGES, positions
@@ -48,6 +49,11 @@ _FAR = 5.0
 _FOLLOWED = 10.0
 """chi2/n up to which later stages bring a second attempt down to the noise (8.2 became 0.99): the
 next attempts leave data out.  From 17.6 they did not."""
+_EXPLAINED = 5.0
+"""chi2/n of a run from its beginning, by a vehicle that was found without it, up to which it is
+fitted from there."""
+_WORSE = 1.1
+"""Rise of chi2/n by the beginnings from which they stay left out: the model does not hold there."""
 _LAST_STEPS = 40
 _POLISH_STEPS = 25
 _CONVERGED = 0.05
@@ -66,8 +72,14 @@ class Attempt:
     """The same, shorter and of fewer samples, to find the neighbourhood of the optimum."""
     eta: NDArray[np.float64]
     """Unknowns, (P,), elements at rest."""
-    owns: tuple[Own, ...]
-    """How each run begins."""
+    sigma: Mapping[str, float]
+    """Standard deviation of each channel's noise."""
+    late_s: float
+    """Time after the beginning of the decays from which they are fitted, s."""
+
+    def owns(self, model: Model, eta: NDArray[np.float64]) -> tuple[Own, ...]:
+        """Return how each run begins by the linear model at `eta`, (P,)."""
+        return owns_of(model, eta, tuple(run.decay for run in self.runs), self.sigma)
 
     @property
     def freedom(self) -> float:
@@ -85,7 +97,9 @@ def release(
     """
     chosen = tuple(name for name in STAGES[0] if allowed(name))
     tried: list[tuple[float, Optimum, Attempt]] = []
+    begun: list[Attempt] = []
     for attempt in attempts:
+        begun.append(attempt)
         found = _first(model, attempt, chosen)
         if found is None:
             continue
@@ -122,6 +136,8 @@ def release(
             continue
         best, eta, owns = found, found.eta, found.point.owns
         log(f"{', '.join(stage)}: chi2/n {best.cost / n:.3f} after {best.iterations} steps")
+    if taken.late_s > 0.0:
+        best, taken = _with_beginnings(best, taken, begun[0], log)
     problem = best.point.problem
     model = problem.model
     for name in _LATE:
@@ -143,6 +159,41 @@ def release(
     return None if polished is None else (polished, chosen)
 
 
+def _with_beginnings(
+    best: Optimum, taken: Attempt, first: Attempt, log: Log
+) -> tuple[Optimum, Attempt]:
+    """Return the optimum with what an attempt left out of the decays, and what is fitted then.
+
+    The found vehicle is held while each run's first motion is sought.  Runs that it does not
+    explain from their beginning stay as they were.
+    """
+    problem, late = best.point.problem, best.cost / taken.freedom
+    held = replace(problem, free=np.zeros(0, dtype=np.intp))
+    begun = first.owns(problem.model, best.eta)
+    runs, searched, owns = list(taken.runs), list(taken.searched), list(best.point.owns)
+    for i, run in enumerate(first.searched):
+        alone = fit(
+            replace(held, runs=(run,)), best.eta, (begun[i],), ROUGH, tolerance=_CONVERGED,
+            max_iterations=_STAGE_STEPS,
+        )  # fmt: skip
+        if alone is not None and alone.point.predicted[0].cost < _EXPLAINED * run.freedom:
+            runs[i], searched[i], owns[i] = first.runs[i], run, alone.point.owns[0]
+    whole = replace(taken, runs=tuple(runs), searched=tuple(searched))
+    found = fit(
+        replace(problem, runs=whole.searched), best.eta, tuple(owns), ROUGH, tolerance=_CONVERGED,
+        rough=0.1 * _ROUGH_SHARE, max_iterations=_LAST_STEPS,
+    )  # fmt: skip
+    if found is None or found.cost / whole.freedom > _WORSE * late:
+        log("the beginnings stay left out")
+        return best, taken
+    back = sum(run is begun for run, begun in zip(searched, first.searched, strict=True))
+    log(
+        f"beginnings of {back} of {len(runs)} runs: chi2/n {found.cost / whole.freedom:.3f} after "
+        f"{found.iterations} steps"
+    )
+    return found, whole
+
+
 def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...]) -> Optimum | None:
     """Return where the first stage ends from a linear start; None if it has no finite path."""
     eta = attempt.eta.copy()
@@ -152,8 +203,8 @@ def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...]) -> Optimum |
             eta[model.names.index(name)] = _FIRST_FRICTION_N / 50.0
     problem = Problem(model, attempt.searched, centre, prior, positions(model, chosen, False))
     return fit(
-        problem, eta, attempt.owns, ROUGH, tolerance=_CONVERGED, rough=_ROUGH_SHARE,
-        max_iterations=_STAGE_STEPS,
+        problem, eta, attempt.owns(model, attempt.eta), ROUGH, tolerance=_CONVERGED,
+        rough=_ROUGH_SHARE, max_iterations=_STAGE_STEPS,
     )  # fmt: skip
 
 

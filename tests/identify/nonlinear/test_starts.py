@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from daq.sim import fleet_car, true_parameters
 from daq.vehicle import Structure
+from identify.decays.decay import Recording
 from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.begin import owns_of
 from identify.nonlinear.car import Model
 from identify.nonlinear.release import Attempt, release
 from identify.nonlinear.run import run_of
@@ -27,28 +28,45 @@ _LOW = 0.25
 """Share of the paper's bump: its own lifts the wheels."""
 
 
-@pytest.mark.parametrize(("astray", "asked"), [((True, False), 2), ((False, True), 1)])
-def test_the_next_start_is_asked_for_where_one_leads_nowhere(
-    astray: tuple[bool, bool], asked: int
-) -> None:
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(BOX, KNOTS["K3"])
+
+
+def attempt(model: Model, lost: bool, late_s: float = 0.0, disturbed: int = 0) -> Attempt:
+    """Return a start, led astray or near; the first runs given have a knock at 0.05 s."""
     records = paper_records(200.0, 30.0, 3)
     sigma = {name: _LOW * level for name, level in noise_of(records, 200.0).items()}
     decays = []
-    for record in records:
-        short = [r.between(0.0, 0.6) for r in record.decay(decay_start_s(record)).recordings]
-        low = tuple(replace(r, values=_LOW * r.values) for r in short)
-        decays.append(replace(record.decay(decay_start_s(record)), recordings=low))
-    model = Model(BOX, KNOTS["K3"])
-    given = []
+    for i, record in enumerate(records):
+        decay = record.decay(decay_start_s(record) + late_s)
+        short = [r.between(0.0, 0.6) for r in decay.recordings]
+        knock = [30.0 * (i < disturbed) * (abs(r.time_s + late_s - 0.05) < 0.02) for r in short]
+        low = tuple(
+            replace(r, values=_LOW * r.values + added[:, None] * _noise(r, sigma))
+            for r, added in zip(short, knock, strict=True)
+        )
+        decays.append(replace(decay, recordings=low))
     runs = tuple(run_of(model, decay, sigma) for decay in decays)
+    theta = TRUTH.copy()
+    theta[[0, 2, 6, 8]] *= (6.0, 7.0, 20.0, 30.0) if lost else 1.1
+    return Attempt(runs, runs, model.unknowns(BOX.unknowns(theta)), sigma, late_s)
+
+
+def _noise(recording: Recording, sigma: Mapping[str, float]) -> NDArray[np.float64]:
+    return np.array([sigma[channel.name] for channel in recording.group.channels])
+
+
+@pytest.mark.parametrize(("astray", "asked"), [((True, False), 2), ((False, True), 1)])
+def test_the_next_start_is_asked_for_where_one_leads_nowhere(
+    model: Model, astray: tuple[bool, bool], asked: int
+) -> None:
+    given = []
 
     def attempts() -> Iterator[Attempt]:
         for lost in astray:
-            theta = TRUTH.copy()
-            theta[[0, 2, 6, 8]] *= (6.0, 7.0, 20.0, 30.0) if lost else 1.1
-            eta = model.unknowns(BOX.unknowns(theta))
             given.append(lost)
-            yield Attempt(runs, runs, eta, owns_of(model, eta, tuple(decays), sigma))
+            yield attempt(model, lost)
 
     found = release(model, attempts(), lambda _: False, lambda _: None)
     assert found is not None
@@ -56,6 +74,20 @@ def test_the_next_start_is_asked_for_where_one_leads_nowhere(
     assert chosen == ()
     assert len(given) == asked
     assert np.max(np.abs(np.exp(best.eta[:15]) / TRUTH - 1.0)) < 0.05
+
+
+@pytest.mark.parametrize("disturbed", [0, 2])
+def test_beginnings_that_were_left_out_come_back_where_the_car_explains_them(
+    model: Model, disturbed: int
+) -> None:
+    first, late = attempt(model, True, 0.0, disturbed), attempt(model, False, 0.1)
+    lines: list[str] = []
+    found = release(model, iter((first, late)), lambda _: False, lines.append)
+    assert found is not None
+    fitted = found[0].point.problem.runs
+    assert fitted == (*late.runs[:disturbed], *first.runs[disturbed:])
+    assert np.max(np.abs(np.exp(found[0].eta[:15]) / TRUTH - 1.0)) < 0.05
+    assert any(f"beginnings of {len(fitted) - disturbed} of" in line for line in lines)
 
 
 @pytest.mark.long
