@@ -15,7 +15,6 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri
 
 from daq.vehicle import parameter_unit
 
@@ -23,6 +22,7 @@ from .fit.estimation import Estimation
 from .fit.grey_box import SIGNED
 from .fit.uncertainty import COVERAGE_95, Estimate
 from .joint import Differences, Model, Share, differences, first_share, share_at
+from .model.chi_squared import chance_of_more, exceeded_by_chance
 from .nonlinear.forces import element_in_words
 from .nonlinear.unknowns import elements
 from .numbers import plus_minus
@@ -197,7 +197,7 @@ def _chosen(
     price = {}
     for i in usable:
         k = len(groups[i])
-        by_chance = float(chdtri(k, LEVEL / max(len(usable), 1)))
+        by_chance = exceeded_by_chance(k, LEVEL / max(len(usable), 1))
         price[i] = max(by_chance, k * log(n_values) if n_values else 0.0)
     best: tuple[int, ...] = ()
     worth = 0.0
@@ -228,8 +228,8 @@ def _answer(
     which = np.concatenate([np.zeros(0, np.intp), *(groups[i] for i in chosen)])
     explained = found.gain(which) if chosen else 0.0
     rest, rest_freedom = max(chi2 - explained, 0.0), freedom - len(which)
-    rest_p = float(chdtrc(rest_freedom, rest)) if rest_freedom else 1.0
-    tests = (chi2, freedom, float(chdtrc(freedom, chi2)), rest, rest_freedom, rest_p)
+    rest_p = chance_of_more(rest_freedom, rest) if rest_freedom else 1.0
+    tests = (chi2, freedom, chance_of_more(freedom, chi2), rest, rest_freedom, rest_p)
     if rest_p < _REST_LEVEL:
         return Change("other", (), *tests)
     if not chosen:
@@ -254,7 +254,7 @@ def _answer(
             half = COVERAGE_95 * after * std
             changes.append(Estimate(value, after * std, value - half, value + half, one.unit))
             parts.append(value / first if first else float("nan"))
-        chance = float(chdtrc(len(mine), gain))
+        chance = chance_of_more(len(mine), gain)
         named.append(NamedChange(one.name, kind, tuple(changes), tuple(parts), chance))
     named.sort(key=lambda change: change.p)
     return Change("parameters", tuple(named), *tests)

@@ -21,6 +21,7 @@ from .change import Change, change_of
 from .fit.grey_box import weight_sigmas
 from .fit.uncertainty import COVERAGE_95, Estimate
 from .identification import Identification
+from .model.chi_squared import chance_of_more
 from .nonlinear.at_speeds import force_quantities
 
 LEVEL = 0.05
@@ -203,8 +204,6 @@ def _difference(first: Estimate, other: Estimate) -> Difference:
 
 
 def _trends(rows: dict[str, tuple[Estimate, ...]]) -> dict[str, Trend]:
-    from scipy.special import chdtrc  # only where there is a trend
-
     plain = []
     for estimates in rows.values():
         value = np.array([e.value for e in estimates])
@@ -213,7 +212,7 @@ def _trends(rows: dict[str, tuple[Estimate, ...]]) -> dict[str, Trend]:
         slope, slope_std = _line(order, value, weight)
         chi2 = float(weight @ (value - weight @ value / weight.sum()) ** 2)
         freedom = len(value) - 1
-        constant_p = float(chdtrc(freedom, chi2))
+        constant_p = chance_of_more(freedom, chi2)
         p = _two_sided(slope / slope_std)
         plain.append(Trend(slope, slope_std, p, chi2, freedom, constant_p, False, False))
     drifts, varies = _holm([t.slope_p for t in plain]), _holm([t.constant_p for t in plain])

@@ -6,6 +6,7 @@ import numpy as np
 
 from daq.vehicle import VehicleGeometry
 
+from .assignment import best_pairs
 from .modal_model import ModalModel
 
 MODE_NAMES = (
@@ -57,8 +58,6 @@ def mode_names(model: ModalModel, geometry: VehicleGeometry) -> tuple[str, ...]:
     share = np.abs(motions) ** 2
     share /= share.sum(axis=0)
     names = ["further mode"] * len(model)
-    from scipy.optimize import linear_sum_assignment  # a third of a second to import
-
-    for motion, mode in zip(*linear_sum_assignment(share, maximize=True), strict=True):
+    for motion, mode in zip(*best_pairs(share), strict=True):
         names[mode] = MODE_NAMES[motion]
     return tuple(names)

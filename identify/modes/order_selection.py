@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
+from ..model.chi_squared import exceeded_by_chance
 from .copies import originals
 from .modal_likelihood import LikelyModes, likelihood_near, most_likely_modes
 from .needed import likelihood_at_most
@@ -60,7 +60,7 @@ def likely_modes(
     if n_levels:
         floating = tuple(replace(block, free_level=True) for block in blocks)
         free = most_likely_modes(floating, best.poles, best.shapes, ties)
-        if free.log_likelihood - best.log_likelihood > chdtri(n_levels, _FALSE_ALARM):
+        if free.log_likelihood - best.log_likelihood > exceeded_by_chance(n_levels, _FALSE_ALARM):
             blocks, best = floating, free
     n = sum(block.values.size for block in blocks) // len(shapes)
     for _ in range(_MOST_SPLITS):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dbc.errors import InputError
 from dbc.frames import read_only
 
+from .assignment import best_pairs
 from .modal_model import ModalModel, mac
 
 
@@ -49,9 +50,7 @@ def pair_modes(baseline: ModalModel, added: ModalModel) -> Pairing:
             "identify both mass states from the same channels",
         )
     likeness = mac(baseline.shapes, added.shapes)
-    from scipy.optimize import linear_sum_assignment  # a third of a second to import
-
-    rows, columns = linear_sum_assignment(likeness, maximize=True)
+    rows, columns = best_pairs(likeness)
     chosen = likeness[rows, columns]
     rivals = likeness.copy()
     rivals[rows, columns] = 0.0

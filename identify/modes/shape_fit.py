@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
+from ..model.chi_squared import exceeded_by_chance
 from .waves import real_block
 
 _FALSE_ALARM = 1e-3
@@ -185,5 +185,5 @@ def gain_by_noise(poles: NDArray[np.complex128], n_channels: int, n_records: int
     """
     numbers = n_channels + n_records
     pairs = int(np.sum(poles.imag > 0.0))
-    gain = pairs * chdtri(2 * numbers, _FALSE_ALARM / n)
-    return float(gain + (len(poles) - pairs) * chdtri(numbers, _FALSE_ALARM / n))
+    gain = pairs * exceeded_by_chance(2 * numbers, _FALSE_ALARM / n)
+    return float(gain + (len(poles) - pairs) * exceeded_by_chance(numbers, _FALSE_ALARM / n))

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from daq.channels import Channel
 from dbc.errors import InputError
 
 from ..decays.decay import FreeDecay, Record
 from ..decays.onset import onset_s
+from ..model.chi_squared import exceeded_by_chance
 from ..model.matrices import N_DOF
 from .modal_likelihood import LikelyModes, most_likely_modes
 from .modal_model import ModalModel
@@ -122,7 +122,7 @@ def _mirrored_modes(
     free = most_likely_modes(blocks, tied.poles, tied.shapes)
     gain = free.log_likelihood - tied.log_likelihood
     more = free.n_unknowns - tied.n_unknowns
-    return tied if gain <= (chdtri(more, _FALSE_ALARM) if more > 0 else 0.0) else None
+    return tied if gain <= (exceeded_by_chance(more, _FALSE_ALARM) if more > 0 else 0.0) else None
 
 
 def _blurred(grids: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:

@@ -17,12 +17,11 @@ from dbc.errors import InputError
 
 from ..model.matrices import N_DOF, PhysicalModel, matrices, with_geometry
 from ..modes.modal_model import ModalModel
+from .least_squares import least_squares
 
 MASS_ADVICE = "add weights to the body at three places or more and to each of the four hubs"
 _SINGULAR = 1e-9
 _N_GEOMETRY = 4
-_MAX_STEPS = 100
-"""Ten lead to a vehicle; a fit that needs more wanders among matrices that are none."""
 _LEAST_SHARE = 1e-3
 """Least diagonal element, as a share of the largest, by which a row is scaled; noise may make one
 vanish, and its row would weigh without bound."""
@@ -186,21 +185,12 @@ def nearest_vehicle(model: PhysicalModel, geometry: VehicleGeometry | None) -> V
     def jacobian(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
         return elements(scaled + 1e-30j * np.eye(free)).imag.T / 1e-30
 
-    from scipy.optimize import least_squares  # a third of a second to import
-
-    fit = least_squares(
-        lambda scaled: elements(scaled.astype(complex)).real - target,
-        start[:free] / size,
-        jac=jacobian,
-        method="lm",
-        xtol=1e-15,
-        ftol=1e-15,
-        gtol=1e-15,
-        max_nfev=_MAX_STEPS,
+    found = least_squares(
+        lambda scaled: elements(scaled.astype(complex)).real - target, jacobian, start[:free] / size
     )
-    theta = np.concatenate([fit.x * size, start[free:]])
-    if not (fit.success and np.all(theta > 0.0)):
+    if found is None or np.any(found * size <= 0.0):
         raise InputError("structured fit", "no vehicle comes near the matrices", "check the modes")
+    theta = np.concatenate([found * size, start[free:]])
     return VehicleParameters(*(float(value) for value in theta))
 
 

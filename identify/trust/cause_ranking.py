@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
 
 from ..fit.estimation import Estimation
+from ..model.chi_squared import exceeded_by_chance
 from .linear_effects import Effect, gains, lateness, structural
 from .nonlinear_effects import suspension_forces
 from .refit import largest_shift
@@ -85,7 +85,7 @@ def _suspect(
 ) -> Suspect:
     chi2 = max(1.0, estimation.chi2_per_n)
     excess = max((estimation.chi2_per_n - 1.0) * n, 1e-9)
-    chance = float(chdtri(len(effects), _CHANCE))
+    chance = exceeded_by_chance(len(effects), _CHANCE)
     names = estimation.box.parameters
     moved = dict(zip(names, score.shift[: len(names)].tolist(), strict=True))
     shift, shifted = largest_shift(moved)
