@@ -26,6 +26,8 @@ from .normal_equations import Point, Problem, Ties, problem_of
 from .waves import Block
 
 _STEPS = 60
+_REACH = 8
+"""Times the gain of a step is what all further ones may add: they gain less and less."""
 _SETTLED = 1e-5
 """Gain of likelihood (in units of 1) below which a step is the last."""
 _DAMPING = 1e-3
@@ -82,7 +84,7 @@ def most_likely_modes(
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
     ties: Ties | None = None,
-    steps: int = _STEPS,
+    wanted: float = -np.inf,
 ) -> LikelyModes:
     """Fit poles, shapes and amplitudes to all samples at once.
 
@@ -97,13 +99,14 @@ def most_likely_modes(
         Shapes to start from.
     ties : Ties or None
         What is known of the shapes; nothing by default.
-    steps : int
-        Steps at most.
+    wanted : float
+        `log_likelihood` below which the result is of no use: the fit ends where it comes into view
+        that this is out of reach.
     """
     problem = problem_of(blocks, ties or Ties.none(len(shapes), len(poles)), poles.imag > 0.0)
     point = problem.start(poles, shapes)
     damping = _DAMPING
-    for _ in range(steps):
+    for _ in range(_STEPS):
         system = problem.linearise(point)
         gain = 0.0
         while damping < _MAX_DAMPING:
@@ -112,7 +115,7 @@ def most_likely_modes(
             if trial:
                 gain, point = point.objective - trial.objective, trial
                 break
-        if gain < _SETTLED:
+        if gain < _SETTLED or _REACH * gain < wanted - problem.log_likelihood(point):
             break
     return _result(problem, point)
 

@@ -24,8 +24,6 @@ from .waves import Block
 
 _FALSE_ALARM = 1e-3
 _MOST_SPLITS = 4
-_TRIAL_STEPS = 8
-"""A second mode that is there has shown its worth by then."""
 _TINY = 1e-100
 _DETUNED = 1.03
 """Where the second of two poles starts: near the first, and not on it."""
@@ -64,18 +62,17 @@ def likely_modes(
             blocks, best = floating, free
     n = sum(block.values.size for block in blocks) // len(shapes)
     for _ in range(_MOST_SPLITS):
-        trial = most_likely_modes(blocks, *_split(blocks, best), steps=_TRIAL_STEPS)
-        if _merit(trial, n) <= _merit(best, n) or len(_originals(trial)) < len(trial.poles):
+        trial = _more_merit(blocks, best, _split(blocks, best), n)
+        if trial is None or len(_originals(trial)) < len(trial.poles):
             break
-        best = most_likely_modes(blocks, trial.poles, trial.shapes, trial.ties)
+        best = trial
     while len(left := _originals(best)) < len(best.poles):
         best = most_likely_modes(blocks, *_chosen(best, left))
     while len(best.poles) > 1:
-        left = _least_needed(blocks, best)
-        trial = most_likely_modes(blocks, *_chosen(best, left), steps=_TRIAL_STEPS)
-        if _merit(trial, n) <= _merit(best, n):
+        trial = _more_merit(blocks, best, _chosen(best, _least_needed(blocks, best)), n)
+        if trial is None:
             break
-        best = most_likely_modes(blocks, trial.poles, trial.shapes, trial.ties)
+        best = trial
     return best
 
 
@@ -83,9 +80,15 @@ def _originals(modes: LikelyModes) -> NDArray[np.intp]:
     return originals(modes.poles, modes.shapes, modes.amplitudes)
 
 
-def _merit(modes: LikelyModes, n: int) -> float:
+def _more_merit(
+    blocks: Sequence[Block], modes: LikelyModes, other: Start, n: int
+) -> LikelyModes | None:
+    """Return what is found from another start, None if it is no better founded than some modes."""
     n_channels, n_runs = len(modes.shapes), len(modes.amplitudes)
-    return modes.log_likelihood - gain_by_noise(modes.poles, n_channels, n_runs, n)
+    now, then = (gain_by_noise(p, n_channels, n_runs, n) for p in (modes.poles, other[0]))
+    wanted = modes.log_likelihood - now + then
+    found = most_likely_modes(blocks, *other, wanted=wanted)
+    return found if found.log_likelihood > wanted else None
 
 
 def _chosen(modes: LikelyModes, which: NDArray[np.intp]) -> Start:

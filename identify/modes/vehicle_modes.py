@@ -119,10 +119,13 @@ def _mirrored_modes(
     tied = likely_modes(blocks, np.concatenate(poles), np.hstack(shapes), ties)
     if np.sum(vibrates(tied.poles)) > N_DOF:  # modes that are neither kind are found as both
         return None
-    free = most_likely_modes(blocks, tied.poles, tied.shapes)
-    gain = free.log_likelihood - tied.log_likelihood
-    more = free.n_unknowns - tied.n_unknowns
-    return tied if gain <= (exceeded_by_chance(more, _FALSE_ALARM) if more > 0 else 0.0) else None
+    numbers = len(tied.poles) + int(np.sum(tied.poles.imag > 0.0))
+    more = (len(tied.shapes) + len(tied.amplitudes)) * numbers - tied.n_unknowns
+    if not more:
+        return tied
+    against = tied.log_likelihood + exceeded_by_chance(more, _FALSE_ALARM)
+    free = most_likely_modes(blocks, tied.poles, tied.shapes, wanted=against)
+    return None if free.log_likelihood > against else tied
 
 
 def _blurred(grids: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
