@@ -212,8 +212,12 @@ def poles_of_rank(
         First block of the eigenvectors.
     """
     U = space.directions[:, :rank]
-    earlier, later = U[: -space.n_channels], U[space.n_channels :]
-    transition = np.linalg.lstsq(earlier, later, rcond=None)[0]
+    # U is orthonormal, so that the products of all rows but the last are the identity less those of
+    # the last: their inverse needs a matrix of n_channels only (Woodbury).
+    last = U[-space.n_channels :]
+    products = U[: -space.n_channels].T @ U[space.n_channels :]
+    ahead = np.linalg.solve(np.eye(space.n_channels) - last @ last.T, last @ products)
+    transition = products + last.T @ ahead
     z, vectors = np.linalg.eig(transition)
     step = space.delays.step
     turns = np.zeros(rank)
