@@ -33,6 +33,8 @@ _SPAN_S = 0.04
 has shown it."""
 _BEFORE_S = 0.005
 """Seconds of surely forced motion that help to find the foot of the ramp."""
+_SEEN = 1e-9
+"""Share of the strongest force below which a combination of forces at the wheels leaves no trace."""
 _WHEELS = slice(3, 7)
 
 
@@ -220,33 +222,30 @@ def _end_of_force_s(at: Evaluated, early: _Early, known: Known, failed_s: float)
     whiten = np.linalg.inv(np.linalg.cholesky(spread))
     error = whiten @ (early.error[near] - rows @ state)
     # The start itself may be the end of the force: then nothing is gained.
-    instants = [
-        t for t in dict.fromkeys([0.0, *time.tolist()]) if failed_s <= t <= failed_s + _SPAN_S
-    ]
-    costs = []
-    for end in instants:
-        traces = whiten @ _ramps(at, early, near, end)
-        size = np.linalg.norm(traces, axis=0)
-        traces = traces / np.where(size > 0.0, size, 1.0)
-        found = np.linalg.lstsq(traces, error, rcond=1e-9)[0]
-        costs.append(float(np.sum((error - traces @ found) ** 2)))
-    likely = [t for t, cost in zip(instants, costs, strict=True) if cost <= min(costs) + _SURE]
-    return float(max(likely))
+    instants = np.unique([0.0, *time.tolist()])
+    instants = instants[(instants >= failed_s) & (instants <= failed_s + _SPAN_S)]
+    traces = whiten @ _ramps(at, early, near, instants)
+    size = np.linalg.norm(traces, axis=1, keepdims=True)
+    within, strength, _ = np.linalg.svd(traces / np.where(size > 0.0, size, 1.0), False)
+    seen = strength > _SEEN * strength[:, :1]
+    costs = -np.sum(np.where(seen, error @ within, 0.0) ** 2, axis=1)
+    return float(instants[costs <= costs.min() + _SURE].max())
 
 
 def _ramps(
-    at: Evaluated, early: _Early, near: NDArray[np.bool_], end_s: float
+    at: Evaluated, early: _Early, near: NDArray[np.bool_], end_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return what a force at each wheel that falls to zero at `end_s` adds to the values, (n, 4).
+    """Return what forces at the wheels add that fall to zero at `end_s`, (len(end_s), n, 4).
 
     Seen backwards from its end, ``t' = end - t``, the motion beyond the free decay obeys
     ``dz/dt' = -lambda z - u t'`` in each mode and begins with zero.
     """
-    before = np.maximum(end_s - early.time_s[near], 0.0)
-    poles = at.modes.poles
-    u = at.modes.W[:, 7:] @ _wheel_mobility(at)
+    before = np.maximum(end_s[:, None] - early.time_s[near], 0.0)
+    upper = at.modes.poles.imag >= 0.0  # of a conjugate pair one stands for both
+    poles = at.modes.poles[upper]
+    u = at.modes.W[upper, 7:] @ _wheel_mobility(at) * np.where(poles.imag > 0.0, 2.0, 1.0)[:, None]
     turned = np.multiply.outer(before, poles)
-    grown = -(turned - 1.0 + np.exp(-turned)) / poles**2  # (n, 14)
-    seen = early.output[near] @ at.modes.V
+    grown = -(turned - 1.0 + np.exp(-turned)) / poles**2
+    seen = early.output[near] @ at.modes.V[:, upper]
     motion = ((seen * grown) @ u).real
-    return np.asarray(motion + early.force[near] * before[:, None])
+    return np.asarray(motion + early.force[near] * before[..., None])

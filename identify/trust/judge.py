@@ -43,8 +43,8 @@ def judge(session: Session, estimation: Estimation) -> Quality:
         *misfit_findings(estimation),
         *(f for f in parameters if not (explained and f.code == "contradiction")),
         *(scale_findings(estimation.box) if determined else ()),
-        *sampling_findings(session),
-        *saturation_findings(session),
+        *sampling_findings(session, estimation.records),
+        *saturation_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),
         *causes.findings,
     ]

@@ -83,20 +83,22 @@ def _speeds(one: FittedDecay, time_s: NDArray[np.float64]) -> NDArray[np.float64
 
 def _drives(at: Evaluated, force: NDArray[np.float64], push: NDArray[np.float64]) -> _Drives:
     """Drive the vehicle from rest with forces that are linear between the points of the grid."""
-    modes = at.modes
-    inward = np.einsum("nqc,qkc->nqk", force, modes.W[:, 7:] @ push, optimize=True)
-    s = modes.poles * _GRID_S
+    # Of a conjugate pair one stands for both.
+    upper = at.modes.poles.imag >= 0.0
+    poles, W, V = at.modes.poles[upper], at.modes.W[upper, 7:], at.modes.V[:, upper]
+    inward = np.einsum("nqc,qkc->nqk", force, W @ push, optimize=True)
+    s = poles * _GRID_S
     step = np.exp(s)
     now, before = (step - 1.0 - s) / s**2 * _GRID_S, (step * (s - 1.0) + 1.0) / s**2 * _GRID_S
     gained = now * inward
     gained[1:] += before * inward[:-1]
     gained[0] = 0.0
     z = _driven(gained, step)
-    return _Drives(force, push, (z @ modes.V.T).real)
+    return _Drives(force, push, (z @ (V * np.where(poles.imag > 0.0, 2.0, 1.0)).T).real)
 
 
 def _driven(gained: NDArray[np.complex128], step: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return ``z[k] = step z[k - 1] + gained[k]``, (n, q, 14), from rest.
+    """Return ``z[k] = step z[k - 1] + gained[k]``, (n, q, len(step)), from rest.
 
     Stretches of the grid are driven from rest side by side, then each carries on the last.
     """
@@ -107,7 +109,7 @@ def _driven(gained: NDArray[np.complex128], step: NDArray[np.complex128]) -> NDA
     z = z.reshape(stretches, width, *gained.shape[1:])
     for k in range(1, width):
         z[:, k] += step * z[:, k - 1]
-    carried = step ** np.arange(1, width + 1)[:, None]  # (width, 14)
+    carried = step ** np.arange(1, width + 1)[:, None]  # (width, len(step))
     for i in range(1, stretches):
         z[i] += carried[:, None] * z[i - 1, -1]
     return z.reshape(stretches * width, *gained.shape[1:])[:n]

@@ -18,7 +18,7 @@ from daq.runs import Run, RunStatus, SampleGroup
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
 
-from ..decays.decay import Recording, record_of
+from ..decays.decay import Record, Recording
 from ..decays.onset import decay_start_s
 from .format import listed
 from .stuck import stuck_findings
@@ -38,20 +38,20 @@ _MOSTLY = 0.5
 _EVEN = 0.12  # of the period; times that know of no clock scatter by 0.2 or more
 
 
-def sampling_findings(session: Session) -> tuple[Finding, ...]:
+def sampling_findings(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
     """Judge the time stamps of the accepted runs.
 
-    `session`: as recorded; rejected runs do not count.
+    `session`: as recorded; rejected runs do not count.  `records`: of its runs, as they are fitted.
     """
     runs = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
-    stretches = _stretches(runs, session)
+    stretches = _stretches(runs, records)
     return (
         *_gaps(stretches),
         *_lost(stretches),
         *_jitter(stretches),
         *_order(runs),
         *_missing(runs, session),
-        *stuck_findings(runs, session.channels),
+        *stuck_findings(records),
         *_losses(runs),
     )
 
@@ -104,13 +104,11 @@ class _Stretch:
         return lost / (lost + len(self.time_s))
 
 
-def _stretches(runs: Sequence[Run], session: Session) -> list[_Stretch]:
+def _stretches(runs: Sequence[Run], records: Sequence[Record]) -> list[_Stretch]:
     found: list[tuple[str, tuple[str, ...], NDArray[np.float64], float | None]] = []
-    for run in runs:
-        record = record_of(run, session.channels)
-        if not record.recordings:
-            continue
-        start = decay_start_s(record)
+    run_of = {run.label: run for run in runs}
+    for record in records:
+        run, start = run_of[record.label], decay_start_s(record)
         by_arrival = {group.name for group in run.groups if _by_arrival(run, group)}
         for recording in record.recordings:
             time = recording.time_s - start

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from daq.channels import Quantity
-from daq.runs import Run, RunStatus
+from daq.runs import RunStatus, SampleGroup
 from daq.samples.converter import flat_tops
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
 from dbc.samples import Quality
 
-from ..decays.decay import Record, record_of
+from ..decays.decay import Record
 from ..decays.onset import GUARD_S, decay_start_s
 from .format import listed
 
@@ -29,17 +29,21 @@ class _Top:
     in_decay: bool
 
 
-def saturation_findings(session: Session) -> tuple[Finding, ...]:
+def saturation_findings(session: Session, records: Sequence[Record]) -> tuple[Finding, ...]:
     """Find flat tops and samples outside the range of their message.
 
     On the bump they are harmless, for only the free decay is fitted.
 
-    `session`: as recorded; rejected runs do not count.
+    `session`: as recorded; rejected runs do not count.  `records`: of its runs, as they are fitted.
     """
-    runs = [run for run in session.runs if run.status is RunStatus.ACCEPTED]
-    records = [record_of(run, session.channels) for run in runs]
-    tops = [top for record in records if record.recordings for top in _tops(record)]
-    outside = [entry for run in runs for entry in _outside(run, session)]
+    used = {c.name for c in session.channels if c.quantity is not Quantity.UNUSED}
+    groups = {
+        run.label: [group for group in run.groups if used & set(group.values)]
+        for run in session.runs
+        if run.status is RunStatus.ACCEPTED
+    }
+    tops = [top for record in records for top in _tops(record)]
+    outside = [one for record in records for one in _outside(record, groups[record.label])]
     return (*_flat(tops), *_out_of_range(outside))
 
 
@@ -83,18 +87,14 @@ def _tops(record: Record) -> Iterator[_Top]:
                 )
 
 
-def _outside(run: Run, session: Session) -> Iterator[tuple[str, int, bool]]:
+def _outside(record: Record, groups: Sequence[SampleGroup]) -> Iterator[tuple[str, int, bool]]:
     """Return message and run, samples out of range, and whether some lie within the decay."""
-    record = record_of(run, session.channels)
-    if not record.recordings:
-        return
     start = decay_start_s(record) - GUARD_S
-    used = {c.name for c in session.channels if c.quantity is not Quantity.UNUSED}
-    for group in run.groups:
+    for group in groups:
         flagged = (group.quality & Quality.OUT_OF_RANGE) != 0
-        if used & set(group.values) and flagged.any():
+        if flagged.any():
             in_decay = bool((group.time_s[flagged] >= start).any())
-            yield f"{group.name} in {run.label}", int(flagged.sum()), in_decay
+            yield f"{group.name} in {record.label}", int(flagged.sum()), in_decay
 
 
 def _out_of_range(outside: list[tuple[str, int, bool]]) -> Iterator[Finding]:

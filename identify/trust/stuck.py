@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.channels import Channel
-from daq.runs import Run
 from daq.samples.converter import is_stuck, share_changed
 from dbc.finding import Finding, Severity
 
-from ..decays.decay import Record, record_of
+from ..decays.decay import Record
 from ..decays.onset import decay_start_s, onset_s
 from .format import listed
 
@@ -41,15 +39,13 @@ class _Hold:
     """True if it has one value in the whole run."""
 
 
-def stuck_findings(runs: Sequence[Run], channels: tuple[Channel, ...]) -> tuple[Finding, ...]:
+def stuck_findings(records: Sequence[Record]) -> tuple[Finding, ...]:
     """Find channels that do not move.
 
     A channel may be silent by symmetry (roll in a bounce run), and a coarse one may rest on one
     step of its converter.  So a value held is held against it only where the channel changes often
     enough at rest before the bump, or, if it is constant there too, in a repeat of the run.
     """
-    records = [record_of(run, channels) for run in runs]
-    records = [record for record in records if record.recordings]
     starts = _starts_s(records)
     holds = [
         h for record, start in zip(records, starts, strict=True) for h in _holds(record, start)

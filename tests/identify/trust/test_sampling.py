@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from daq.runs import Losses, RunStatus, SampleGroup
 from daq.sessions import Session
 from dbc.finding import Finding, Severity
+from identify.pipeline import usable_records
 from identify.trust.sampling import sampling_findings
 
 from ..stress import BUMP_S, REST_S
@@ -17,8 +18,12 @@ HUBS_FRONT = "hub_acc_fl"
 AFTER_BUMP_S = REST_S + BUMP_S
 
 
+def judged(session: Session) -> tuple[Finding, ...]:
+    return sampling_findings(session, usable_records(session))
+
+
 def found(session: Session) -> dict[str, Finding]:
-    return by_gate(sampling_findings(session))
+    return by_gate(judged(session))
 
 
 def kept(group: SampleGroup, keep: NDArray[np.bool_]) -> SampleGroup:
@@ -51,7 +56,7 @@ def revalued(group: SampleGroup, channel: str, values: Array) -> SampleGroup:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_even_complete_sampling_has_no_finding(seed: int) -> None:
-    assert sampling_findings(campaign("linear", seed)) == ()
+    assert judged(campaign("linear", seed)) == ()
 
 
 def test_a_gap_in_the_wheels_motion_is_doubtful() -> None:
@@ -65,19 +70,19 @@ def test_a_gap_in_the_wheels_motion_is_doubtful() -> None:
 
 def test_a_gap_that_begins_on_the_bump_and_ends_in_the_decay_is_seen() -> None:
     lost = without(campaign("linear", 1), "added_roll_2", AFTER_BUMP_S - 0.05, AFTER_BUMP_S + 0.05)
-    assert doubtful(sampling_findings(lost)) == ["gaps"]
+    assert doubtful(judged(lost)) == ["gaps"]
 
 
 @pytest.mark.parametrize("begin_s", [REST_S - 0.2, AFTER_BUMP_S + 0.4])
 def test_a_gap_elsewhere_is_no_doubt(begin_s: float) -> None:
     session = without(campaign("linear", 1), "added_roll_2", begin_s, begin_s + 0.04)
-    assert doubtful(sampling_findings(session)) == []
+    assert doubtful(judged(session)) == []
 
 
 def test_slow_sampling_is_no_gap() -> None:
     session = campaign("linear", 1)
     slow = with_group(session, "", HUBS_FRONT, lambda g: kept(g, np.arange(len(g.time_s)) % 5 == 0))
-    assert sampling_findings(slow) == ()
+    assert judged(slow) == ()
 
 
 @pytest.mark.parametrize(("share", "gates"), [(0.01, []), (0.2, ["lost_samples"])])
@@ -102,7 +107,7 @@ def test_unusable_samples_are_lost_ones() -> None:
         return revalued(group, HUBS_FRONT, values)
 
     session = with_group(campaign("linear", 1), "baseline_bounce_1", HUBS_FRONT, unusable)
-    assert doubtful(sampling_findings(session)) == ["lost_samples"]
+    assert doubtful(judged(session)) == ["lost_samples"]
     assert found(session)["lost_samples"].text.startswith("25% ")
 
 
@@ -143,9 +148,9 @@ def test_stamps_out_of_order_are_a_note_and_times_out_of_order_a_doubt() -> None
 
     session = campaign("linear", 1)
     noted = with_group(session, "added_roll_1", HUBS_FRONT, swapped)
-    assert [f.severity for f in sampling_findings(noted)] == [Severity.NOTE]
+    assert [f.severity for f in judged(noted)] == [Severity.NOTE]
     wrong = with_group(session, "added_roll_1", HUBS_FRONT, backwards)
-    assert doubtful(sampling_findings(wrong)) == ["time_order"]
+    assert doubtful(judged(wrong)) == ["time_order"]
 
 
 def test_a_channel_that_some_runs_lack_is_named() -> None:
@@ -196,7 +201,7 @@ def test_a_coarse_quiet_channel_is_not_stuck(lsb: float) -> None:
         "roll_rate",
         lambda g: revalued(g, "roll_rate", lsb * np.rint(g.values["roll_rate"] / lsb)),
     )
-    assert sampling_findings(session) == ()
+    assert judged(session) == ()
 
 
 def test_losses_counted_by_the_recorder_are_reported() -> None:
@@ -218,4 +223,4 @@ def test_rejected_runs_do_not_count() -> None:
         spoilt,
         lambda run: replace(run, status=RunStatus.REJECTED) if run.label == "added_roll_2" else run,
     )
-    assert sampling_findings(session) == ()
+    assert judged(session) == ()

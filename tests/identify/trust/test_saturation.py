@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from daq.runs import SampleGroup
 from daq.sessions import Session
 from daq.sim.car import NOISE
-from dbc.finding import Severity
+from dbc.finding import Finding, Severity
 from dbc.samples import Quality
+from identify.pipeline import usable_records
 from identify.trust.saturation import saturation_findings
 
 from ..stress import BUMP_S, REST_S
@@ -18,6 +19,10 @@ from .campaigns import SEEDS, campaign, doubtful, with_group
 Array = NDArray[np.float64]
 CHANNEL = "hub_acc_rl"
 AFTER_BUMP_S = REST_S + BUMP_S
+
+
+def judged(session: Session) -> tuple[Finding, ...]:
+    return saturation_findings(session, usable_records(session))
 
 
 def rear_left(session: Session, change: Callable[[Array, Array], Array]) -> Session:
@@ -43,12 +48,12 @@ def quantised(session: Session, lsb: float) -> Session:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_control_is_not_saturated(seed: int) -> None:
-    assert saturation_findings(campaign("linear", seed)) == ()
+    assert judged(campaign("linear", seed)) == ()
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_hub_that_ends_at_2_g_is_doubtful(seed: int) -> None:
-    (finding,) = saturation_findings(campaign("saturation", seed))
+    (finding,) = judged(campaign("saturation", seed))
     assert finding.severity is Severity.WARNING
     assert "at 19.61 m/s2" in finding.text
     assert "hub_acc_fl in added_bounce_1" in finding.text
@@ -57,7 +62,7 @@ def test_a_hub_that_ends_at_2_g_is_doubtful(seed: int) -> None:
 
 def test_saturation_survives_the_steps_of_the_converter() -> None:
     session = quantised(campaign("saturation", 1), 0.005)
-    assert doubtful(saturation_findings(session)) == ["saturation"]
+    assert doubtful(judged(session)) == ["saturation"]
 
 
 def test_on_the_bump_it_is_a_note() -> None:
@@ -67,7 +72,7 @@ def test_on_the_bump_it_is_a_note() -> None:
         on_bump = (t_s > REST_S) & (t_s < AFTER_BUMP_S - 0.02)
         return np.where(on_bump, np.minimum(3.0 * values, 60.0), values)
 
-    (finding,) = saturation_findings(rear_left(campaign("linear", 1), steep))
+    (finding,) = judged(rear_left(campaign("linear", 1), steep))
     assert finding.severity is Severity.NOTE
     assert "at 60 m/s2" in finding.text
     assert "hub_acc_rl in baseline_bounce_1, hub_acc_rl in baseline_bounce_2;" in finding.text
@@ -75,14 +80,14 @@ def test_on_the_bump_it_is_a_note() -> None:
 
 def test_a_limit_that_the_decay_reaches_is_doubtful() -> None:
     session = rear_left(campaign("linear", 1), lambda _, values: np.minimum(values, 30.0))
-    assert doubtful(saturation_findings(session)) == ["saturation"]
+    assert doubtful(judged(session)) == ["saturation"]
 
 
 @pytest.mark.parametrize("lsb", [1e-4, 1e-3, 1e-2, 0.1, 1.0])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_quantisation_is_no_saturation(lsb: float, seed: int) -> None:
     """From a fine converter to one whose step hides all the noise."""
-    assert saturation_findings(quantised(campaign("linear", seed), lsb)) == ()
+    assert judged(quantised(campaign("linear", seed), lsb)) == ()
 
 
 def test_noise_may_repeat_the_highest_value_of_a_run() -> None:
@@ -95,7 +100,7 @@ def test_noise_may_repeat_the_highest_value_of_a_run() -> None:
         return np.where(np.abs(np.arange(len(values)) - top) <= 1, values[top], values)
 
     session = rear_left(quantised(campaign("linear", 1), lsb), repeated)
-    assert saturation_findings(session) == ()
+    assert judged(session) == ()
 
 
 @pytest.mark.parametrize("lsb", [0.003, 0.01, 0.03, 0.1, 0.3])
@@ -111,7 +116,7 @@ def test_a_rounded_top_is_not_a_flat_one(lsb: float) -> None:
         return replace(group, values={**group.values, CHANNEL: values})
 
     session = with_group(campaign("linear", 1), "", CHANNEL, wave)
-    assert saturation_findings(session) == ()
+    assert judged(session) == ()
 
 
 @pytest.mark.parametrize(
@@ -125,6 +130,6 @@ def test_samples_out_of_range_are_reported(at_s: float, severity: Severity) -> N
         return replace(group, quality=quality)
 
     session = with_group(campaign("linear", 1), "added_roll_1", CHANNEL, flagged)
-    (finding,) = saturation_findings(session)
+    (finding,) = judged(session)
     assert (finding.code, finding.severity) == ("out_of_range", severity)
     assert f"{CHANNEL} in added_roll_1" in finding.text
