@@ -34,7 +34,7 @@ has shown it."""
 _BEFORE_S = 0.005
 """Seconds of surely forced motion that help to find the foot of the ramp."""
 _SEEN = 1e-9
-"""Share of the strongest force below which a combination of forces at the wheels leaves no trace."""
+"""Share of the strongest trace below which a combination of forces at the wheels has none."""
 _WHEELS = slice(3, 7)
 
 
