@@ -23,9 +23,9 @@ _REFUSED = 8
 """Refused steps in a row after which the tangents count as spent."""
 _SLOW = 0.5
 """Share of `rough` that a step must gain for a rough fit to go on."""
-_LEAST = 1e-3
-"""Fall of the cost, over chi2/n, below which a step that promises more counts as refused."""
-_PROMISED = 1.0
+_LEAST = 0.05
+"""Fall of the cost, over chi2/n, below which a step counts as refused."""
+_PROMISED = 2.0
 """Fall of the cost, over chi2/n, that a full step may still promise where every step is refused."""
 
 
@@ -199,6 +199,7 @@ def fit(
     low, high = problem.bounds
     n = sum(run.freedom for run in problem.runs)
     damping, refused, iterations, slow = 1e-3, 0, 0, False
+    least = min(_LEAST, tolerance)
     equations = normal(at)
     if not equations.finite:
         return None
@@ -223,6 +224,9 @@ def fit(
                 np.maximum(low - now, -box),
                 np.minimum(high - now, box),
             )
+            if step.fall < least * unit:  # damped more, it gains even less
+                refused = _REFUSED
+                break
             moved = at.eta.copy()
             moved[problem.free] += step.shared
             owns = tuple(own.moved(move) for own, move in zip(at.owns, step.owns, strict=True))
@@ -231,7 +235,7 @@ def fit(
                 f"  {iterations} cost {at.cost:.2f} -> {trial.cost if trial else np.nan:.2f} "
                 f"promised {decrement:.3g} lambda {damping:.0e}"
             )
-            if trial is not None and trial.cost < at.cost + unit * (0.5 if near else -_LEAST):
+            if trial is not None and trial.cost < at.cost + unit * (0.5 if near else -least):
                 there = normal(trial)
                 if there.finite:
                     # A damping that was just found to be needed stays for one step.

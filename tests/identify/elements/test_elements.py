@@ -151,17 +151,20 @@ def test_a_tyre_pushes_and_never_pulls() -> None:
     assert tyre_load_by_heave(-0.01, 200e3, 2.0) == pytest.approx(found, rel=1e-7)
 
 
+@pytest.mark.parametrize("load", [-30.0, -11.0, 7.0, 30.0])
+def test_slopes_of_a_tyre_that_meets_the_road(load: float) -> None:
+    found = slope(lambda x: tyre_push(x, -1.5, 100.0, 20.0), load, 1e-3)
+    assert tyre_push_by_load(load, -1.5, 100.0, 20.0) == pytest.approx(found, rel=1e-7)
+    found = slope(lambda v: tyre_push(load, v, 100.0, 20.0), -1.5)
+    assert -100.0 * tyre_grip(load, 20.0) == pytest.approx(found, rel=1e-7, abs=1e-7)
+
+
 def test_a_tyre_is_damped_on_the_road_and_not_in_the_air() -> None:
     coming_down, going_up = -2.0, 2.0
     assert tyre_push(500.0, coming_down, 100.0, 20.0) == 700.0
     assert tyre_push(-21.0, coming_down, 100.0, 20.0) == -21.0
     assert tyre_force(tyre_push(-21.0, coming_down, 100.0, 20.0), 900.0, 20.0) == -900.0
     assert tyre_force(tyre_push(150.0, going_up, 100.0, 20.0), 900.0, 20.0) == -900.0
-    for load in (-30.0, -11.0, 7.0, 30.0):
-        found = slope(lambda x: tyre_push(x, -1.5, 100.0, 20.0), load, 1e-3)
-        assert tyre_push_by_load(load, -1.5, 100.0, 20.0) == pytest.approx(found, rel=1e-7)
-        found = slope(lambda v, load=load: tyre_push(load, v, 100.0, 20.0), -1.5)
-        assert -100.0 * tyre_grip(load, 20.0) == pytest.approx(found, rel=1e-7, abs=1e-7)
 
 
 def test_a_rigid_mount_gives_the_speed_of_the_suspension() -> None:
