@@ -7,10 +7,12 @@ import sys
 from collections.abc import Callable
 from copy import copy
 from functools import cache
+from inspect import getdoc
 from typing import Any
 
 import typer
 from typer.main import get_command
+from typer.models import CommandInfo
 
 from .diagnostics import ExitCode, report, report_usage
 
@@ -19,14 +21,22 @@ from .diagnostics import ExitCode, report, report_usage
 def _tree(commands: typer.Typer, word: str) -> Callable[..., object]:
     """Return what parses the commands, built once; of those with a name, the one that is asked for.
 
-    To build all of them takes as long as to load the library that does.
+    To build all of them takes as long as to load the library that does, and help lists them only.
     """
     asked = [one for one in commands.registered_commands if one.name == word]
-    if not asked:
-        return get_command(commands)
-    alone = copy(commands)
-    alone.registered_commands, alone.registered_groups = asked, []
-    return get_command(alone)
+    chosen = copy(commands)
+    if asked:
+        chosen.registered_commands, chosen.registered_groups = asked, []
+    elif word in ("-h", "--help"):
+        chosen.registered_commands = [_listed(one) for one in commands.registered_commands]
+    return get_command(chosen)
+
+
+def _listed(command: CommandInfo) -> CommandInfo:
+    """Return a command as help lists it, without its parameters."""
+    listed = copy(command)
+    listed.help, listed.callback = getdoc(command.callback), lambda: None
+    return listed
 
 
 def invoke(arguments: list[str], commands: typer.Typer) -> int:
