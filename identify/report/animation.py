@@ -21,7 +21,8 @@ def moving_car(shape: Shape) -> Markup:
     `shape`: how it moves; faster modes move faster, but far slower than in truth.
     """
     period = _PERIOD_S * (max(shape.frequency_hz, 0.1) / _SLOWEST_HZ) ** -0.3
-    frames = [outline(shape, 2.0 * np.pi * k / _FRAMES) for k in range(_FRAMES + 1)]
+    frames = [outline(shape, 2.0 * np.pi * k / _FRAMES) for k in range(_FRAMES)]
+    frames.append(frames[0])
     parts = [f'<g class="rest">{_still(at_rest(shape.geometry))}</g>', '<g class="car moving">']
     for name, path_of in _PATHS:
         values = [path_of(frame) for frame in frames]

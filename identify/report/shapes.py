@@ -15,6 +15,10 @@ _RADIUS_M = 0.31
 _OVERHANG_M = 0.55
 _EYE = np.array([5.2, 5.6, 3.1])
 """Where one looks from, m from the middle of the car: ahead, to its left, above."""
+_DISTANCE_M = float(np.linalg.norm(_EYE))
+_BACK = _EYE / _DISTANCE_M
+_RIGHT = np.array([-_EYE[1], _EYE[0], 0.0]) / np.hypot(_EYE[0], _EYE[1])
+_UP = np.cross(_BACK, _RIGHT)
 _COILS = 5
 
 
@@ -91,27 +95,15 @@ def _outline(g: VehicleGeometry, x: NDArray[np.float64]) -> Outline:
     deck = np.array([[front, wide], [front, -wide], [rear, -wide], [rear, wide]])
     cabin = np.array([[0.2 * front, 0.8 * wide], [0.2 * front, -0.8 * wide]])
     cabin = np.vstack([cabin, [[0.7 * rear, -0.8 * wide], [0.7 * rear, 0.8 * wide]]])
-    springs, wheels = [], []
-    for corner, heave in zip(_corners(g), x[3:], strict=True):
-        top = _body_z(corner[None], x, _DECK_M)[0]
-        bottom = _HUB_M + heave
-        springs.append(_coil(corner, float(bottom), float(top)))
-        around = np.linspace(0.0, 2.0 * np.pi, 25)
-        wheels.append(
-            np.column_stack(
-                [
-                    corner[0] + _RADIUS_M * np.cos(around),
-                    np.full(25, corner[1]),
-                    bottom + _RADIUS_M * np.sin(around),
-                ]
-            )
-        )
+    corners, hub = _corners(g), _HUB_M + x[3:]
+    around = np.linspace(0.0, 2.0 * np.pi, 25)
+    turn = _RADIUS_M * np.stack([np.cos(around), np.zeros(25), np.sin(around)], axis=1)
     middle = np.array([(g.a - g.b) / 2.0, 0.0, 0.45])
     return Outline(
         _seen(np.column_stack([deck, _body_z(deck, x, _DECK_M)]), middle),
         _seen(np.column_stack([cabin, _body_z(cabin, x, _ROOF_M)]), middle),
-        np.array([_seen(spring, middle) for spring in springs]),
-        np.array([_seen(wheel, middle) for wheel in wheels]),
+        _seen(_coils(corners, hub, _body_z(corners, x, _DECK_M)), middle),
+        _seen(np.column_stack([corners, hub])[:, None] + turn, middle),
     )
 
 
@@ -121,22 +113,20 @@ def _body_z(
     return np.asarray(height + x[0] - points[:, 0] * x[1] + points[:, 1] * x[2])
 
 
-def _coil(corner: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
-    """Return a zigzag from hub to body."""
+def _coils(
+    corners: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return a zigzag from hub to body at each corner, (4, k, 3)."""
     n = 2 * _COILS + 2
-    height = low + (high - low) * np.linspace(0.0, 1.0, n)
+    up = np.linspace(0.0, 1.0, n)
     aside = 0.05 * np.where(np.arange(n) % 2, 1.0, -1.0)
     aside[[0, -1]] = 0.0
-    return np.column_stack([corner[0] + aside, np.full(n, corner[1]), height])
+    x, y, low, high = corners[:, :1], corners[:, 1:], low[:, None], high[:, None]
+    return np.stack(np.broadcast_arrays(x + aside, y, low + (high - low) * up), axis=2)
 
 
 def _seen(points: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Project points, (n, 3), onto the plane through the middle of the car, (n, 2)."""
-    distance = float(np.linalg.norm(_EYE))
-    back = _EYE / distance
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    up = np.cross(back, right)
+    """Project points, (.., 3), onto the plane through the middle of the car, (.., 2)."""
     off = points - middle
-    scale = distance / (distance - off @ back)
-    return np.column_stack([off @ right * scale, -(off @ up) * scale])
+    scale = _DISTANCE_M / (_DISTANCE_M - off @ _BACK)
+    return np.stack([off @ _RIGHT * scale, -(off @ _UP) * scale], axis=-1)
