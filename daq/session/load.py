@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .schema import (
+    DAMAGED_ADVICE,
     MAX_ATTRIBUTE,
     MAX_BYTES,
     MAX_CHUNK_BYTES,
@@ -31,7 +32,6 @@ from .schema import (
 from .tree import Attribute, Dataset, Group
 
 ADVICE = "name a session file that bumpbench record or demo wrote"
-DAMAGED_ADVICE = "build it again from its journal"
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 _WHAT_H5PY_RAISES = (OSError, RuntimeError, LookupError, ValueError, TypeError, MemoryError)
 _OF_HDF5 = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"}

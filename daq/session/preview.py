@@ -23,7 +23,8 @@ import h5py
 
 from ..errors import InputError
 from ..remarks import notes_of
-from .load import DAMAGED_ADVICE, open_session, plain_attributes
+from .load import open_session, plain_attributes
+from .schema import DAMAGED_ADVICE
 
 _FILE_S = 4
 """For one file, by the clock."""

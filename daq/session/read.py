@@ -27,9 +27,15 @@ from ..vehicle import (
     Vehicle,
     VehicleGeometry,
 )
-from .load import DAMAGED_ADVICE, load_tree
 from .sandbox.guard import load_guarded
-from .schema import CHANNEL_COLUMNS, EVENT_COLUMNS, FACT_COLUMNS, FRAME_COLUMNS, WEIGHT_COLUMNS
+from .schema import (
+    CHANNEL_COLUMNS,
+    DAMAGED_ADVICE,
+    EVENT_COLUMNS,
+    FACT_COLUMNS,
+    FRAME_COLUMNS,
+    WEIGHT_COLUMNS,
+)
 from .tree import Attribute, Group
 
 
@@ -51,6 +57,8 @@ def read_session(path: Path | str) -> Session:
     InputError
         If there is no such file, it is no session, of a newer schema, or damaged.
     """
+    from .load import load_tree  # with h5py, which only the child needs for a foreign session
+
     return session_of(load_tree(path), str(path))
 
 

@@ -6,6 +6,8 @@ import numpy as np
 
 SCHEMA = "bumpbench-session"
 VERSION = 1
+DAMAGED_ADVICE = "build it again from its journal"
+"""Advice if a session file is damaged."""
 MAX_BYTES = 2 << 30
 """No dataset of a run is larger; one that claims to be is refused before it is read."""
 MAX_TOTAL_BYTES = 8 << 30

@@ -9,11 +9,13 @@ fit shows how far back the decay reaches.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
+
+from daq.channels import Channel
 
 from .decay import Record
 
@@ -73,34 +75,39 @@ def quiet_noise(records: Sequence[Record]) -> dict[str, float]:
 
     In SI units.  Empty if a channel has fewer than 100 samples at rest.
     """
-    pooled = _quiet(records)
+    counts = quiet_counts(records)
     names = {c.name for r in records for q in r.recordings for c in q.group.channels}
-    if any(pooled.get(name, (0.0, 0))[1] < _QUIET_SAMPLES for name in names):
+    if any(counts.get(name, 0) < _QUIET_SAMPLES for name in names):
         return {}
-    return {name: float(np.sqrt(squares / n)) for name, (squares, n) in pooled.items()}
+    squares = dict.fromkeys(counts, 0.0)
+    for channels, quiet in _quiet(records):
+        spread = np.sum((quiet - quiet.mean(axis=0)) ** 2, axis=0)
+        for channel, total in zip(channels, spread.tolist(), strict=True):
+            squares[channel.name] += total
+    return {name: float(np.sqrt(squares[name] / n)) for name, n in counts.items()}
 
 
 def quiet_counts(records: Sequence[Record]) -> dict[str, int]:
     """Return on how many degrees of freedom each level of `quiet_noise` rests."""
-    return {name: n for name, (_, n) in _quiet(records).items()}
+    counts: dict[str, int] = {}
+    for channels, quiet in _quiet(records):
+        for channel in channels:
+            counts[channel.name] = counts.get(channel.name, 0) + len(quiet) - 1
+    return counts
 
 
-def _quiet(records: Sequence[Record]) -> dict[str, tuple[float, int]]:
-    """Return sum of squares about the mean and degrees of freedom of each channel at rest."""
-    pooled: dict[str, tuple[float, int]] = {}
+def _quiet(
+    records: Sequence[Record],
+) -> Iterator[tuple[tuple[Channel, ...], NDArray[np.float64]]]:
+    """Yield the channels and the samples at rest of each recording that has some."""
     for record in records:
         onset = onset_s(record)
         if onset is None:
             continue
         for recording in record.recordings:
             quiet = recording.values[recording.time_s < onset - _QUIET_MARGIN_S]
-            if len(quiet) < 3:
-                continue
-            spread = np.sum((quiet - quiet.mean(axis=0)) ** 2, axis=0)
-            for channel, total in zip(recording.group.channels, spread.tolist(), strict=True):
-                squares, n = pooled.get(channel.name, (0.0, 0))
-                pooled[channel.name] = (squares + total, n + len(quiet) - 1)
-    return pooled
+            if len(quiet) >= 3:
+                yield recording.group.channels, quiet
 
 
 def difference_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,7 +9,8 @@ import sys
 from typing import BinaryIO
 
 from ...errors import InputError
-from ..load import DAMAGED_ADVICE, load_tree
+from ..load import load_tree
+from ..schema import DAMAGED_ADVICE
 from .wire import send_error, send_tree
 
 
