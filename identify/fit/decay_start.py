@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from daq.channels import TIME_DERIVATIVE
 
 from ..decays.decay import FreeDecay, Record, Recording
-from .varpro import Evaluated, LinearPart, slopes
+from .varpro import Evaluated, LinearPart, over_two, slopes
 
 _WINDOWS = (1, 2, 4, 8, 16)
 """Samples taken together; many show a small force that one does not."""
@@ -103,7 +103,7 @@ def _early(
         J = slopes(at, later.group, z)
         weight = at.weights(later.group)
         seen = product.gram[:, : J.shape[1]] @ J
-        mixed += np.einsum("cms,cmp->sp", stack * weight[:, None, None], seen, optimize=True)
+        mixed += over_two(stack * weight[:, None, None], seen)
         before = whole.between(lower_s, start_s)
         moved = Recording(before.group, before.time_s + (lower_s - start_s), before.values)
         parts.append(_recording(at, moved, stack, J, linear, inverse_mass))
@@ -132,8 +132,8 @@ def _recording(
     channels = early.group.channels
     level = np.sqrt(at.weights(early.group))[:, None]
     basis = at.basis(early)
-    by_unknown = np.einsum("nm,cmp->ncp", basis[:, : J.shape[1]], J, optimize=True) * level
-    by_linear = np.einsum("nm,cms->ncs", basis, stack, optimize=True) * level
+    by_unknown = (basis[:, : J.shape[1]] @ J).swapaxes(0, 1) * level
+    by_linear = (basis @ stack).swapaxes(0, 1) * level
     error = early.values * level[:, 0] - by_linear @ linear.solution
     n, c = early.values.shape
     output = np.array([at.system.rows[channel.name] for channel in channels])

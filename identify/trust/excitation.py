@@ -19,7 +19,7 @@ from dbc.finding import Finding, Severity
 
 from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
-from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_parts, pseudo_inverse
+from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_parts, over_two, pseudo_inverse
 from ..model.matrices import N_DOF, PhysicalModel, loaded_model
 from ..modes.modal_model import modes_of
 from ..modes.mode_names import mode_names
@@ -121,7 +121,7 @@ def _energies(at: Evaluated, decay: FreeDecay, linear: LinearPart) -> NDArray[np
         decay.recordings, linear.products, linear.coefficients, strict=True
     ):
         weighted = stack * at.weights(recording.group)[:, None, None]
-        normal += np.einsum("cms,cmt->st", weighted, product.gram @ stack, optimize=True)
+        normal += over_two(weighted, product.gram @ stack)
     modes = at.modes
     upper = np.flatnonzero(modes.poles.imag > 0.0)
     upper = upper[np.argsort(np.abs(modes.poles[upper]), kind="stable")]

@@ -67,11 +67,11 @@ def structural(estimation: Estimation) -> Effects:
         at = points[one.decay.mass_state]
         z = at.modes.W @ one.linear.solution[: len(at.modes.poles)]
         return tuple(
-            np.einsum(
-                "nm,cmq->ncq",
-                at.modes.basis(at.time_s(recording)),
-                slopes(at, recording.group, z) @ directions,
-                optimize=True,
+            np.swapaxes(
+                at.modes.basis(at.time_s(recording))
+                @ (slopes(at, recording.group, z) @ directions),
+                0,
+                1,
             )
             for recording in one.decay.recordings
         )
