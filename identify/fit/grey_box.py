@@ -39,7 +39,8 @@ from ..model.matrices import (
     state_matrix,
 )
 
-_CROSS_SCALE_KG = 10.0
+CROSS_SCALE_KG = 10.0
+"""Cross weight that counts as one unknown, kg."""
 _OFF = ("", "x of ", "y of ")
 """Begins the name of a weight's correction: its mass, its place forward, to the left."""
 
@@ -80,6 +81,8 @@ class GreyBox:
     """Which parameters the vehicle has."""
     facts: tuple[Fact, ...] = ()
     """Measured quantities of the vehicle, each with its standard uncertainty."""
+    lifts: bool = False
+    """True if wheels may leave the ground: then the cross weight shows without scales, too."""
     names: tuple[str, ...] = field(init=False)
     parameters: tuple[str, ...] = field(init=False)
     prior_sigma: NDArray[np.float64] = field(init=False)
@@ -105,14 +108,13 @@ class GreyBox:
             if sigma > 0
         }
         parameters = tuple(name for name in names if name not in known)
-        free_cross = any(fact.quantity in CORNERS for fact in self.facts)
         prior = [
             *[np.inf] * len(parameters),
             *[c.position_sigma_m for c in loose for _ in "xy"],
             *[c.motion_ratio_sigma / c.motion_ratio for c in geared],
             *[self.groups[i].delay_sigma_s for i in late],
             *weights.values(),
-            *[np.inf] * free_cross,
+            *[np.inf] * self._crossed,
         ]
         for name, value in (
             ("names", names),
@@ -125,6 +127,11 @@ class GreyBox:
             ("_weights", tuple(weights)),
         ):
             object.__setattr__(self, name, value)
+
+    @property
+    def _crossed(self) -> bool:
+        """True if the cross weight is an unknown, the last one."""
+        return self.lifts or any(fact.quantity in CORNERS for fact in self.facts)
 
     @property
     def _first_delay(self) -> int:
@@ -229,9 +236,9 @@ class GreyBox:
 
     def cross_kg(self, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return what the front left corner carries beyond its share, (n,) kg, at `eta`, (n, P)."""
-        if not any(fact.quantity in CORNERS for fact in self.facts):
+        if not self._crossed:
             return np.zeros(len(eta), dtype=complex)
-        return np.asarray(_CROSS_SCALE_KG * eta[:, len(self.prior_sigma) - 1])
+        return np.asarray(CROSS_SCALE_KG * eta[:, len(self.prior_sigma) - 1])
 
     def off_weights(self, eta: NDArray[np.complex128], state: MassState) -> NDArray[np.complex128]:
         """Return mass and place of each weight of a mass state beside what is stated, at `eta`.

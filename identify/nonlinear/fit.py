@@ -23,10 +23,11 @@ _REFUSED = 8
 """Refused steps in a row after which the tangents count as spent."""
 _SLOW = 0.5
 """Share of `rough` that a step must gain for a rough fit to go on."""
-_LEAST = 0.05
+_LEAST = 1e-3
 """Fall of the cost, over chi2/n, below which a step counts as refused."""
-_PROMISED = 2.0
-"""Fall of the cost, over chi2/n, that a full step may still promise where every step is refused."""
+_PROMISED, _LEAST_THERE = 2.0, 0.05
+"""Fall of the cost, over chi2/n, that a full step may still promise where every step is refused,
+and the least that one has to gain where no more than that is promised."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +200,6 @@ def fit(
     low, high = problem.bounds
     n = sum(run.freedom for run in problem.runs)
     damping, refused, iterations, slow = 1e-3, 0, 0, False
-    least = min(_LEAST, tolerance)
     equations = normal(at)
     if not equations.finite:
         return None
@@ -213,7 +213,8 @@ def fit(
             matrix, _, _ = reduced(equations, 0.0)
             return Optimum(at, equations, matrix, iterations, decrement, settled)
         ahead: tuple[Point, Normal] | None = None
-        near = decrement < unit
+        near, ends = decrement < unit, decrement < _PROMISED * unit
+        least = unit * (min(_LEAST_THERE, tolerance) if ends else _LEAST)
         box = np.full(len(now), _MAX_STEP)
         while refused < _REFUSED and iterations < max_iterations:
             iterations += 1
@@ -224,7 +225,7 @@ def fit(
                 np.maximum(low - now, -box),
                 np.minimum(high - now, box),
             )
-            if step.fall < least * unit:  # damped more, it gains even less
+            if ends and step.fall < least:  # damped more, it gains even less
                 refused = _REFUSED
                 break
             moved = at.eta.copy()
@@ -235,7 +236,7 @@ def fit(
                 f"  {iterations} cost {at.cost:.2f} -> {trial.cost if trial else np.nan:.2f} "
                 f"promised {decrement:.3g} lambda {damping:.0e}"
             )
-            if trial is not None and trial.cost < at.cost + unit * (0.5 if near else -least):
+            if trial is not None and trial.cost < at.cost + (0.5 * unit if near else -least):
                 there = normal(trial)
                 if there.finite:
                     # A damping that was just found to be needed stays for one step.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..fit.grey_box import CROSS_SCALE_KG
 from .car import Model
 
 _PROGRESSION_1_M = 2.5
@@ -29,6 +30,8 @@ _FRICTION_SPLIT_N = 30.0
 _CORNER_SPLIT = 0.03
 """Of half the difference of the springs, tyres and wheels of an axle, over their mean."""
 _CG_M = 0.03
+_CROSS = 0.1
+"""Of the cross weight, over a wheel's mean share of the body."""
 _MOUNT_M_N = 3e-6
 """Of a mount's compliance, m/N: the softest mounts of cars have 3e5 N/m."""
 
@@ -69,5 +72,7 @@ def weak_priors(
             box[i] = _TYRE_DAMPING * c_s / 100.0
         elif name == "y_s":
             box[i] = _CG_M / 0.1
+    if "cross weight" in model.names:
+        box[-1] = _CROSS * full[0] / 4.0 / CROSS_SCALE_KG
     centre = np.concatenate([np.zeros(model.first), [e.unknown(e.rest) for e in model.elements]])
     return centre, np.concatenate([box, own])

@@ -116,7 +116,7 @@ def _models(box: GreyBox, decided: Mapping[str, bool]) -> tuple[Model, GreyBox]:
         decided.get("cg_offset", True),
     )
     simple = Structure(box.structure.symmetric, bars, False, False)
-    model = Model(replace_structure(box, rich), KNOTS["K3"])
+    model = Model(replace(replace_structure(box, rich), lifts=True), KNOTS["K3"])
     return model, replace_structure(box, simple)
 
 

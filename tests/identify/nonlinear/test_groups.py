@@ -8,11 +8,12 @@ import pytest
 from daq.bench.bench_tables import StructureTable
 from daq.vehicle import ELEMENTS, Fact
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.car import K_S, K_T, MASS, Model, car
+from identify.nonlinear.car import K_S, K_T, MASS, STATIC, Model, X, Y, car
 from identify.nonlinear.groups import BY_NAME, GROUPS, STAGES
+from identify.nonlinear.priors import weak_priors
 from identify.nonlinear.unknowns import KNOTS
 
-from .cars import RICH, bent, model_of
+from .cars import RICH, bent, granada, model_of
 from .truth import BASELINE
 
 
@@ -51,6 +52,26 @@ def test_a_heavier_wheel_weighs_on_the_scales() -> None:
     np.testing.assert_allclose(
         slopes[:, model.names.index("dm_uf")], [4.05, -4.05, 0.0, 0.0], rtol=1e-9
     )
+
+
+def test_wheels_that_lift_show_the_cross_weight_without_scales() -> None:
+    """A free four-legged table: two opposite wheels carry more, and nothing turns it over."""
+    model = Model(GreyBox((), (BASELINE,), None, RICH, lifts=True), KNOTS["K3"])
+    place = model.names.index("cross weight")
+    even, crossed = bent(model), bent(model)
+    crossed[place] = 0.4
+    before, after = (car(model, eta, BASELINE, np.array([place])) for eta in (even, crossed))
+    more = after.corner[:, STATIC] - before.corner[:, STATIC]
+    assert more[0] == pytest.approx(4.0 * 9.80665)
+    assert more[1] == pytest.approx(-more[0])
+    assert [more.sum(), more @ after.corner[:, X], more @ after.corner[:, Y]] == pytest.approx(
+        [0.0, 0.0, 0.0], abs=1e-9
+    )
+    assert after.d_corner[:, STATIC, 0] * 0.4 == pytest.approx(more)
+    _, prior = weak_priors(model, even)
+    body_kg = granada()[0]
+    assert prior[place] * 10.0 == pytest.approx(0.1 * body_kg / 4.0)
+    assert "cross weight" not in model_of().names
 
 
 def test_an_element_may_show_on_one_axle_alone() -> None:
