@@ -45,10 +45,12 @@ def test_a_name_replaced_in_its_file_is_replaced_in_the_face(
     assert module.open_bus is len
 
 
-def test_no_session_library_is_loaded_before_a_session_is_asked_for() -> None:
+def test_no_session_library_is_loaded_before_a_session_is_written() -> None:
+    """A foreign session is read by a process of its own, which loads the library for itself."""
     code = (
-        "import sys, daq, daq.control; daq.control.Phase; assert 'h5py' not in sys.modules; "
-        "daq.read_session; assert 'h5py' in sys.modules"
+        "import sys, daq, daq.control; daq.control.Phase; assert 'daq.session' not in sys.modules; "
+        "daq.read_session; assert 'h5py' not in sys.modules; "
+        "daq.write_session; assert 'h5py' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 
