@@ -54,9 +54,10 @@ _EXPLAINED = 5.0
 fitted from there."""
 _WORSE = 1.1
 """Rise of chi2/n by the beginnings from which they stay left out: the model does not hold there."""
-_FOUND = 1.5
-"""chi2/n of the last stage from which on the next best attempt is followed as well: a first stage
-that ends lower is not always nearer (10.6 of a late start ended at 2.1, 41 of the first at 1.0)."""
+_FOUND, _HOPELESS = 1.5, 5.0
+"""chi2/n of the last stage between which the next best attempt is followed as well: a first stage
+that ends lower is not always nearer (10.6 of a late start ended at 2.1, 41 of the first at 1.0).
+Where the best one ends higher, a sensor is wrong and not the start."""
 _FOLLOWED_MOST = 3
 """Attempts that are followed through the later stages at most."""
 _LAST_STEPS = 40
@@ -121,7 +122,7 @@ def release(
         best, fitted, groups = _stages(start, taken, begun[0], chosen, allowed, log)
         chi2 = best.cost / fitted.freedom
         ends.append((chi2, best, fitted, groups))
-        if chi2 < _FOUND:
+        if not _FOUND < chi2 < _HOPELESS:
             break
     _, best, taken, chosen = min(ends, key=lambda one: one[0])
     problem = best.point.problem
