@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from daq.control import Setup
 
+COLLECTOR_RESTS_S = 2.0
+"""From the start of the command until its first screen, on a slow machine, s; without the rest it
+comes a tenth of a second later."""
 FAULTS = ("double-bump", "overload", "lost-frames", "weak", "wrong-mode", "unplug")
 
 
@@ -64,6 +67,8 @@ def tui(
     import sys
     from functools import partial
 
+    rest_collector(COLLECTOR_RESTS_S)
+
     from ..display.start import display_beside_terminal
     from ..terminal.app import BenchApp
     from ..terminal.screens.display_link import DisplayLinkScreen
@@ -89,6 +94,24 @@ def tui(
         attach(folder, start)  # once nothing can be wrong with the command any more
         app.run()
     return app.return_code or ExitCode.OK
+
+
+def rest_collector(seconds: float) -> None:
+    """Keep the garbage collector from looking through all modules while they are loaded.
+
+    `seconds`: until it works again, but not on what was there by then.
+    """
+    import gc
+    import threading
+
+    def resume() -> None:
+        gc.freeze()
+        gc.enable()
+
+    gc.disable()
+    timer = threading.Timer(seconds, resume)
+    timer.daemon = True
+    timer.start()
 
 
 def known_operator(folder: Path, demo: bool) -> str:

@@ -129,8 +129,8 @@ class BenchApp(ScreensApp, KeyboardApp):
 
     async def on_mount(self) -> None:
         """Start the feed; the first status decides which screen comes first."""
+        self.feed.start(self.post)  # it connects while the screen is made
         await self.push_screen("home")
-        self.feed.start(self.post)
         if self.auto:
             self.set_interval(AUTO_S, self._press_next)
 
@@ -188,13 +188,8 @@ class BenchApp(ScreensApp, KeyboardApp):
 
     async def _process_status(self, status: Status) -> None:
         before, self.status, self.lost = self.status, status, None
-        if self._history_of != status.recording:
-            self._history_of = status.recording
-            if before is not None and before.recording != status.recording:
-                self.lanes.clear()
-            begin(self, self._fetch_history, group="history", exclusive=True)
-        if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
-            begin(self, self._fetch_bench, group="bench", exclusive=True)
+        if before is not None and before.recording != status.recording:
+            self.lanes.clear()
         home = self.screen is self.get_screen("home")  # no dialog, which would be left by itself
         if home and not self._started and not self._other.asking:
             self._started = True
@@ -208,9 +203,18 @@ class BenchApp(ScreensApp, KeyboardApp):
             await self.go_to(BenchStep.BASELINE)
         self._announce_phase(before, status)
         self._publish(StatusArrived(status))
+        self.call_after_refresh(self._fetch_missing, before, status)  # the screen comes first
         if status.halted and status.halted != self._halted:
             self.show_help(status.halted)
         self._halted = status.halted
+
+    def _fetch_missing(self, before: Status | None, status: Status) -> None:
+        """Fetch the samples before this terminal's time, and the bench, where they are new."""
+        if self._history_of != status.recording:
+            self._history_of = status.recording
+            begin(self, self._fetch_history, group="history", exclusive=True)
+        if before is None or before.bench_crc32 != status.bench_crc32 or self.bench is None:
+            begin(self, self._fetch_bench, group="bench", exclusive=True)
 
     def _publish(self, message: Message) -> None:
         """Send news to the screen in front; a worker may bring some when all have been closed."""
