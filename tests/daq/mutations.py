@@ -1,20 +1,23 @@
 """Session files with damage of every kind, through the command line.
 
 ``python -m tests.daq.mutations 2000`` runs a campaign and prints what came of it; it fails if any
-file gives a traceback, takes more than 10 s of processor time or more than 1 GB.
+file gives a traceback, takes more than 12 s of processor time or more than 1 GB.  In one file of
+70 libhdf5 never ends; the product ends it after 10 s, hence several files at once.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
+import multiprocessing
 import os
 import resource
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +28,8 @@ from tui.cli import run
 from .small_session import small_session
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "session_v1_2026-11.h5"
-MAX_S, MAX_BYTES = 10.0, 1 << 30
+MAX_S, MAX_BYTES = 12.0, 1 << 30
+_REPORT_EVERY = 100
 _NUMBERS = (0, 1, 0x7F, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**45, 2**63 - 1, 2**64 - 1)
 
 
@@ -77,19 +81,30 @@ def _mutate(raw: bytearray, rng: np.random.Generator) -> None:
             raw[int(rng.integers(4096))] = int(rng.integers(256))
 
 
-def campaign(count: int, seed: int = 1) -> Outcome:
-    """Validate `count` damaged files."""
-    outcome = Outcome()
-    with tempfile.TemporaryDirectory() as name:
-        path = Path(name) / "mutant.h5"
-        for number, raw in enumerate(mutants(count, Path(name), seed)):
-            path.write_bytes(raw)
-            _try(path, f"mutant {number} of seed {seed}", outcome)
-    outcome.child_bytes = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
-    return outcome
+def campaign(
+    count: int, seed: int = 1, jobs: int = 1, report: Callable[[str], None] = lambda text: None
+) -> Outcome:
+    """Validate `count` damaged files, `jobs` at once; `report` is told every 100 files."""
+    total = Outcome()
+    fork = multiprocessing.get_context("fork")
+    with tempfile.TemporaryDirectory() as folder, fork.Pool(jobs) as pool:
+        files = enumerate(mutants(count, Path(folder), seed))
+        attempt = partial(_try, Path(folder), seed)
+        for number, outcome in enumerate(pool.imap(attempt, files), 1):
+            total.codes += outcome.codes
+            total.faults += outcome.faults
+            total.slowest_s = max(total.slowest_s, outcome.slowest_s)
+            total.child_bytes = max(total.child_bytes, outcome.child_bytes)
+            if number % _REPORT_EVERY == 0:
+                report(f"{number}: {dict(sorted(total.codes.items()))}, {len(total.faults)} faults")
+    return total
 
 
-def _try(path: Path, name: str, outcome: Outcome) -> None:
+def _try(folder: Path, seed: int, numbered: tuple[int, bytes]) -> Outcome:
+    number, raw = numbered
+    outcome, name = Outcome(), f"mutant {number} of seed {seed}"
+    path = folder / f"mutant_{os.getpid()}.h5"
+    path.write_bytes(raw)
     out, err = io.StringIO(), io.StringIO()
     began_s = sum(os.times()[:4])  # a busy machine takes any time by the clock
     try:
@@ -97,23 +112,24 @@ def _try(path: Path, name: str, outcome: Outcome) -> None:
             code = run(["validate", str(path)])
     except Exception as error:
         outcome.faults.append(f"{name}: {type(error).__name__}: {error}")
-        return
-    took_s = sum(os.times()[:4]) - began_s
+        return outcome
+    outcome.slowest_s = sum(os.times()[:4]) - began_s
+    outcome.child_bytes = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
     outcome.codes[code] += 1
-    outcome.slowest_s = max(outcome.slowest_s, took_s)
     lines = err.getvalue().splitlines()
     if code not in (0, 1, 2) or len(lines) != (code == 2):
         outcome.faults.append(f"{name}: code {code}, {len(lines)} lines on stderr")
     if any(not character.isprintable() for line in lines for character in line):
         outcome.faults.append(f"{name}: control characters on stderr")
-    if took_s > MAX_S:
-        outcome.faults.append(f"{name}: took {took_s:.1f} s")
+    if outcome.slowest_s > MAX_S:
+        outcome.faults.append(f"{name}: took {outcome.slowest_s:.1f} s")
+    return outcome
 
 
 def main() -> int:
     """Run a campaign of so many files as the command line says."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
-    outcome = campaign(count, seed=2)
+    outcome = campaign(count, 2, (os.cpu_count() or 1) + 1, lambda text: print(text, flush=True))
     mib = outcome.child_bytes / 2**20
     print(f"{count} mutants: exit codes {dict(sorted(outcome.codes.items()))}")
     print(f"slowest {outcome.slowest_s:.1f} s, largest child {mib:.0f} MiB")
