@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .database import parse_codec as parse_codec
     from .database import read_dbc as read_dbc
     from .database import shipped_dbc as shipped_dbc
+    from .database import split_by_bus as split_by_bus
     from .errors import BumpbenchError as BumpbenchError
     from .errors import InputError as InputError
     from .finding import Finding as Finding

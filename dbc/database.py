@@ -27,6 +27,7 @@ from .reader.lint import (
     usable_part,
     with_own_names,
 )
+from .reader.networks import MARK, network_names, one_network
 from .reader.source import Source
 
 
@@ -41,7 +42,8 @@ def read_dbc(path: str | Path) -> str:
     Parameters
     ----------
     path : str or Path
-        A regular file of at most 5 MB.
+        A regular file of at most 5 MB.  ``car.kcd#Powertrain`` is one bus of a KCD or ARXML: the
+        text without the others.
 
     Returns
     -------
@@ -51,9 +53,13 @@ def read_dbc(path: str | Path) -> str:
     Raises
     ------
     InputError
-        If it cannot be read, is too large or is UTF-16.
+        If it cannot be read, is too large or is UTF-16, or has no such bus.
     """
     path = Path(path)
+    whole_file, mark, network = str(path).rpartition(MARK)
+    if mark and not path.exists() and Path(whole_file).is_file():
+        text = read_dbc(whole_file)
+        return one_network(text, foreign_kind(text, whole_file), whole_file, network)
     if path.exists() and not path.is_file():  # a directory; or a device, which may never end
         raise InputError(str(path), "not a file", PICK_DBC)
     try:
@@ -69,6 +75,15 @@ def read_dbc(path: str | Path) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
         return content.decode("cp1252", errors="replace")
+
+
+def split_by_bus(text: str, name: str) -> dict[str, str]:
+    """Return the text of each bus that a KCD or ARXML describes, by its name; of others nothing.
+
+    `text` and `name`: as in `parse_codec`.
+    """
+    kind = foreign_kind(text, name)
+    return {each: one_network(text, kind, name, each) for each in network_names(text, kind)}
 
 
 def load_codec(path: str | Path) -> Codec:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from .config import on_bus as on_bus
     from .config import parse_bench as parse_bench
     from .databases import Database as Database
+    from .databases import each_bus as each_bus
+    from .databases import file_and_bus as file_and_bus
     from .databases import stored_text as stored_text
     from .edit import with_campaign as with_campaign
     from .edit import with_channel as with_channel

@@ -10,11 +10,14 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import PurePath
 
-from dbc import Codec, parse_codec
+from dbc import Codec, parse_codec, split_by_bus
 
 from ..errors import InputError
 
+_BUS_MARK = "#"
+"""Stands between a file and one of its buses, as `dbc.read_dbc` reads them."""
 _KEY = "bumpbench_databases"
 
 
@@ -55,6 +58,23 @@ def database_text(databases: Sequence[Database], name: str) -> str | None:
     if len(databases) == 1:
         return databases[0].text
     return next((each.text for each in databases if each.name == name), None)
+
+
+def each_bus(database: Database) -> tuple[Database, ...]:
+    """Return a database of several buses as one for each, called ``FILE#BUS``; others as they are.
+
+    Each has the part of its own bus as its text.
+    """
+    parts = split_by_bus(database.text, database.name)
+    if len(parts) < 2:
+        return (database,)
+    return tuple(Database(f"{database.name}{_BUS_MARK}{bus}", text) for bus, text in parts.items())
+
+
+def file_and_bus(name: str) -> tuple[str, str]:
+    """Return the file and the bus in the name of a database; no bus if it names none."""
+    file, _, bus = name.rpartition(_BUS_MARK)
+    return (file, bus) if PurePath(file).suffix else (name, "")
 
 
 @lru_cache(maxsize=32)

@@ -12,10 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 
+from dbc.codec import Codec
 from dbc.frames import FrameBatch
 from dbc.layout import MessageLayout
 
-from ..bench.databases import Database, database_codec
+from ..bench.databases import Database, database_codec, file_and_bus
 from ..bench.sensors import Sensor
 from .frame_checks import Arrivals, frame_table
 
@@ -53,21 +54,21 @@ def find_sensors(
 ) -> tuple[tuple[FoundSensor, ...], tuple[str, ...]]:
     """Return the sensors, and the names of the databases of which nothing came.
 
-    `traffic`: None if there was none: each database is then one sensor, on the first bus.  Raises
-    InputError if a database cannot be used.
+    `traffic`: None if there was none: each database is then one sensor, on the first bus, or each
+    bus of a file on one of its own.  Raises InputError if a database cannot be used.
     """
     codecs = {each.name: database_codec(each.text, each.name) for each in databases}
     if not traffic:
-        found = [(name, 0, 0, "no traffic: on the first bus", True) for name in codecs]
-        return _named(found), ()
+        return _named(_without_traffic(tuple(codecs))), ()
+    own = _own_traffic(codecs, traffic)
     present: list[tuple[str, int, int, str, bool]] = []
     claimed: set[tuple[int, int, bool]] = set()
-    for name, codec in codecs.items():
-        for bus in sorted({key[0] for key in traffic}):
-            own = [m for m in codec.messages if (bus, m.can_id, m.is_extended) in traffic]
-            claimed |= {(bus, m.can_id, m.is_extended) for m in own}
-            if own:
-                present.append((name, bus, 0, f"{len(own)} of its messages come there", True))
+    for (name, bus), keys in own.items():
+        claimed |= keys
+        ask = f"is it this bus of the file? {len(keys)} messages come of another one, too"
+        surely = not any(b == bus and _one_file(n, name) for n, b in own)
+        why = f"{len(keys)} of its messages come there" if surely else ask
+        present.append((name, bus, 0, why, surely))
     for name, codec in codecs.items():
         for bus, offset in _offsets(codec.messages, traffic, claimed):
             moved = {
@@ -82,6 +83,53 @@ def find_sensors(
                 present.append((name, bus, offset, why, False))
     absent = tuple(name for name in codecs if name not in {each[0] for each in present})
     return _named(present), absent
+
+
+def _own_traffic(
+    codecs: Mapping[str, Codec], traffic: Traffic
+) -> dict[tuple[str, int], set[tuple[int, int, bool]]]:
+    """Return what comes of each database on each bus, where something does.
+
+    A bus of the bench is one bus of a file: that of which most comes.  What is as likely stays.
+    """
+    own = {
+        (name, bus): {
+            (bus, m.can_id, m.is_extended)
+            for m in codec.messages
+            if (bus, m.can_id, m.is_extended) in traffic
+        }
+        for name, codec in codecs.items()
+        for bus in sorted({key[0] for key in traffic})
+    }
+    own = {key: keys for key, keys in own.items() if keys}
+    is_part = {n for n in codecs if any(_one_file(n, other) for other in codecs)}
+    while True:
+        for (name, bus), keys in own.items():
+            against = [
+                (n, b)
+                for n, b in own
+                if (n == name and b != bus and n in is_part) or (b == bus and _one_file(n, name))
+            ]
+            if against and all(len(keys) > len(own[other]) for other in against):
+                break
+        else:
+            return own
+        own = {key: keys for key, keys in own.items() if key not in against}
+
+
+def _one_file(name: str, other: str) -> bool:
+    """Return true if they are two buses of one file."""
+    (file, bus), (other_file, other_bus) = file_and_bus(name), file_and_bus(other)
+    return bool(bus and other_bus) and (file, bus != other_bus) == (other_file, True)
+
+
+def _without_traffic(names: Sequence[str]) -> list[tuple[str, int, int, str, bool]]:
+    found = []
+    for place, name in enumerate(names):
+        bus = sum(_one_file(name, before) for before in names[:place])
+        why = "no traffic: on a bus of its own" if bus else "no traffic: on the first bus"
+        found.append((name, bus, 0, why, True))
+    return found
 
 
 def _offsets(
@@ -130,7 +178,8 @@ def _named(present: Sequence[tuple[str, int, int, str, bool]]) -> tuple[FoundSen
 
 
 def _stem(database: str) -> str:
-    stem = PurePath(database.removeprefix("layout:")).stem
+    file, bus = file_and_bus(database.removeprefix("layout:"))
+    stem = bus or PurePath(file).stem
     plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in stem).strip("_").lower()
     plain = plain or "sensor"
     return (plain if plain[0].isalpha() else f"s_{plain}")[:_NAME_LENGTH]

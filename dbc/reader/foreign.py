@@ -27,6 +27,7 @@ from .lint import (
     usable_part,
     with_own_names,
 )
+from .networks import MARK
 from .sentinels import sentinels
 
 MAX_CHARACTERS = {"kcd": 1_000_000, "sym": 1_000_000, "arxml": 5_000_000}
@@ -72,6 +73,8 @@ def parse_foreign(text: str, name: str) -> Codec:
         raise InputError(name, what, "give the database of the bus: DBC, KCD, SYM or ARXML")
     _check_numbers(text, name, kind)
     messages: list[MessageLayout] = []
+    meanings: set[MessageLayout] = set()
+    networks: list[str] = []
     left_out: list[Finding] = []
     for found in _parse(text, name, kind):
         try:
@@ -80,10 +83,19 @@ def parse_foreign(text: str, name: str) -> Codec:
             what = f"{found.name}.{fault.signal}" if fault.signal else f"message {found.name}"
             left_out.append(unusable(name, what, fault.reason))
         else:
+            # Passed on from one bus to another, a message means the same on both.
+            meaning = replace(message, senders=(), cycle_s=None)
+            if meaning in meanings:
+                continue
+            meanings.add(meaning)
             messages.append(message)
+            networks.append(found.bus_name or "")
             left_out += [unusable(name, f"{found.name}.{signal}", why) for signal, why in lost]
     twice = ambiguous(messages)
-    left_out += [unusable(name, f"message {messages[i].name}", why) for i, why in twice.items()]
+    several = len({networks[i] for i in twice}) > 1
+    for i, why in twice.items():
+        advice = f" (if it is of the bus {networks[i]}, name {name}{MARK}{networks[i]})"
+        left_out.append(unusable(name, f"message {messages[i].name}", why + advice * several))
     kept = tuple(with_own_names([m for i, m in enumerate(messages) if i not in twice]))
     if not kept:
         what = left_out[0].text if left_out else "it has no messages"

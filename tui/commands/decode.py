@@ -138,7 +138,7 @@ def _databases(paths: Sequence[Path]) -> Codec:
     has the identifier of one in another database.
     """
     from daq import InputError
-    from daq.bench import Database, Sensor, sensors_codec
+    from daq.bench import Database, Sensor, file_and_bus, sensors_codec
     from dbc import load_codec, parse_codec, read_dbc, shipped_dbc
 
     from ..diagnostics import say
@@ -153,7 +153,8 @@ def _databases(paths: Sequence[Path]) -> Codec:
     if len(files) == 1:
         return load_codec(paths[0])
     databases = [Database(str(path), text) for text, path in files.items()]
-    stems = [path.stem.replace(".", "_") for path in files.values()]
+    parts = [file_and_bus(str(path)) for path in files.values()]
+    stems = [(bus or Path(file).stem).replace(".", "_") for file, bus in parts]
     # Two folders may have files of one name.
     names = [f"{s}_{n}" if stems.count(s) > 1 else s for n, s in enumerate(stems, start=1)]
     sensors = [Sensor(name, each.name) for name, each in zip(names, databases, strict=True)]
