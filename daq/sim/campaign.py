@@ -116,10 +116,8 @@ def recorded(
         rng = np.random.default_rng([seed, 1, number])
         groups = _sampled(plan, car, drawn, installation, motion, rng)
         runs.append(_run(bump, repeats[kind], plan.bump_s, groups))
-    return Session(plan.vehicle, plan.channels, plan.mass_states, tuple(runs), _SOURCE)
-
-
-_SOURCE = MappingProxyType({"source": "simulation"})
+    source = {"source": "simulation"}
+    return Session(plan.vehicle, plan.channels, plan.mass_states, tuple(runs), source)
 
 
 def _driven(plants: Mapping[str, Plant], plan: Plan, rng: np.random.Generator) -> list[Motion]:

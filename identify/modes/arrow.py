@@ -59,9 +59,8 @@ class System:
 
     def pole_information(self) -> NDArray[np.float64]:
         """Return the information of the poles, all else projected out, (2 m, 2 m)."""
-        added = _ROUNDING * np.einsum(
-            "rii->ri", np.concatenate([self.pole_pole[None], self.run_run])
-        )
+        size = np.einsum("rii->ri", np.concatenate([self.pole_pole[None], self.run_run]))
+        added = np.where(size > 0.0, _ROUNDING * size, 1.0)  # a wave of zeros has no effect
         reduced, _, _ = self._without_runs(added)
         n = self.by_poles.size
         scale = unit_scale(reduced)

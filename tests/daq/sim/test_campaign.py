@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -45,6 +46,7 @@ def column(simulated: Simulated, run: int, name: str) -> tuple[np.ndarray, np.nd
 
 def test_samples_are_the_motion_at_their_instants() -> None:
     simulated = simulate(CAR, PLAN, 1)
+    assert pickle.loads(pickle.dumps(simulated.session)).provenance == {"source": "simulation"}
     for run in range(3):
         t, rate = column(simulated, run, "pitch_rate")
         assert len(t) == 110

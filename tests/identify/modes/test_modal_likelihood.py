@@ -169,3 +169,24 @@ def test_noise_free_modes_have_no_deviation_and_those_of_a_matrix_have_none_stat
     assert list(found.frequency_std_hz) == [0.0]
     assert list(found.damping_ratio_std) == [0.0]
     assert np.all(np.isnan(TRUTH.frequency_std_hz))
+
+
+def test_a_mode_that_has_died_before_the_first_sample_is_held_and_leaves_the_others_alone() -> None:
+    rng = np.random.default_rng(2)
+    poles = oscillators([1.0], [0.05])
+    time = np.arange(1, 301) / 50.0
+    both = [
+        0.01 * rng.standard_normal((300, 2))
+        + 2.0 * np.real(np.exp(np.outer(time, poles)) @ (np.array([[1.0, 0.5]]) * size))
+        for size in (1.0, 0.7j)
+    ]
+    run, channel = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
+    block = Block(time, np.hstack(both), run, channel)
+    alone = most_likely_modes([block], poles, np.array([[1.0], [0.5]], dtype=complex))
+    shapes = np.array([[1.0, 1.0], [0.5, 1.0]], dtype=complex)
+    beside = most_likely_modes([block], np.append(poles, -1e6), shapes)
+    assert abs(alone.poles[0] / poles[0] - 1.0) < 0.002
+    assert abs(beside.poles[0] / alone.poles[0] - 1.0) < 1e-6
+    assert np.isfinite(beside.pole_covariance).all()
+    ratio = beside.frequency_std_hz[0] / alone.frequency_std_hz[0]
+    assert abs(ratio - 1.0) < 0.01
