@@ -55,7 +55,7 @@ mutate: .venv/test
 	$(BIN)/python -m tests.mutate --count $(or $(N),200) --seed $(or $(SEED),1) \
 	    --jobs $(or $(JOBS),$(shell getconf _NPROCESSORS_ONLN)) $(PATHS)
 
-# Mutated DBCs, session files, logs, files of channels and exports: no traceback, no hang, bounded memory.
+# Mutated databases, session files, logs, files of channels and exports: no traceback, no hang, bounded memory.
 fuzz: .venv/test
 	$(BIN)/python -m tests.dbc.mutations $(or $(FILES),5000)
 	$(BIN)/python -m tests.daq.mutations $(or $(FILES),2000)

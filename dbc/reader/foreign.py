@@ -6,8 +6,9 @@ Such a file has no line numbers by the time that it can be judged; messages name
 from __future__ import annotations
 
 import re
+import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from ..codec import Codec
 from ..errors import InputError
 from ..finding import Finding
 from ..layout import MessageLayout, SignalLayout
+from .complaints import complaints
 from .document import joined
 from .limits import MAX_MESSAGES, MAX_PAYLOAD_BYTES, MAX_SIGNAL_BITS
 from .lint import (
@@ -32,6 +34,9 @@ from .sentinels import sentinels
 
 MAX_CHARACTERS = {"kcd": 1_000_000, "sym": 1_000_000, "arxml": 5_000_000}
 """Longest text: cantools takes about 2 s for as much.  An ARXML says little in many words."""
+
+MAX_LIMIT = int(sys.float_info.max)
+"""What lies beyond it is no number of float64."""
 
 _HEAD = 4096
 """Characters in which a database says what it is."""
@@ -76,9 +81,12 @@ def parse_foreign(text: str, name: str) -> Codec:
     meanings: set[MessageLayout] = set()
     networks: list[str] = []
     left_out: list[Finding] = []
-    for found in _parse(text, name, kind):
+    found_messages, complained = _parse(text, name, kind)
+    for found in found_messages:
         try:
             message, lost = usable_part(_message(found))
+        except OverflowError:
+            left_out.append(unusable(name, f"message {found.name}", "has a number beyond float64"))
         except FaultError as fault:
             what = f"{found.name}.{fault.signal}" if fault.signal else f"message {found.name}"
             left_out.append(unusable(name, what, fault.reason))
@@ -106,7 +114,8 @@ def parse_foreign(text: str, name: str) -> Codec:
         for message, pairs in shared
         if pairs
     )
-    return Codec(kept, tuple(left_out), notes)
+    said = tuple(odd(name, "the text", f"is odd to cantools: {each}") for each in complained)
+    return Codec(kept, tuple(left_out), (*notes, *said))
 
 
 def _check_numbers(text: str, name: str, kind: str) -> None:
@@ -135,12 +144,14 @@ def _misfit(text: str, name: str, position: int, what: str) -> InputError:
     return InputError(f"{name}:{line}", what, "correct that line")
 
 
-def _parse(text: str, name: str, kind: str) -> Sequence[Any]:
+def _parse(text: str, name: str, kind: str) -> tuple[Sequence[Any], Collection[str]]:
+    """Return the messages as cantools has them, and what it complained of."""
     from cantools.database.can.formats import arxml, kcd, sym
 
     load = {"kcd": kcd.load_string, "sym": sym.load_string, "arxml": arxml.load_string}[kind]
     try:
-        return tuple(load(text, strict=False).messages)
+        with complaints() as complained:
+            return tuple(load(text, strict=False).messages), complained
     except Exception as error:
         # cantools raises whatever comes up: ValueError, KeyError, its own, the XML parser's.
         what = str(error).split("\n", 1)[0] or type(error).__name__
@@ -180,11 +191,23 @@ def _with_own_names(signals: Sequence[SignalLayout]) -> tuple[SignalLayout, ...]
     return tuple(found)
 
 
+def _limits(signal: Any) -> tuple[float | None, float | None]:
+    """Return the lowest and the highest value; a limit beyond float64 limits nothing."""
+    low, high = (
+        None if limit is None else min(max(limit, -MAX_LIMIT), MAX_LIMIT)
+        for limit in (signal.minimum, signal.maximum)
+    )
+    if signal.conversion.scale < 0 and low is not None and high is not None and low > high:
+        low, high = high, low  # of an ARXML: the limits of the raw values, each made physical
+    return None if low is None else float(low), None if high is None else float(high)
+
+
 def _signal(signal: Any) -> SignalLayout:
     is_float = signal.conversion.is_float
     factor, offset = signal.conversion.scale, signal.conversion.offset
     if not is_float and factor == factor // 1 and offset == offset // 1:
         factor, offset = int(factor), int(offset)
+    low, high = _limits(signal)
     layout = SignalLayout(
         name=signal.name,
         unit=signal.unit or "",
@@ -195,8 +218,8 @@ def _signal(signal: Any) -> SignalLayout:
         is_float=is_float,
         factor=factor,
         offset=offset,
-        minimum=None if signal.minimum is None else float(signal.minimum),
-        maximum=None if signal.maximum is None else float(signal.maximum),
+        minimum=low,
+        maximum=high,
         selector=signal.multiplexer_signal,
         selected_by=joined([(value, value) for value in signal.multiplexer_ids or ()]),
         sentinels=(),

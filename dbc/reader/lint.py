@@ -97,7 +97,7 @@ def _signal_fault(message: MessageLayout, signal: SignalLayout) -> str | None:
 def _bits_fault(message: MessageLayout, signal: SignalLayout) -> str | None:
     if not 1 <= signal.length <= MAX_SIGNAL_BITS:
         return f"has {signal.length} bits, not 1 to {MAX_SIGNAL_BITS}"
-    if signal.start >= 8 * MAX_PAYLOAD_BYTES:
+    if not 0 <= signal.start < 8 * MAX_PAYLOAD_BYTES:
         return f"starts at bit {signal.start}, outside any payload"
     if signal.last_byte >= message.length:
         return f"ends in byte {signal.last_byte + 1} of a message of {message.length}"

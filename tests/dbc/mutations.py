@@ -1,6 +1,7 @@
-"""Mutated DBCs against the loader: `python -m tests.dbc.mutations N`.
+"""Mutated databases against the loader: `python -m tests.dbc.mutations N`.
 
-Each is loaded, under limits of time and memory, and frames are decoded with what is loaded of it.
+N DBCs and as many KCD, SYM and ARXML.  Each is loaded, under limits of time and memory, and frames
+are decoded with what is loaded of it.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import resource
 import signal
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import process_time
@@ -20,6 +21,7 @@ import numpy as np
 from dbc import InputError, parse_codec, shipped_dbc
 from tests.benchmarks.decode import database_text
 
+from .foreign_texts import SYM_TEXT, TWO_BUSES, arxml, kcd_text
 from .frames import block
 
 LIMIT_BYTES = 1 << 30
@@ -29,6 +31,7 @@ TOKENS = (
     *("BO_ ", " SG_ ", "CM_ ", "VAL_ ", "SG_MUL_VAL_ ", "SIG_VALTYPE_ ", "BA_ ", "NS_ :", "BU_:"),
     *("M", "m0", "m1M", "-1", "0", "64", "1000000", "1e400", "9" * 400, "0x10", "2147483648"),
 )
+DIGITS = (*TOKENS[-8:], *"01234567")
 MIXED = """VERSION "1"
 
 NS_ :
@@ -65,7 +68,16 @@ SG_MUL_VAL_ 100 inner top 1-3;
 SG_MUL_VAL_ 100 deep inner 2-2, 5-9;
 SG_MUL_VAL_ 100 other top 0-0;
 """
-SEEDS = (MIXED, shipped_dbc(), database_text())
+SEEDS = {
+    "dbc": (MIXED, shipped_dbc(), database_text()),
+    "kcd": (kcd_text("Low"), TWO_BUSES),
+    "sym": (SYM_TEXT,),
+    "arxml": (arxml(),),
+}
+"""Whole databases by their kind."""
+CHANGES = {"dbc": tuple(range(8))}
+NUMBERS = (0, 1, 2, 3, 4, 5, 6, *[7] * 20)
+"""Changes of a grammar in which little else than a number can change and leave it sound."""
 
 
 @dataclass(frozen=True)
@@ -77,14 +89,14 @@ class Tally:
     peak_bytes: int
 
 
-def mutate(text: str, dice: random.Random) -> str:
+def mutate(text: str, dice: random.Random, changes: Sequence[int] = range(8)) -> str:
     """Return the text with one to four changes: characters, spans, numbers, lines, tokens."""
     for _ in range(dice.randint(1, 4)):
         at = dice.randrange(len(text) + 1)
         to = min(len(text), at + dice.randint(1, 40))
         lines = text.split("\n")
         row, other = dice.randrange(len(lines)), dice.randrange(len(lines))
-        kind = dice.randrange(8)
+        kind = dice.choice(changes)
         if kind == 0:
             text = text[:at] + chr(dice.choice((9, 34, 47, 58, 124, 255, 0x20AC))) + text[at + 1 :]
         elif kind == 1:
@@ -104,13 +116,13 @@ def mutate(text: str, dice: random.Random) -> str:
         else:
             digits = [i for i, character in enumerate(text) if character.isdigit()]
             place = dice.choice(digits or [0])
-            text = text[:place] + dice.choice(TOKENS[-8:]) + text[place + 1 :]
+            text = text[:place] + dice.choice(DIGITS) + text[place + 1 :]
         text = text or " "
     return text
 
 
-def campaign(n: int, seed: int) -> Tally:
-    """Load n mutated DBCs and decode frames with those that load.
+def campaign(n: int, seed: int, kind: str = "dbc") -> Tally:
+    """Load n mutated databases of a kind and decode frames with those that load.
 
     Raises
     ------
@@ -121,24 +133,24 @@ def campaign(n: int, seed: int) -> Tally:
     outcome: Counter[str] = Counter()
     slowest = 0.0
     for _ in range(n):
-        text = mutate(dice.choice(SEEDS), dice)
+        text = mutate(dice.choice(SEEDS[kind]), dice, CHANGES.get(kind, NUMBERS))
         start = process_time()
         with _time_limit():
-            outcome[_load(text)] += 1
+            outcome[_load(text, f"mutated.{kind}")] += 1
         slowest = max(slowest, process_time() - start)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return Tally(outcome, slowest, peak)
 
 
-def _load(text: str) -> str:
+def _load(text: str, name: str) -> str:
     try:
-        codec = parse_codec(text, "mutated.dbc")
+        codec = parse_codec(text, name)
     except InputError as error:
         line = str(error)
-        assert line.startswith("mutated.dbc"), line
+        assert line.startswith(name), line
         assert line.isprintable(), line
         return "refused"
-    for message in codec.messages:
+    for message in codec.messages[:50]:  # a range of identifiers makes thousands
         payloads = [bytes(message.length), b"\xff" * message.length, b"\1"]
         decoded = codec.decode(block(payloads, message.can_id, message.is_extended))
         for samples in decoded.samples.values():
@@ -150,7 +162,7 @@ def _load(text: str) -> str:
 @contextmanager
 def _time_limit() -> Iterator[None]:
     def hang(*_: object) -> None:
-        raise TimeoutError(f"a DBC took more than {LIMIT_S} s")
+        raise TimeoutError(f"a database took more than {LIMIT_S} s")
 
     before = signal.signal(signal.SIGALRM, hang)
     signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
@@ -165,12 +177,13 @@ def main() -> None:
     """Run a campaign under a limit of memory and print what came of it."""
     resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
     n = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
-    tally = campaign(n, seed=1)
-    shares = ", ".join(f"{count:,} {name}" for name, count in tally.outcome.most_common())
-    sys.stdout.write(f"mutated DBCs, {n:,}: {shares}; no traceback, no hang\n")
-    sys.stdout.write(
-        f"slowest {tally.slowest_s:.2f} s, peak memory {tally.peak_bytes / 1e6:.0f} MB\n"
-    )
+    for kind in SEEDS:
+        tally = campaign(n, 1, kind)
+        shares = ", ".join(f"{count:,} {name}" for name, count in tally.outcome.most_common())
+        sys.stdout.write(f"mutated {kind}, {n:,}: {shares}; no traceback, no hang\n")
+        peak_mb = tally.peak_bytes / 1e6
+        sys.stdout.write(f"slowest {tally.slowest_s:.2f} s, peak memory {peak_mb:.0f} MB\n")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import cantools.database
@@ -10,78 +11,7 @@ import pytest
 
 from dbc import FrameBatch, InputError, load_codec, parse_codec
 
-FRAME = 0x123
-
-
-def arxml(length: int = 12) -> str:
-    """Return a system description: one frame with one signal of 12 bits, 0.5 m/s2 a bit, -10."""
-
-    def package(name: str, elements: str) -> str:
-        inner = f"<SHORT-NAME>{name}</SHORT-NAME><ELEMENTS>{elements}</ELEMENTS>"
-        return f"<AR-PACKAGE>{inner}</AR-PACKAGE>"
-
-    cluster = (
-        "<CAN-CLUSTER><SHORT-NAME>Bus</SHORT-NAME><CAN-CLUSTER-VARIANTS><CAN-CLUSTER-CONDITIONAL>"
-        "<BAUDRATE>500000</BAUDRATE><PHYSICAL-CHANNELS><CAN-PHYSICAL-CHANNEL>"
-        "<SHORT-NAME>Channel</SHORT-NAME><FRAME-TRIGGERINGS><CAN-FRAME-TRIGGERING>"
-        "<SHORT-NAME>Trigger</SHORT-NAME><FRAME-REF DEST='CAN-FRAME'>/F/Hub</FRAME-REF>"
-        "<CAN-ADDRESSING-MODE>STANDARD</CAN-ADDRESSING-MODE>"
-        f"<IDENTIFIER>{FRAME}</IDENTIFIER></CAN-FRAME-TRIGGERING></FRAME-TRIGGERINGS>"
-        "</CAN-PHYSICAL-CHANNEL></PHYSICAL-CHANNELS></CAN-CLUSTER-CONDITIONAL>"
-        "</CAN-CLUSTER-VARIANTS></CAN-CLUSTER>"
-    )
-    frame = (
-        "<CAN-FRAME><SHORT-NAME>Hub</SHORT-NAME><FRAME-LENGTH>8</FRAME-LENGTH>"
-        "<PDU-TO-FRAME-MAPPINGS><PDU-TO-FRAME-MAPPING><SHORT-NAME>M</SHORT-NAME>"
-        "<PACKING-BYTE-ORDER>MOST-SIGNIFICANT-BYTE-LAST</PACKING-BYTE-ORDER>"
-        "<PDU-REF DEST='I-SIGNAL-I-PDU'>/P/Pdu</PDU-REF><START-POSITION>0</START-POSITION>"
-        "</PDU-TO-FRAME-MAPPING></PDU-TO-FRAME-MAPPINGS></CAN-FRAME>"
-    )
-    pdu = (
-        "<I-SIGNAL-I-PDU><SHORT-NAME>Pdu</SHORT-NAME><LENGTH>8</LENGTH><I-SIGNAL-TO-PDU-MAPPINGS>"
-        "<I-SIGNAL-TO-I-PDU-MAPPING><SHORT-NAME>S</SHORT-NAME>"
-        "<I-SIGNAL-REF DEST='I-SIGNAL'>/S/az</I-SIGNAL-REF>"
-        "<PACKING-BYTE-ORDER>MOST-SIGNIFICANT-BYTE-LAST</PACKING-BYTE-ORDER>"
-        "<START-POSITION>4</START-POSITION></I-SIGNAL-TO-I-PDU-MAPPING>"
-        "</I-SIGNAL-TO-PDU-MAPPINGS></I-SIGNAL-I-PDU>"
-    )
-    signal = (
-        f"<I-SIGNAL><SHORT-NAME>az</SHORT-NAME><LENGTH>{length}</LENGTH>"
-        "<NETWORK-REPRESENTATION-PROPS><SW-DATA-DEF-PROPS-VARIANTS>"
-        "<SW-DATA-DEF-PROPS-CONDITIONAL>"
-        "<BASE-TYPE-REF DEST='SW-BASE-TYPE'>/T/uint</BASE-TYPE-REF>"
-        "</SW-DATA-DEF-PROPS-CONDITIONAL></SW-DATA-DEF-PROPS-VARIANTS>"
-        "</NETWORK-REPRESENTATION-PROPS>"
-        "<SYSTEM-SIGNAL-REF DEST='SYSTEM-SIGNAL'>/Y/az</SYSTEM-SIGNAL-REF></I-SIGNAL>"
-    )
-    base = (
-        "<SW-BASE-TYPE><SHORT-NAME>uint</SHORT-NAME><BASE-TYPE-ENCODING>NONE</BASE-TYPE-ENCODING>"
-        "</SW-BASE-TYPE>"
-    )
-    method = (
-        "<COMPU-METHOD><SHORT-NAME>half</SHORT-NAME><CATEGORY>LINEAR</CATEGORY>"
-        "<UNIT-REF DEST='UNIT'>/U/acc</UNIT-REF><COMPU-INTERNAL-TO-PHYS><COMPU-SCALES><COMPU-SCALE>"
-        "<COMPU-RATIONAL-COEFFS><COMPU-NUMERATOR><V>-10</V><V>0.5</V></COMPU-NUMERATOR>"
-        "<COMPU-DENOMINATOR><V>1</V></COMPU-DENOMINATOR></COMPU-RATIONAL-COEFFS></COMPU-SCALE>"
-        "</COMPU-SCALES></COMPU-INTERNAL-TO-PHYS></COMPU-METHOD>"
-    )
-    unit = "<UNIT><SHORT-NAME>acc</SHORT-NAME><DISPLAY-NAME>m/s2</DISPLAY-NAME></UNIT>"
-    system = (
-        "<SYSTEM-SIGNAL><SHORT-NAME>az</SHORT-NAME><PHYSICAL-PROPS><SW-DATA-DEF-PROPS-VARIANTS>"
-        "<SW-DATA-DEF-PROPS-CONDITIONAL>"
-        "<COMPU-METHOD-REF DEST='COMPU-METHOD'>/C/half</COMPU-METHOD-REF>"
-        "</SW-DATA-DEF-PROPS-CONDITIONAL></SW-DATA-DEF-PROPS-VARIANTS></PHYSICAL-PROPS>"
-        "</SYSTEM-SIGNAL>"
-    )
-    names = {"N": cluster, "F": frame, "P": pdu, "S": signal, "T": base, "C": method}
-    names |= {"U": unit, "Y": system}
-    return (
-        "<?xml version='1.0' encoding='UTF-8'?>\n<AUTOSAR xmlns='http://autosar.org/schema/r4.0' "
-        "xmlns:xsi='http://www.w3.org/2001/XMLSchema-instance' "
-        "xsi:schemaLocation='http://autosar.org/schema/r4.0 AUTOSAR_4-2-2.xsd'>\n<AR-PACKAGES>"
-        + "\n".join(package(name, elements) for name, elements in names.items())
-        + "</AR-PACKAGES></AUTOSAR>\n"
-    )
+from .foreign_texts import FRAME, SYM_TEXT, arxml, kcd_text
 
 
 def frames(can_id: int, payload: bytes, extended: bool = False) -> FrameBatch:
@@ -183,24 +113,12 @@ def test_several_sources_of_one_group_are_told_apart_by_their_identifiers_alone(
     assert not codec.decode(frames(0x0CF00477, PAYLOAD, True)).samples
 
 
-def kcd(second: str) -> str:
-    """Return a message whose selector chooses one of two signals, the second one as given."""
-    return (
-        '<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"><Document/>'
-        '<Bus name="B"><Message id="0x123" name="Limits" length="8">'
-        '<Multiplex name="Which" offset="0" length="8">'
-        '<MuxGroup count="3"><Signal name="Low" offset="8" length="16"><Value slope="0.1"/>'
-        f'</Signal></MuxGroup><MuxGroup count="4"><Signal name="{second}" offset="16" length="16"/>'
-        "</MuxGroup></Multiplex></Message></Bus></NetworkDefinition>"
-    )
-
-
 @pytest.mark.parametrize(
     ("second", "names"),
     [("High", ["Low", "High"]), ("Low", ["Low_m3", "Low_m4"])],
 )
 def test_signals_of_one_name_that_a_selector_tells_apart(second: str, names: list[str]) -> None:
-    text = kcd(second)
+    text = kcd_text(second)
     codec = parse_codec(text, "a.kcd")
     assert not codec.left_out
     database = cantools.database.can.Database(strict=False)
@@ -211,3 +129,56 @@ def test_signals_of_one_name_that_a_selector_tells_apart(second: str, names: lis
         expected = database.decode_message(FRAME, payload)
         assert isinstance(expected, dict)
         assert found[f"Limits.{name}"].value.tolist() == [expected[("Low", second)[which - 3]]]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        ("a.kcd", kcd_text("High").replace('offset="8"', 'offset="-1"'), "Limits.Low starts at"),
+        ("a.sym", SYM_TEXT.replace("CycleTime=10", "CycleTime=1" + "0" * 400), "Pots has a number"),
+        ("a.sym", SYM_TEXT.replace("255=", "1e400="), "Which_A has a number beyond"),
+    ],
+)
+def test_a_number_that_no_frame_has_costs_its_signal_or_message_alone(
+    name: str, text: str, why: str
+) -> None:
+    codec = parse_codec(text, name)
+    assert [why in each.text for each in codec.left_out] == [True]
+    assert codec.messages
+
+
+def test_a_limit_beyond_float64_limits_nothing() -> None:
+    text = SYM_TEXT.replace("/max:5000", "/max:5" + "0" * 400)
+    signal = parse_codec(text, "a.sym").message("Pots").signal("Force")
+    assert (signal.minimum, signal.maximum) == (-5000.0, sys.float_info.max)
+
+
+SCALE = "<COMPU-SCALE><LOWER-LIMIT>{}</LOWER-LIMIT><UPPER-LIMIT>{}</UPPER-LIMIT>"
+
+
+def test_the_limits_of_a_falling_arxml_signal_are_in_order(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    text = arxml().replace("<V>0.5</V>", "<V>-0.5</V>")
+    codec = parse_codec(text.replace("<COMPU-SCALE>", SCALE.format(0, 4000)), "a.arxml")
+    signal = codec.message("Hub").signal("az")
+    assert (signal.factor, signal.minimum, signal.maximum) == (-0.5, -2010.0, -10.0)
+    found = codec.decode(frames(FRAME, (100 << 4).to_bytes(8, "little")))["Hub.az"]
+    assert (found.value.tolist(), found.quality.tolist()) == ([-60.0], [0])
+    assert not codec.notes
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("LINEAR</CATEGORY>", "RAT_FUNC</CATEGORY>", "category RAT_FUNC is not yet implemented"),
+        ("<COMPU-SCALE>", SCALE.format(5, 1), "valid interval"),
+    ],
+)
+def test_what_cantools_does_not_understand_of_values_is_a_note(
+    old: str, new: str, said: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    codec = parse_codec(arxml().replace(old, new, 1), "a.arxml")
+    assert [said in note.text for note in codec.notes] == [True]
+    assert capfd.readouterr() == ("", "")

@@ -137,3 +137,10 @@ def test_a_hundred_mutated_files_raise_nothing_else_and_fill_nothing() -> None:
     assert min(tally.outcome.values()) >= 5, "the changes are neither all harmless nor all fatal"
     assert len(tally.outcome) == 3
     assert tally.peak_bytes < before * 1024 + 300_000_000
+
+
+@pytest.mark.parametrize("kind", ["kcd", "sym", "arxml"])
+def test_mutated_files_of_other_kinds_raise_nothing_else(kind: str) -> None:
+    tally = campaign(60, seed=7, kind=kind)
+    assert sum(tally.outcome.values()) == 60
+    assert 5 <= tally.outcome["refused"] <= 55

@@ -9,48 +9,28 @@ import pytest
 
 from dbc import InputError, load_codec, parse_codec, read_dbc, split_by_bus
 
-from .test_foreign_databases import FRAME, arxml, frames
-
-
-def message(name: str, slope: float, can_id: int = FRAME, producer: str = "1") -> str:
-    return (
-        f'<Message id="{can_id:#x}" name="{name}" length="8">'
-        f'<Producer><NodeRef id="{producer}"/></Producer>'
-        f'<Signal name="az" offset="0" length="16"><Value slope="{slope}"/></Signal></Message>'
-    )
-
-
-def kcd(*buses: str) -> str:
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?>\n'
-        '<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"><Document name="x"/>'
-        '<Node id="1" name="A"/><Node id="2" name="B"/>' + "".join(buses) + "</NetworkDefinition>"
-    )
-
-
-FRONT = f'<Bus name="Front &amp; é">{message("Hub", 0.5)}{message("Own", 2.0, 0x200)}</Bus>'
-REAR = f'<Bus name="Rear">{message("Hub", 0.25)}</Bus>'
-TWO = kcd('<Bus name="Empty"/>', FRONT, REAR)
+from .foreign_texts import FRAME, REAR, TWO_BUSES, arxml, kcd, message
+from .test_foreign_databases import frames
 
 
 @pytest.mark.parametrize(("bus", "factor"), [("Front & é", 0.5), ("Rear", 0.25)])
 def test_a_bus_of_a_file_has_its_own_messages(tmp_path: Path, bus: str, factor: float) -> None:
     path = tmp_path / "car.kcd"
-    path.write_text(TWO, "utf-8")
+    path.write_text(TWO_BUSES, "utf-8")
     codec = load_codec(f"{path}#{bus}")
     assert not codec.left_out
     payload = (1000).to_bytes(8, "little")
     own = codec.decode(frames(FRAME, payload)).samples["Hub.az"].value.tolist()
     assert own == [1000 * factor]
     database = cantools.database.can.Database(strict=False)
-    database.add_kcd_string(TWO)
+    database.add_kcd_string(TWO_BUSES)
     theirs = [m for m in database.messages if (m.bus_name, m.name) == (bus, "Hub")]
     assert [m.decode(payload) for m in theirs] == [{"az": own[0]}]
     assert len(codec.messages) == (2 if factor == 0.5 else 1)
 
 
 def test_without_a_bus_the_shared_identifier_is_left_out_and_said_how_to_name_it() -> None:
-    codec = parse_codec(TWO, "car.kcd")
+    codec = parse_codec(TWO_BUSES, "car.kcd")
     assert [m.name for m in codec.messages] == ["Own"]
     assert len(codec.left_out) == 2
     assert "0x123" in codec.left_out[0].text
@@ -76,13 +56,13 @@ def test_one_identifier_twice_on_one_bus_stays_unknown() -> None:
 
 
 def test_the_texts_of_the_buses_by_name() -> None:
-    parts = split_by_bus(TWO, "car.kcd")
+    parts = split_by_bus(TWO_BUSES, "car.kcd")
     assert list(parts) == ["Empty", "Front & é", "Rear"]
     assert parts["Rear"] == kcd(REAR)
     assert parts["Empty"] == kcd('<Bus name="Empty"/>')
     assert split_by_bus("VERSION ''", "a.dbc") == {}
-    assert split_by_bus(TWO[:-30], "a.kcd") == {}
-    assert split_by_bus(TWO.replace("<Network", "<!DOCTYPE x><Network", 1), "a.kcd") == {}
+    assert split_by_bus(TWO_BUSES[:-30], "a.kcd") == {}
+    assert split_by_bus(TWO_BUSES.replace("<Network", "<!DOCTYPE x><Network", 1), "a.kcd") == {}
 
 
 def test_the_clusters_of_an_arxml_are_its_buses() -> None:
@@ -100,7 +80,7 @@ def test_the_clusters_of_an_arxml_are_its_buses() -> None:
 @pytest.mark.parametrize(
     ("name", "text", "why"),
     [
-        ("a.kcd", TWO, r"a\.kcd: has no bus Side .*Front"),
+        ("a.kcd", TWO_BUSES, r"a\.kcd: has no bus Side .*Front"),
         ("a.dbc", "VERSION ''\n", r"a\.dbc: has no bus Side .*without #Side"),
     ],
 )
@@ -112,5 +92,5 @@ def test_a_bus_that_is_not_there(tmp_path: Path, name: str, text: str, why: str)
 
 def test_a_file_whose_own_name_has_the_mark(tmp_path: Path) -> None:
     (tmp_path / "pot#Rear").write_text("one", "utf-8")
-    (tmp_path / "pot").write_text(TWO, "utf-8")
+    (tmp_path / "pot").write_text(TWO_BUSES, "utf-8")
     assert read_dbc(tmp_path / "pot#Rear") == "one"

@@ -12,7 +12,7 @@ from daq.bench.databases import Database, each_bus, stored_text
 from daq.check.find_sensors import find_sensors, traffic_of
 from dbc import FrameBatch
 
-from ...dbc.test_networks import FRONT, REAR, kcd, message
+from ...dbc.foreign_texts import FRONT, REAR, kcd, message
 
 CAR = kcd(FRONT, REAR.replace("</Bus>", message("Far", 1.0, 0x300) + "</Bus>"))
 DATABASES = each_bus(Database("car.kcd", CAR))
