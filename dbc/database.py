@@ -15,12 +15,14 @@ from .errors import InputError
 from .finding import Finding
 from .layout import MessageLayout
 from .reader.compose import compose
-from .reader.document import ORPHANS, Block, Document, read_document, whole
+from .reader.document import EXTENDED_BIT, ORPHANS, Block, Document, read_document, whole
 from .reader.foreign import foreign_kind, parse_foreign
 from .reader.limits import MAX_BYTES, PICK_DBC
 from .reader.lint import (
+    TOO_LONG,
     FaultError,
     ambiguous,
+    as_long_as_it_is,
     odd,
     overlaps,
     unusable,
@@ -160,7 +162,7 @@ def _compile(document: Document, source: Source) -> Codec:
             left_out.append(unusable(source.at(fault[0]), f"message {name}", fault[1]))
             continue
         try:
-            message, lost = usable_part(compose(document, block))
+            message, lost = usable_part(as_long_as_it_is(compose(document, block)))
         except FaultError as found:
             place, subject = _place(source, block, name, found.signal)
             left_out.append(unusable(place, subject, found.reason))
@@ -183,6 +185,8 @@ def _compile(document: Document, source: Source) -> Codec:
             where = f"has the name of another message: it is {own.name} here"
             notes.append(odd(*_place(source, block, message.name, None), where))
     for block, message in zip(blocks, kept, strict=True):
+        if block.head and message.is_extended and whole(block.head["id"]) < EXTENDED_BIT:
+            notes.append(odd(*_place(source, block, message.name, None), TOO_LONG))
         shared = overlaps(message)
         if shared:
             more = f" (and {len(shared) - 1} more signals)" if len(shared) > 1 else ""

@@ -10,7 +10,7 @@ from ..crc import CRC_RULES
 from ..layout import CounterRule, MessageLayout, SignalLayout
 from .document import EXTENDED_BIT, Block, Document, SignalKey, number, whole
 from .grammar import unquoted
-from .lint import FaultError
+from .lint import FaultError, with_own_signal_names
 from .sentinels import sentinels
 
 ROLE_ATTRIBUTE = "SignalRole"
@@ -45,6 +45,9 @@ def compose(document: Document, block: Block) -> MessageLayout:
         replace(s, name=renamed[s.name], selector=renamed.get(s.selector or "", s.selector))
         for s in signals
     ]
+    typed = {name for name in renamed if (identifier, name) in document.float_types}
+    fixed = {renamed[name] for name in (*typed, *roles.values())}
+    signals = list(with_own_signal_names(signals, fixed))
     rule = next((role for role in roles if role in CRC_RULES), None)
     by_role = {role: renamed[name] for role, name in roles.items()}
     counter = next((s for s in signals if s.name == by_role.get(COUNTER_ROLE)), None)

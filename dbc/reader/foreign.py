@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 import sys
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,13 +20,16 @@ from .complaints import complaints
 from .document import joined
 from .limits import MAX_MESSAGES, MAX_PAYLOAD_BYTES, MAX_SIGNAL_BITS
 from .lint import (
+    TOO_LONG,
     FaultError,
     ambiguous,
+    as_long_as_it_is,
     odd,
     overlaps,
     unusable,
     usable_part,
     with_own_names,
+    with_own_signal_names,
 )
 from .networks import MARK
 from .sentinels import sentinels
@@ -81,10 +83,12 @@ def parse_foreign(text: str, name: str) -> Codec:
     meanings: set[MessageLayout] = set()
     networks: list[str] = []
     left_out: list[Finding] = []
+    notes: list[Finding] = []
     found_messages, complained = _parse(text, name, kind)
     for found in found_messages:
         try:
-            message, lost = usable_part(_message(found))
+            stated = _message(found)
+            message, lost = usable_part(as_long_as_it_is(stated))
         except OverflowError:
             left_out.append(unusable(name, f"message {found.name}", "has a number beyond float64"))
         except FaultError as fault:
@@ -98,6 +102,8 @@ def parse_foreign(text: str, name: str) -> Codec:
             meanings.add(meaning)
             messages.append(message)
             networks.append(found.bus_name or "")
+            if message.is_extended != stated.is_extended:
+                notes.append(odd(name, f"message {found.name}", TOO_LONG))
             left_out += [unusable(name, f"{found.name}.{signal}", why) for signal, why in lost]
     twice = ambiguous(messages)
     several = len({networks[i] for i in twice}) > 1
@@ -109,13 +115,13 @@ def parse_foreign(text: str, name: str) -> Codec:
         what = left_out[0].text if left_out else "it has no messages"
         raise InputError(name, what, "give another file")
     shared = [(message.name, overlaps(message)) for message in kept]
-    notes = tuple(
+    notes += [
         odd(name, f"{message}.{pairs[0][0]}", f"overlaps {pairs[0][1]}")
         for message, pairs in shared
         if pairs
-    )
-    said = tuple(odd(name, "the text", f"is odd to cantools: {each}") for each in complained)
-    return Codec(kept, tuple(left_out), (*notes, *said))
+    ]
+    notes += [odd(name, "the text", f"is odd to cantools: {each}") for each in complained]
+    return Codec(kept, tuple(left_out), tuple(notes))
 
 
 def _check_numbers(text: str, name: str, kind: str) -> None:
@@ -170,25 +176,11 @@ def _message(message: Any) -> MessageLayout:
         is_extended=message.is_extended_frame,
         length=message.length,
         cycle_s=cycle_ms / 1000 if isinstance(cycle_ms, int | float) and cycle_ms > 0 else None,
-        signals=_with_own_names([_signal(signal) for signal in message.signals]),
+        signals=with_own_signal_names([_signal(signal) for signal in message.signals]),
         counter=None,
         crc=None,
         senders=tuple(message.senders),
     )
-
-
-def _with_own_names(signals: Sequence[SignalLayout]) -> tuple[SignalLayout, ...]:
-    """Return signals; those of one name that a selector distinguishes have its value in theirs.
-
-    ``Limit`` with the selector 3, and another with 4, are ``Limit_m3`` and ``Limit_m4``.
-    """
-    names = Counter(signal.name for signal in signals)
-    found = []
-    for signal in signals:
-        own = f"{signal.name}_m{signal.selected_by[0][0]}" if signal.selected_by else signal.name
-        twin = names[signal.name] > 1 and own not in names
-        found.append(replace(signal, name=own) if twin else signal)
-    return tuple(found)
 
 
 def _limits(signal: Any) -> tuple[float | None, float | None]:

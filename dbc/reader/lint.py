@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from ..finding import Finding, Severity
@@ -17,6 +17,7 @@ from .limits import MAX_NESTING, MAX_PAYLOAD_BYTES, MAX_SELECTIONS, MAX_SIGNAL_B
 
 MAX_COUNTER = 1 << 32
 STANDARD_BITS, EXTENDED_BITS = 11, 29
+TOO_LONG = "is marked as one of 11 bits, and its identifier has more: it is taken as one of 29"
 
 
 class FaultError(Exception):
@@ -218,6 +219,46 @@ def with_own_names(messages: Sequence[MessageLayout]) -> list[MessageLayout]:
             taken.add(name)
         found.append(message if name == message.name else replace(message, name=name))
     return found
+
+
+def with_own_signal_names(
+    signals: Sequence[SignalLayout], fixed: Collection[str] = ()
+) -> tuple[SignalLayout, ...]:
+    """Return the signals of a message; of those of one name, each under a name of its own.
+
+    ``Limit`` with the selector value 3, and another with 4, are ``Limit_m3`` and ``Limit_m4``; two
+    that are always there, from the bits 8 and 10 on, are ``Limit_b8`` and ``Limit_b10``.  `fixed`:
+    names to which the database gives a role or a type, so that it is not known which one is meant.
+    """
+    found = list(signals)
+    for part in (_selector_part, _bit_part):
+        names = Counter(signal.name for signal in found)
+        twins = Counter((signal.name, signal.selected_by, signal.start) for signal in found)
+        for place, signal in enumerate(found):
+            own = signal.name + part(signal)
+            is_one = twins[signal.name, signal.selected_by, signal.start] == 1
+            shared = names[signal.name] > 1 and signal.name not in fixed
+            if shared and is_one and own not in names:
+                found[place] = replace(signal, name=own)
+    return tuple(found)
+
+
+def _selector_part(signal: SignalLayout) -> str:
+    return f"_m{signal.selected_by[0][0]}" if signal.selected_by else ""
+
+
+def _bit_part(signal: SignalLayout) -> str:
+    return f"_b{signal.start}"
+
+
+def as_long_as_it_is(message: MessageLayout) -> MessageLayout:
+    """Return a message as one of 29 bits if it is marked as one of 11 that its identifier exceeds.
+
+    No other frame can have that identifier.
+    """
+    bits = message.can_id.bit_length()
+    too_long = not message.is_extended and STANDARD_BITS < bits <= EXTENDED_BITS
+    return replace(message, is_extended=True) if too_long else message
 
 
 def unusable(where: str, subject: str, reason: str) -> Finding:

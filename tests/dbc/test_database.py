@@ -63,7 +63,7 @@ REFUSED = {
     ),
     "same id again": (GOOD + f"\nBO_ 0256 N: 8 A\n{SIGNAL}", "x.dbc:5: message M has the ident"),
     "same signal": (GOOD + SIGNAL, "M.s is there twice"),
-    "standard id": (GOOD.replace("256", "2048"), "more than 11 bits"),
+    "standard id": (GOOD.replace("256", str(1 << 29)), "more than 11 bits"),
     "extended id": (GOOD.replace("256", str(0xA0000000)), "more than 29 bits"),
     "factor 0": (with_signal('s : 0|8@1+ (0,0) [0|0] ""'), "x.dbc:6: M.s has the factor 0"),
     "factor inf": (with_signal('s : 0|8@1+ (1e400,0) [0|0] ""'), "x.dbc:6: M.s has an infinite"),

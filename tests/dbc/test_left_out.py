@@ -244,3 +244,55 @@ def test_kcd_and_sym_that_cannot_be_used_are_refused(name: str, text: str, reaso
     with pytest.raises(InputError) as refusal:
         parse_codec(text, name)
     assert reason in str(refusal.value)
+
+
+TWINS = """VERSION ""
+BU_: A
+BO_ 100 M: 8 A
+ SG_ top M : 0|8@1+ (1,0) [0|0] "" A
+ SG_ lock : 8|2@1+ (1,0) [0|0] "" A
+ SG_ lock : 10|2@1+ (10,0) [0|0] "" A
+ SG_ limit m3 : 16|8@1+ (1,0) [0|0] "" A
+ SG_ limit m4 : 16|8@1+ (2,0) [0|0] "" A
+"""
+
+
+def test_signals_of_one_name_are_kept_under_names_of_their_own() -> None:
+    codec = parse_codec(TWINS, "a.dbc")
+    assert not codec.left_out
+    sent = block([bytes([3, 0b1110, 5, *[0] * 5]), bytes([4, 0b0001, 5, *[0] * 5])], 100)
+    found = {name: s.value.tolist() for name, s in codec.decode(sent).samples.items()}
+    assert found == {
+        "M.top": [3, 4],
+        "M.lock_b8": [2, 1],
+        "M.lock_b10": [30, 0],
+        "M.limit_m3": [5],
+        "M.limit_m4": [10],
+    }
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "SIG_VALTYPE_ 100 lock : 0;\n",  # of which one?
+        'BA_DEF_ SG_ "SignalRole" STRING;\nBA_ "SignalRole" SG_ 100 lock "counter";\n',
+    ],
+)
+def test_a_type_or_role_of_one_of_two_signals_of_a_name_is_of_neither(statement: str) -> None:
+    with pytest.raises(InputError, match=r"M\.lock .*is there twice"):
+        parse_codec(TWINS + statement, "a.dbc")
+
+
+@pytest.mark.parametrize(
+    ("stated", "can_id", "extended"),
+    [(2047, 2047, False), (2048, 2048, True), ((1 << 29) - 1, (1 << 29) - 1, True)],
+)
+def test_an_identifier_of_more_than_11_bits_is_one_of_29(
+    stated: int, can_id: int, extended: bool
+) -> None:
+    codec = parse_codec(TWINS.replace("BO_ 100", f"BO_ {stated}"), "a.dbc")
+    (message,) = codec.messages
+    assert (message.can_id, message.is_extended) == (can_id, extended)
+    assert ["more: it is taken as one of 29" in note.text for note in codec.notes] == [
+        True
+    ] * extended
