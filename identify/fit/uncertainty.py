@@ -128,8 +128,8 @@ def correlation(box: GreyBox, fit: Fit) -> Correlation:
     """Return the correlation of the identified parameters; NaN with one that is undetermined."""
     n = len(box.parameters)
     covariance = fit.covariance[:n, :n]
-    variance = np.where(np.isfinite(np.diag(covariance)), np.diag(covariance), np.nan)
-    std = np.sqrt(variance)
+    variance = np.diag(covariance)
+    std = np.sqrt(np.where(np.isfinite(variance) & (variance > 0.0), variance, np.nan))
     return Correlation(box.parameters, covariance / np.outer(std, std))
 
 

@@ -54,9 +54,15 @@ class Optimum:
         return self.point.cost
 
 
+def unit_size(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the roots of a diagonal; 1 for unknowns of which the data know nothing."""
+    size = np.diag(matrix)
+    return np.asarray(np.sqrt(np.where(size > 0.0, size, 1.0)))
+
+
 def inverse(matrix: NDArray[np.float64], rank: float = 1e-13) -> NDArray[np.float64]:
     """Invert a positive matrix after scaling; directions without information stay zero."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scale = 1.0 / unit_size(matrix)
     values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
     good = values > rank * values[-1]
     return np.asarray(
@@ -162,7 +168,7 @@ def _solve(
     The others then take the step that is best with it: one unknown that the data hardly know must
     not hold up all.
     """
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scale = unit_size(matrix)
     H = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
     step, held = np.zeros(len(scale)), np.zeros(len(scale), dtype=bool)
     for _ in range(_HOLDS):

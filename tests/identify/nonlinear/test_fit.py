@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from identify.nonlinear.fit import _step
+from identify.nonlinear.fit import _step, inverse, unit_size
 from identify.nonlinear.path import Own
 from identify.nonlinear.problem import Normal
 from identify.nonlinear.run import Block
@@ -56,3 +56,11 @@ def test_an_unknown_at_its_bound_does_not_hold_up_the_others() -> None:
     with_it = np.linalg.solve(H[np.ix_(rest, rest)], g[rest] - high[1] * H[rest, N_OWN + 1])
     assert found.shared[1] == pytest.approx(high[1])
     assert np.delete(found.shared, 1) == pytest.approx(with_it[N_OWN:])
+
+
+@pytest.mark.parametrize("left_over", [0.0, -1e-18])
+def test_an_unknown_without_information_stays_and_spoils_nothing(left_over: float) -> None:
+    """What elimination leaves of it is rounding, also below zero and beside larger rounding."""
+    information = np.array([[4.0, 1e-9], [1e-9, left_over]])
+    np.testing.assert_allclose(inverse(information), [[0.25, 0.0], [0.0, 0.0]], atol=1e-6)
+    np.testing.assert_array_equal(unit_size(information), [2.0, 1.0])
