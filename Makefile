@@ -4,7 +4,7 @@ BIN := .venv/bin
 UV := 0.13.8
 INSTALL = $(BIN)/python -m uv pip install --quiet --compile-bytecode --python $(BIN)/python --constraint constraints.txt
 
-.PHONY: demo test test-long test-pythons lint docs bench bursts coverage mutate fuzz crash soak display-check release-check test-service test-socketcan constraints clean
+.PHONY: demo test test-long test-pythons lint docs bench bursts coverage mutate fuzz crash soak display-check pages-check release-check test-service test-socketcan constraints clean
 
 demo: .venv/demo
 	$(BIN)/bumpbench demo
@@ -71,9 +71,14 @@ soak: .venv/test
 	$(BIN)/python -m tests.daq.soak $(or $(FRAMES),10000000)
 
 # A whole simulated campaign on the display, in a Chromium of this machine: words, sizes, contrast,
-# a cut line, load; pictures in build/display/.  About three minutes.
+# a cut line, load, axe; pictures in build/display/.  About three minutes.
 display-check: .venv/test
 	$(BIN)/python -m tests.flow.display_campaign
+
+# Report, comparison and batch page under axe in a Chromium of this machine: light, dark, print, desk
+# and phone; pictures in build/pages/.  Half a minute.
+pages-check: .venv/test
+	$(BIN)/python -m tests.flow.pages_check
 
 # Build wheel and sdist, install them into empty environments with each extra, and try them.
 release-check: .venv/test

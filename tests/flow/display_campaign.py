@@ -1,7 +1,7 @@
 """A whole simulated campaign on the display, in a real browser: `make display-check`.
 
-Needs Chromium.  Pictures of each word on phone, tablet and TV go to build/display/.  Last comes the
-terminal of `tui --web`, which takes its first keys without a click.
+Needs Chromium, and npm for axe.  Pictures of each word on phone, tablet and TV go to
+build/display/.  Last comes the terminal of `tui --web`, which takes its first keys without a click.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from daq.control.address import control_address
 from daq.control.client import Client
 from daq.control.orders import Mark
 
+from .axe import assert_accessible
 from .bench_terminal import DemoBench, demo_bench
 from .chromium import Tab, tabs
 from .web_keys import keys_at_once
@@ -28,6 +29,8 @@ from .web_keys import keys_at_once
 SIZES = {"phone": (390, 844), "tablet": (1024, 768), "tv": (1920, 1080)}
 PICTURES = Path("build/display")
 MOST_S = 300.0
+PASSING = {"WAIT", "BUMP NOW", "HANDS OFF", "ACCEPTED", "AGAIN"}
+"""Words that stand for a few seconds, too short for axe on three pages."""
 STATE = """({
   word: document.getElementById("state").textContent,
   share: document.getElementById("word").dataset.high / innerHeight,
@@ -70,6 +73,8 @@ async def _check(name: str, tab: Tab, word: str) -> None:
     assert state["share"] >= 1 / 3, (name, state)
     assert ratio >= 7.0, (name, state)
     assert state["wide"] <= 0, (name, state)
+    if name == "phone" or word not in PASSING:
+        await assert_accessible(tab, f"{word} on the {name}")
     await tab.picture(PICTURES / f"{word.replace(' ', '_').lower()}_{name}.png")
 
 
@@ -111,6 +116,8 @@ async def _campaign(bench: DemoBench, display: subprocess.Popen[str]) -> None:
             elif word == "HANDS OFF" and not reloaded:
                 reloaded = True
                 await tv.order("Page.reload")
+                while not await tv.value("document.querySelector('#word text') !== null"):
+                    await asyncio.sleep(0.05)
             await asyncio.sleep(0.1)
         passed_s = time.monotonic() - begun_s
         share = (_cpu_s(display.pid) - used_s) / passed_s
