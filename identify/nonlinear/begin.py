@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +10,40 @@ from numpy.typing import NDArray
 from daq.vehicle import MassState
 
 from ..decays.decay import FreeDecay
+from ..fit.grey_box import SIGNED, GreyBox
 from ..fit.varpro import evaluate as linear_point
 from ..fit.varpro import linear_part
 from ..model.matrices import full_matrices
 from .car import PULL, Model, car
 from .path import Own, travel_speeds
 
+_BEYOND = 2.0
+"""Factor by which a car may be lighter or heavier than all generic vehicles: theirs are wide."""
+_LENGTHS = ("a", "b", "t_f", "t_r", "y_s")
 _SLIDES_M_S = 0.02
 """Speed at which most of the friction acts in the direction of the motion."""
+
+
+def of_vehicle_size(
+    box: GreyBox, eta: NDArray[np.float64], vehicles: Sequence[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Return linear unknowns with all masses and forces by one factor smaller, or as they are.
+
+    Without scales their size rests on what the weights change, which friction hides: a linear fit
+    of an suv weighed 22 t, with its lengths and frequencies nearly right.  `eta`, (P,): of `box`.
+    `vehicles`: generic ones, (15,) each, the usual one first.
+    """
+    masses = [float(vehicle[0]) for vehicle in vehicles]
+    found = float(np.exp(eta[box.parameters.index("m_s")]))
+    if min(masses) / _BEYOND <= found <= max(masses) * _BEYOND:
+        return eta
+    result = eta.copy()
+    for i, name in enumerate(box.parameters):
+        if name in SIGNED and name not in _LENGTHS:
+            result[i] *= masses[0] / found
+        elif name not in _LENGTHS:
+            result[i] += np.log(masses[0] / found)
+    return result
 
 
 def rest_of(model: Model, eta: NDArray[np.float64], state: MassState) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from ..decays.onset import decay_start_s
 from ..fit.estimation import Estimation, basin, floored, rough_noise
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import Fit
+from .begin import of_vehicle_size
 from .car import Model
 from .engine import NonlinearEngine, residuals_of
 from .fit import Optimum, inverse
@@ -75,9 +76,8 @@ def real_car(
 
     def attempts() -> Iterator[Attempt]:
         for late_s, linear_s in _ATTEMPTS_S:
-            full = simple.full(
-                basin(simple, few, rest, start_s + linear_s, near).astype(complex)
-            ).real
+            found = basin(simple, few, rest, start_s + linear_s, near)
+            full = simple.full(of_vehicle_size(simple, found, vehicles).astype(complex)).real
             eta = model.unknowns(model.box.unknowns_of(full))
             own = tuple(r.decay(float(s)) for r, s in zip(records, start_s + late_s, strict=True))
             yield Attempt(
