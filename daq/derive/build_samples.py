@@ -80,7 +80,9 @@ def journal_provenance(
 
 def frames_digest(run: Run) -> str:
     """Return the SHA-256 of a run's frames."""
-    return hashlib.sha256(run.frames.data.tobytes() + run.frames.t_ns.tobytes()).hexdigest()
+    digest = hashlib.sha256(run.frames.data.data)
+    digest.update(run.frames.t_ns.data)
+    return digest.hexdigest()
 
 
 def _remarks(run_log: RunLog) -> dict[str, str]:

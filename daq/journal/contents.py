@@ -12,10 +12,11 @@ from dbc.frames import FrameBatch
 
 from ..bus.source import HopLosses
 from ..runs import Event
-from .format import JournalHead
+from .format import FrameBlock, JournalHead, unpack_frames
 
 _NOTES = 20
 """Most notes that are given in full in one line."""
+_NO_TIMES = np.zeros(0, np.int64)
 
 
 def session_name(first_segment: int) -> str:
@@ -60,14 +61,22 @@ class JournalLoss:
 class JournalBlock:
     """Frames or events of a recording: some of its blocks, one after the other."""
 
-    frames: FrameBatch
-    """Empty where there are events."""
     losses: HopLosses
     """Cumulative counts, the same for all of these frames."""
+    stored: tuple[FrameBlock, ...] = ()
+    """Blocks of frames of one width; empty where there are events."""
     events: tuple[Event, ...] = ()
     """Empty where there are frames."""
-    first: int = 0
-    """Number of frames that were stored together with the first."""
+
+    @property
+    def t_ns(self) -> NDArray[np.int64]:
+        """Time stamps of the frames, shape (n,)."""
+        return np.concatenate([each.t_ns for each in self.stored]) if self.stored else _NO_TIMES
+
+    @property
+    def frames(self) -> FrameBatch:
+        """The frames, unpacked anew each time."""
+        return unpack_frames(self.stored) if self.stored else FrameBatch.empty()
 
 
 @dataclass(frozen=True, slots=True)

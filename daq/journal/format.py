@@ -134,7 +134,7 @@ class FrameBlock(NamedTuple):  # a frozen dataclass takes four times as long to 
     """Bytes of payload of each frame, 8 or 64."""
     counts: tuple[int, ...]
     """The fields of `HopLosses`, counted by the process that wrote it."""
-    message: bytes
+    message: bytes | memoryview
     """The message of `pack_frames`."""
 
     @property
@@ -143,7 +143,7 @@ class FrameBlock(NamedTuple):  # a frozen dataclass takes four times as long to 
         return np.frombuffer(self.message, "<i8", self.frames, _BLOCK_HEAD)
 
 
-def check_frames(message: bytes) -> FrameBlock:
+def check_frames(message: bytes | memoryview) -> FrameBlock:
     """Return the block in a message of `pack_frames`.
 
     Raises ValueError if a single bit was changed.

@@ -15,7 +15,7 @@ from ..bus.source import HopLosses
 from ..errors import InputError
 from ..runs import Event
 from .contents import HopCounts, JournalBlock, JournalContents, JournalLoss
-from .format import EventBlock, FrameBlock, JournalHead, unpack_frames
+from .format import EventBlock, FrameBlock, JournalHead
 from .gaps import DISK_GAP, FILE_GONE, RETENTION, Gap, overlap, parse_gap
 from .segment_reader import CorruptBlock, SegmentReader
 
@@ -42,9 +42,9 @@ def read_journal(
     events: list[Event] = []
     hops = _HopTable()
     for block in reader:
-        hops.add(block)
+        hops.add(block, block.t_ns)
         events += block.events
-        if len(block.frames):
+        if block.stored:
             kept = block.frames if spans is None else _within(block.frames, spans)
             if len(kept):
                 frames.append(kept)
@@ -65,22 +65,24 @@ def read_windows(
     pieces: list[list[FrameBatch]] = [[] for _ in windows]
     events: list[Event] = []
     hops = _HopTable()
+    starts_ns, stops_ns = np.array(windows, np.int64).reshape(-1, 2).T
     for block in reader:
-        hops.add(block)
+        t_ns = block.t_ns
+        hops.add(block, t_ns)
         events += block.events
-        t_ns = block.frames.t_ns
         if not len(t_ns):
             continue
-        first_ns, last_ns = int(t_ns.min()), int(t_ns.max())
-        for (start_ns, stop_ns), own in zip(windows, pieces, strict=True):
-            if start_ns <= last_ns and first_ns < stop_ns:
-                own.append(block.frames.select((t_ns >= start_ns) & (t_ns < stop_ns)))
+        touched = np.flatnonzero((starts_ns <= t_ns.max()) & (t_ns.min() < stops_ns)).tolist()
+        frames = block.frames if touched else FrameBatch.empty()  # most are in no window
+        for k in touched:
+            start_ns, stop_ns = windows[k]
+            pieces[k].append(frames.select((t_ns >= start_ns) & (t_ns < stop_ns)))
     none = FrameBatch.empty()
     contents = JournalContents(reader.head, none, tuple(events), hops.counts(), reader.lost)
-    frames = []
+    joined = []
     while pieces:  # joined one by one, so that not all of them are in memory twice
-        frames.append(FrameBatch.concatenate(pieces.pop(0)))
-    return contents, tuple(frames)
+        joined.append(FrameBatch.concatenate(pieces.pop(0)))
+    return contents, tuple(joined)
 
 
 def _within(frames: FrameBatch, spans: Sequence[tuple[int, int]]) -> FrameBatch:
@@ -99,9 +101,9 @@ class _HopTable:
         self._rows: list[tuple[int, ...]] = []
         self._t_ns = 0
 
-    def add(self, block: JournalBlock) -> None:
-        t_ns = block.frames.t_ns
-        for part in (t_ns[: block.first], t_ns[block.first :]) if len(t_ns) else (t_ns,):
+    def add(self, block: JournalBlock, t_ns: NDArray[np.int64]) -> None:
+        first = block.stored[0].frames if block.stored else 0
+        for part in (t_ns[:first], t_ns[first:]) if len(t_ns) else (t_ns,):
             if len(part):
                 self._t_ns = max(self._t_ns, int(part.max()))
             self._add_row((self._t_ns, *_counts(block.losses)))
@@ -183,7 +185,7 @@ class JournalReader:
             if self._heads[path] != head:  # another process: it repeats no block
                 self._settle()
                 if group:
-                    yield _joined(group, losses)
+                    yield JournalBlock(losses, tuple(group))
                     group = []
                 before, head = losses, self._heads[path]
             for block in self._blocks(path):
@@ -197,7 +199,7 @@ class JournalReader:
                     self._account(path, expected, block.number)
                 expected = block.number + 1
                 if group and (isinstance(block, EventBlock) or not _belongs(block, group)):
-                    yield _joined(group, losses)
+                    yield JournalBlock(losses, tuple(group))
                     group = []
                 if isinstance(block, FrameBlock):
                     if not group:
@@ -208,9 +210,9 @@ class JournalReader:
                     if (gap := parse_gap(event)) and gap.recording == head.identity:
                         # Reported again before the segment with it was deleted: counts once.
                         self._gaps[event.code, gap] = None
-                yield JournalBlock(FrameBatch.empty(), losses, block.events)
+                yield JournalBlock(losses, events=block.events)
         if group:
-            yield _joined(group, losses)
+            yield JournalBlock(losses, tuple(group))
         self._settle()
 
     def _account(self, path: Path, expected: int, number: int) -> None:
@@ -246,10 +248,6 @@ def _belongs(block: FrameBlock, group: Sequence[FrameBlock]) -> bool:
     first = group[0]
     alike = block.width == first.width and block.counts == first.counts
     return alike and len(group) * max(block.frames, 1) < _GROUP_FRAMES
-
-
-def _joined(group: Sequence[FrameBlock], losses: HopLosses) -> JournalBlock:
-    return JournalBlock(unpack_frames(group), losses, first=group[0].frames)
 
 
 def _plus(a: JournalLoss, b: JournalLoss) -> JournalLoss:

@@ -25,6 +25,8 @@ LARGEST_RECORD_BYTES = 64 << 20
 frames has 6 MB, the largest DBC 5 MB."""
 _BLOCK_BYTES = 1 << 20
 """Bytes read at once: more is not faster."""
+_HEAD_BYTES = 1 << 16
+"""Bytes read first: the head of nearly any segment, of which often nothing else is wanted."""
 _RECORD = struct.Struct("<BQ")  # kind, length
 _CHUNK = struct.Struct("<QQQI")  # start, stop, size, checksum of the messages in it
 _TEXT, _LONG = struct.Struct("<I"), struct.Struct("<Q")
@@ -104,7 +106,8 @@ class SegmentFile:
         while at < size:
             content = at + head_bytes
             if content > last:
-                block, first = self.read_at(at, _BLOCK_BYTES), at
+                wanted = _BLOCK_BYTES if block else _HEAD_BYTES
+                block, first = self.read_at(at, wanted), at
                 last = min(first + len(block), size)
             if content > last:
                 self.why_stopped = self.why_stopped or "torn"

@@ -140,12 +140,12 @@ class SegmentReader:
 
     def _block(self, content: bytes) -> FrameBlock | EventBlock | CorruptBlock:
         topic = self._topics.get(int.from_bytes(content[:2], "little"))
-        message = content[_MESSAGE_BYTES:]
+        message = memoryview(content)[_MESSAGE_BYTES:]
         try:
             if topic == FRAMES_TOPIC:
                 return check_frames(message)
             if topic == EVENTS_TOPIC:
-                return unpack_events(message)
+                return unpack_events(bytes(message))
         except ValueError as error:
             return CorruptBlock(str(error))
         return CorruptBlock("no such channel")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -30,16 +30,16 @@ def write_group(parent: GroupID, name: str) -> GroupID:
 def write_attributes(item: GroupID | DatasetID, values: Mapping[str, Any]) -> None:
     """Write attributes that are not there yet: texts, numbers or arrays of numbers."""
     for name, value in values.items():
-        array = _text(value) if isinstance(value, str) else np.asarray(value)
-        space = h5s.create_simple(array.shape) if array.shape else _scalar()
-        h5a.create(item, name.encode(), _type(array.dtype), space).write(array)
+        cell = _kept_cell(value) if isinstance(value, str | int) else _cell(np.asarray(value))
+        made = h5a.create(item, _encoded(name), cell.stored, cell.space)
+        made.write(cell.array, cell.held)
 
 
 def write_column(group: GroupID, name: str, values: NDArray[Any]) -> DatasetID:
     """Write a packed dataset with a checksum, and return it."""
     chunk = (min(len(values), ROWS), *values.shape[1:])
-    space = h5s.create_simple(values.shape)
-    made = h5d.create(group, name.encode(), _type(values.dtype), space, _packed(chunk))
+    space, properties = _space(values.shape), _packed(chunk)
+    made = h5d.create(group, name.encode(), _type(values.dtype), space, properties)
     if values.size:
         for offset, packed in packed_chunks(values):
             made.write_direct_chunk(offset, packed)
@@ -65,19 +65,45 @@ def attach(scale: DatasetID, column: DatasetID, axis: int) -> None:
     h5ds.attach_scale(column, scale, axis)
 
 
-@lru_cache(1024)  # most of them are those of the run before
-def _text(value: str) -> NDArray[Any]:
-    return np.asarray(value, _TEXT)
+class _Cell(NamedTuple):
+    """Value of an attribute with what HDF5 has to know of it."""
+
+    array: NDArray[Any]
+    stored: h5t.TypeID
+    """Type in the file."""
+    held: h5t.TypeID
+    """Type in memory."""
+    space: h5s.SpaceID
 
 
-@cache
-def _scalar() -> h5s.SpaceID:
-    return h5s.create(h5s.SCALAR)
+@lru_cache(1024, typed=True)  # most of them are those of the run before
+def _kept_cell(value: str | int) -> _Cell:
+    return _cell(np.asarray(value, _TEXT if isinstance(value, str) else None))
+
+
+def _cell(array: NDArray[Any]) -> _Cell:
+    held = _type_in_memory(array.dtype)
+    return _Cell(array, _type(array.dtype), held, _space(array.shape))
+
+
+@lru_cache(1024)
+def _encoded(name: str) -> bytes:
+    return name.encode()
+
+
+@lru_cache(1024)
+def _space(shape: tuple[int, ...]) -> h5s.SpaceID:
+    return h5s.create_simple(shape) if shape else h5s.create(h5s.SCALAR)
 
 
 @cache
 def _type(dtype: np.dtype[Any]) -> h5t.TypeID:
     return h5t.py_create(dtype, logical=True)
+
+
+@cache
+def _type_in_memory(dtype: np.dtype[Any]) -> h5t.TypeID:
+    return h5t.py_create(dtype)
 
 
 @cache
