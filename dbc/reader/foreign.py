@@ -18,7 +18,8 @@ from ..finding import Finding
 from ..layout import MessageLayout, SignalLayout
 from .complaints import complaints
 from .document import joined
-from .limits import MAX_MESSAGES, MAX_PAYLOAD_BYTES, MAX_SIGNAL_BITS
+from .foreign_numbers import MAX_CHARACTERS, check_numbers
+from .limits import MAX_SIGNAL_BITS
 from .lint import (
     TOO_LONG,
     FaultError,
@@ -34,28 +35,15 @@ from .lint import (
 from .networks import MARK
 from .sentinels import sentinels
 
-MAX_CHARACTERS = {"kcd": 1_000_000, "sym": 1_000_000, "arxml": 5_000_000}
-"""Longest text: cantools takes about 2 s for as much.  An ARXML says little in many words."""
-
 MAX_LIMIT = int(sys.float_info.max)
 """What lies beyond it is no number of float64."""
 
 _HEAD = 4096
 """Characters in which a database says what it is."""
 
-# The parser's work grows with these numbers, so they are looked at before it may see them.
-_KCD_LENGTH = re.compile(r"""\b(?:length|offset|count)\s*=\s*["']\s*([0-9]+)""")
-_SYM_LENGTH = re.compile(
-    r"""(?:"[^"]*"|//[^\n]*)|(?:\b(?:unsigned|signed|float|double|bit|char|string|raw|bool)"""
-    r"""|\bLen\s*=|\bSig\s*=\s*\S+|,)\s*([0-9]+)\b(?!\s*=)"""
-)
-_ARXML_LENGTH = re.compile(
-    r"<(?:LENGTH|BIT-LENGTH|FRAME-LENGTH|START-POSITION|PACKING-BYTE-ORDER-LENGTH)>\s*([0-9]+)"
-)
 _ROOT = re.compile(r"<(?:\w+:)?(NetworkDefinition|AUTOSAR|CANDELA)\b")
 _KINDS = {"NetworkDefinition": "kcd", "AUTOSAR": "arxml", "CANDELA": "cdd"}
 _SYM_HEAD = re.compile(r"\s*(?://[^\n]*\n\s*)*FormatVersion\s*=")
-_SYM_RANGE = re.compile(r"\bID\s*=\s*([0-9A-Fa-f]+)h\s*-\s*([0-9A-Fa-f]+)h")
 
 
 def foreign_kind(text: str, name: str) -> str:
@@ -78,7 +66,7 @@ def parse_foreign(text: str, name: str) -> Codec:
     if kind == "cdd":
         what = "is a diagnostic description (CDD), which has no messages of the bus"
         raise InputError(name, what, "give the database of the bus: DBC, KCD, SYM or ARXML")
-    _check_numbers(text, name, kind)
+    check_numbers(text, name, kind)
     messages: list[MessageLayout] = []
     meanings: set[MessageLayout] = set()
     networks: list[str] = []
@@ -124,32 +112,6 @@ def parse_foreign(text: str, name: str) -> Codec:
     return Codec(kept, tuple(left_out), tuple(notes))
 
 
-def _check_numbers(text: str, name: str, kind: str) -> None:
-    """Refuse what would keep the parser busy."""
-    if len(text) > MAX_CHARACTERS[kind]:
-        what = f"larger than {MAX_CHARACTERS[kind] // 1_000_000} MB"
-        raise InputError(name, what, "convert it to DBC")
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError(name, "defines XML entities, which no CAN database needs", "remove them")
-    numbers = {"kcd": _KCD_LENGTH, "sym": _SYM_LENGTH, "arxml": _ARXML_LENGTH}[kind]
-    for found in numbers.finditer(text):
-        digits = found[1] or "0"
-        if len(digits) > 4 or int(digits) > 8 * MAX_PAYLOAD_BYTES:
-            raise _misfit(
-                text, name, found.start(), f"the number {digits} lies outside any payload"
-            )
-    identifiers = 0
-    for found in _SYM_RANGE.finditer(text) if kind == "sym" else ():
-        identifiers += max(int(found[2], 16) - int(found[1], 16), 0)
-        if identifiers > MAX_MESSAGES:
-            raise _misfit(text, name, found.start(), f"more than {MAX_MESSAGES} identifiers")
-
-
-def _misfit(text: str, name: str, position: int, what: str) -> InputError:
-    line = text.count("\n", 0, position) + 1
-    return InputError(f"{name}:{line}", what, "correct that line")
-
-
 def _parse(text: str, name: str, kind: str) -> tuple[Sequence[Any], Collection[str]]:
     """Return the messages as cantools has them, and what it complained of."""
     from cantools.database.can.formats import arxml, kcd, sym
@@ -157,7 +119,8 @@ def _parse(text: str, name: str, kind: str) -> tuple[Sequence[Any], Collection[s
     load = {"kcd": kcd.load_string, "sym": sym.load_string, "arxml": arxml.load_string}[kind]
     try:
         with complaints() as complained:
-            return tuple(load(text, strict=False).messages), complained
+            # Without the last line's end, each // in it would be looked at to the end of the text.
+            return tuple(load(f"{text}\n", strict=False).messages), complained
     except Exception as error:
         # cantools raises whatever comes up: ValueError, KeyError, its own, the XML parser's.
         what = str(error).split("\n", 1)[0] or type(error).__name__
@@ -169,6 +132,8 @@ def _parse(text: str, name: str, kind: str) -> tuple[Sequence[Any], Collection[s
 def _message(message: Any) -> MessageLayout:
     if getattr(message, "is_container", False):
         raise FaultError(None, "is a container of other messages")
+    if not message.name or not all(signal.name for signal in message.signals):
+        raise FaultError(None, "has no name, or a signal without one")
     cycle_ms = message.cycle_time
     return MessageLayout(
         name=message.name,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from time import process_time
 
 import cantools.database
 import numpy as np
@@ -182,3 +183,66 @@ def test_what_cantools_does_not_understand_of_values_is_a_note(
     codec = parse_codec(arxml().replace(old, new, 1), "a.arxml")
     assert [said in note.text for note in codec.notes] == [True]
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_range_of_a_sym_has_2000_identifiers_at_most() -> None:
+    text = SYM_TEXT.replace("00000023h", "000007F2h")  # from 0x22
+    assert len(parse_codec(text, "a.sym").messages) == 2003
+    with pytest.raises(InputError, match=r"a.sym:\d+: more than 2000 identifiers"):
+        parse_codec(SYM_TEXT.replace("00000023h", "000007F3h"), "a.sym")
+
+
+@pytest.mark.parametrize(
+    ("kind", "old", "new"),
+    [
+        ("sym", "Mux=A 0,8 1", "Mux=A 2147483648,8 1"),
+        ("sym", "Mux=A 0,8 1", 'Mux="A b" 513,8 1'),
+        ("sym", "Sig=Travel 0", 'Sig="Tra \\" vel" 1000000000'),
+        ("sym", "Sig=Travel 0", "Sig=Travel \u0663\u0663\u0663\u0663\u0663\u0663\u0663"),
+        ("sym", "unsigned 12", "unsigned 12_000_000"),
+        ("kcd", 'length="16"', 'length="1_000_000"'),
+        ("kcd", 'length="16"', 'length="&#49;000000"'),
+        ("kcd", 'length="16"', 'length="513"'),
+        ("arxml", "<START-POSITION>4<", "<START-POSITION>0xFFFFFFFF<"),
+        ("arxml", "<START-POSITION>4<", "<START-POSITION><!-- 4 -->99999999<"),
+        ("arxml", "<LENGTH>12<", "<LENGTH>&#57;99999<"),
+    ],
+)
+def test_a_number_that_would_fill_memory_is_refused_however_it_is_written(
+    kind: str, old: str, new: str
+) -> None:
+    text = {"sym": SYM_TEXT, "kcd": kcd_text("High"), "arxml": arxml()}[kind]
+    assert old in text
+    with pytest.raises(InputError, match="lies outside any payload"):
+        parse_codec(text.replace(old, new, 1), f"a.{kind}")
+
+
+@pytest.mark.parametrize("end", ['Sig="x', 'Sig="x\\"', 'Title="'])
+def test_a_text_without_an_end_hides_nothing(end: str) -> None:
+    with pytest.raises(InputError, match=r"a.sym:\d+: has a text without an end"):
+        parse_codec(f"{SYM_TEXT}{end} 1000000000\n", "a.sym")
+
+
+@pytest.mark.parametrize("piece", ["Sig=,", 'Sig="', '\\"', "Sig=a ", ",1 ", 'Mux=\\"', "// "])
+def test_the_look_for_numbers_grows_with_the_length_alone(piece: str) -> None:
+    began = process_time()
+    with pytest.raises(InputError):
+        parse_codec("FormatVersion=6.0 // x\n" + piece * (400_000 // len(piece)), "a.sym")
+    assert process_time() - began < 8.0
+
+
+def test_a_name_that_ends_in_digits_is_no_number() -> None:
+    codec = parse_codec(SYM_TEXT.replace("Travel", "Travel12345"), "a.sym")
+    assert codec.message("Pots").signal("Travel12345").start == 0
+    assert not codec.left_out
+
+
+@pytest.mark.parametrize("missing", [' name="Limits"', ' name="High"'])
+def test_a_message_or_signal_without_a_name_is_left_out(missing: str) -> None:
+    other = (
+        '<Message id="0x7" name="Other" length="1"><Signal name="x" offset="0"/></Message></Bus>'
+    )
+    text = kcd_text("High").replace(missing, "", 1).replace("</Bus>", other)
+    codec = parse_codec(text, "a.kcd")
+    assert [m.name for m in codec.messages] == ["Other"]
+    assert len(codec.left_out) == 1

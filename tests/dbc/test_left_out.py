@@ -235,7 +235,7 @@ def test_kcd_and_sym_are_known_by_their_suffix(tmp_path: Path, suffix: str, text
         ("x.kcd", KCD[:-30], "x.kcd:1: not a valid KCD"),
         ("x.kcd", KCD.replace('"12"', '"13"'), "K.s ends in byte 3 of a message of 2"),
         ("x.sym", SYM.replace("4,12", "4,1000000"), "x.sym:12: the number 1000000 lies outside"),
-        ("x.sym", SYM.replace("010h", "00000000h-1FFFFFFFh"), "x.sym:10: more than 20000 ident"),
+        ("x.sym", SYM.replace("010h", "00000000h-1FFFFFFFh"), "x.sym:10: more than 2000 ident"),
         ("x.sym", SYM.replace("6.0", "5.0"), "not a valid SYM"),
         ("x.sym", SYM + " " * 1_000_000, "larger than 1 MB"),
     ],
