@@ -22,13 +22,14 @@ _ARXML_ELEMENTS = ("LENGTH", "POSITION")
 _SMALL = re.compile(
     r"\s*(?:auto|true|false|-?[0-9]{1,4}(?:\.0*)?|0[xX][0-9A-Fa-f]{1,3}|0[bB][01]{1,10})?\s*"
 )
-# Each part takes what it has begun, so that the work grows with the length alone.
-_STRING = r"""(?>"(?:\\.|[^"\\])*+("|\Z))"""
+# What follows a part that has begun is optional, so that nothing is looked at twice.
+_STRING = r"""(?:"(?:\\(?:.|\Z)|[^"\\])*("|\Z))"""
+_NUMBER = r"[-+]?\d[\w.]*(?![\w.])(?!\s*=)"
 _SYM_PARTS = re.compile(
-    rf"""//[^\n]*+|{_STRING}"""
-    rf"""|\b(?:Sig|Mux)\s*+=\s*+(?:{_STRING}|[^\s"]\S*+)(?:\s++([-+]?\d[\w.]*+)(?!\s*=))?"""
-    r"""|(?:\b(?:unsigned|signed|float|double|bit|char|string|raw|bool)|\bLen\s*+=|,)"""
-    r"""\s*+([-+]?[\w.]++)(?!\s*=)""",
+    rf"""//[^\n]*|{_STRING}"""
+    rf"""|\b(?:Sig|Mux)\s*=\s*(?:{_STRING}|[^\s"]\S*)(?:\s+({_NUMBER}))?"""
+    r"""|(?:\b(?:unsigned|signed|float|double|bit|char|string|raw|bool)|\bLen\s*=|,)"""
+    rf"""(?:\s*({_NUMBER}))?""",
     re.DOTALL,
 )
 _SYM_RANGE = re.compile(r"\bID\s*=\s*(-?[\w.]+)h\s*-\s*([\w.]+)h")
@@ -77,7 +78,7 @@ def _check_sym(text: str, name: str) -> None:
             where = f"{name}:{_line(text, found.start())}"
             raise InputError(where, "has a text without an end", "correct that line")
         number = found[3] or found[4] or ""
-        if number.lstrip("+-")[:1].isdecimal() and not _is_small(number):
+        if not _is_small(number):
             raise _misfit(name, _line(text, found.start()), number)
     identifiers = 0
     for found in _SYM_RANGE.finditer(text):
