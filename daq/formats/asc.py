@@ -115,10 +115,12 @@ def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _
     dlc, has_dlc = integers(lines.text, *_token_or_none(lines, rows, 5), base, longest=2)
     good &= remote | has_dlc  # before version 8.5 a remote frame had no DLC
     dlc = np.where(has_dlc, dlc, 0)
-    # A DLC of 9 to 15 means 8 bytes; some loggers give frames of FD in this form, by length.
-    fd = ~remote & np.isin(dlc, FD_LENGTHS[10:])
+    # A DLC of 9 to 15 means 8 bytes; some loggers give frames of FD in this form, by length, others
+    # by a DLC in decimal, whatever the base.
+    coded = _coded_length(lines, rows, np.flatnonzero(~remote & has_dlc & (dlc > 8)), base)
+    fd = ~remote & (np.isin(dlc, FD_LENGTHS[10:]) | (coded > 0))
     good &= (dlc < 16) | fd
-    length = np.where(fd, dlc, np.minimum(dlc, 8))
+    length = np.where(coded > 0, coded, np.where(fd, dlc, np.minimum(dlc, 8)))
     size = np.where(remote, 0, length)
     good &= lines.count[rows] >= 6 * ~remote + size
     size = np.where(good, size, 0)
@@ -128,6 +130,23 @@ def _classic(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _
     good &= whole
     frames = good_frames(good, t_ns[rows], can_id, flags, _bus(bus), length, data)
     return rows[good], frames, rows[~good]
+
+
+def _coded_length(lines: Lines, rows: Index, places: Index, base: int) -> Index:
+    """Return the bytes of each of `rows`, at `places`, whose DLC is one of FD; 0 of the others.
+
+    It is where as many bytes follow as the DLC stands for, and no more.
+    """
+    length = np.zeros(len(rows), np.intp)
+    rows = rows[places]
+    code, good = integers(lines.text, *_token_or_none(lines, rows, 5), 10, longest=2)
+    size = FD_LENGTHS[np.clip(code, 0, 15)].astype(np.intp)
+    good &= (code > 8) & (code < 16) & (lines.count[rows] >= 6 + size)
+    size = np.where(good, size, 0)
+    _, more = integers(lines.text, *_token_or_none(lines, rows, 6 + size), base, longest=2)
+    _, whole = spaced_bytes(lines, lines.first[rows] + 6, size, base)
+    length[places] = np.where(good & whole & ~more, size, 0)
+    return length
 
 
 def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found:
@@ -157,8 +176,9 @@ def _fd(lines: Lines, rows: Index, t_ns: NDArray[np.int64], base: int) -> _Found
     # is a classic one in the long form, and bit 4 makes it a remote one.  Some loggers never set
     # it; what only FD has shows it then.
     bits, has_bits = integers(lines.text, *_token_or_none(lines, rows, at + 6 + size), 16)
-    fd = ~error & (~has_bits | (bits & 0x1000 != 0) | (length > 8) | (brs == 1) | (esi == 1))
-    remote = ~error & ~fd & (bits & 0x10 != 0)
+    fdf = ~has_bits | (bits & 0x1000 != 0)
+    remote = ~error & ~fdf & (bits & 0x10 != 0) & (length == 0)
+    fd = ~error & ~remote & (fdf | (length > 8) | (brs == 1) | (esi == 1))
     asked = np.minimum(dlc, 8)
     good &= error | fd | (length <= 8)
     flags = np.zeros(len(rows), np.uint16)

@@ -196,6 +196,54 @@ def test_frames_of_fd_in_an_asc_that_does_not_mark_them(tmp_path: Path) -> None:
     assert not log.loss.any
 
 
+@pytest.mark.parametrize("tail", ["", "  Length = 240000 BitCount = 124 ID = 256"])
+@pytest.mark.parametrize("base", ["hex", "dec"])
+@pytest.mark.parametrize(
+    ("code", "n_bytes", "fd", "length"),
+    [
+        ("8", 8, False, 8),
+        ("9", 8, False, 8),  # a classic frame may state more than its 8 bytes
+        ("9", 12, True, 12),
+        ("10", 16, True, 16),
+        ("14", 48, True, 48),
+        ("15", 64, True, 64),
+        ("9", 11, False, 8),  # more bytes than 8, and not those of the DLC
+    ],
+)
+def test_frames_of_fd_in_the_short_form_by_a_dlc_in_decimal(
+    tmp_path: Path, tail: str, base: str, code: str, n_bytes: int, fd: bool, length: int
+) -> None:
+    path = tmp_path / "a.asc"
+    data = " ".join(["11"] * n_bytes)
+    path.write_text(
+        f"date Fri Feb 14 08:51:20 am 2020\nbase {base}  timestamps absolute\n"
+        f"  348.174650 1 123  Rx d {code} {data}{tail}\n"
+        "  348.174700 1 123  Rx d 2 11 11\n"
+    )
+    log, found = read_all(path)
+    assert not log.loss.any
+    assert [(f.fd, f.length, f.data) for f in found] == [
+        (fd, length, bytes([0x11 if base == "hex" else 11] * length)),
+        (False, 2, bytes([0x11 if base == "hex" else 11] * 2)),
+    ]
+
+
+def test_a_remote_frame_in_the_long_form_whatever_its_other_bits_are(tmp_path: Path) -> None:
+    path = tmp_path / "a.asc"
+    path.write_text(
+        "date Sam Sep 30 15:06:13.191 2017\nbase hex  timestamps absolute\n"
+        "  30.300981 CANFD   3 Tx   50005x  0 1 5 0 140000 73 200050 7a60 46500250 0\n"
+        "  30.400000 CANFD   3 Tx   50005x  0 1 5 0 140000 73 200040 7a60 46500250 0\n"
+        "  30.500000 CANFD   3 Tx   50005x  0 1 5 0 140000 73 201050 7a60 46500250 0\n"
+    )
+    found = read_all(path)[1]
+    assert [(f.remote, f.fd, f.esi, f.length) for f in found] == [
+        (True, False, False, 5),
+        (False, True, True, 0),
+        (False, True, True, 0),
+    ]
+
+
 def test_busmaster_over_midnight_and_with_other_times(tmp_path: Path) -> None:
     path = tmp_path / "a.log"
     for mode, stamps in {
