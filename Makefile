@@ -62,7 +62,8 @@ fuzz: .venv/test
 	$(BIN)/python -m tests.daq.formats.mutations $(or $(FILES),2000)
 	$(BIN)/python -m tests.daq.formats.channel_mutations $(or $(FILES),2000)
 
-# Kills, crash images, failing writes, full disks: no acknowledged frame may be lost.
+# Kills, crash images, failing writes, full disks: no acknowledged frame may be lost.  The parts run
+# side by side, one more than processors.
 crash: .venv/test
 	$(BIN)/python -m tests.daq.crash
 

@@ -9,29 +9,63 @@ The figures reached are printed for the recorder's manual; any frame lost is an 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from .crash_broken import failures, fills
+from .crash_broken import Full, failure, fill
 from .crash_daemon import daemon
 from .crash_derive import journal_of_runs, kill_derive, rates
 from .crash_faults import faults
 from .crash_full import disks_full
 from .crash_images import images
-from .crash_kills import kills
-from .crash_power import cuts
+from .crash_jobs import Jobs, Part, done
+from .crash_kills import KILLS_A_FOLDER, Kills, kills
+from .crash_power import cut
 from .crash_sender import RATE_HZ
 from .crash_slow import slow_disk
 from .crash_taken import TAKINGS, read_only, take_away, unmounted
 
 
-def _kills(folder: Path, count: int) -> str:
-    done = kills(folder, count)
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """A campaign: how many, what each part does, and what is printed of all."""
+
+    count: int
+    parts: Callable[[Path, int], list[Part]]
+    text: Callable[[Sequence[Any]], str]
+
+
+def _each(part: Callable[[Path, int], Any]) -> Callable[[Path, int], list[Part]]:
+    """Return what makes a part of each of so many."""
+    return lambda folder, count: [partial(part, folder, i) for i in range(count)]
+
+
+def _whole(part: Callable[[Path, int], str]) -> Callable[[Path, int], list[Part]]:
+    """Return what makes one part of all."""
+    return lambda folder, count: [partial(part, folder, count)]
+
+
+def _only(texts: Sequence[str]) -> str:
+    (text,) = texts
+    return text
+
+
+def _kills(folder: Path, count: int) -> list[Part]:
+    size = KILLS_A_FOLDER
+    firsts = range(0, count, size)
+    return [partial(kills, folder, first, min(size, count - first)) for first in firsts]
+
+
+def _killed(done: Sequence[Kills]) -> str:
     flight = [n / RATE_HZ * 1e3 for some in done for n in some.in_flight] or [0.0]
     return (
         f"{sum(some.kills for some in done)} kills of `record` in {len(done)} folders, every other"
@@ -51,9 +85,10 @@ def _faults(folder: Path, count: int) -> str:
     return f"{failed} failing operations (EIO, ENOSPC, short, fdatasync): 0 lost, 0 doubled"
 
 
-def _failures(folder: Path, count: int) -> str:
-    frames = failures(folder, count)
-    return f"{count} failing operations of `record`: 0 of {frames:,} frames lost, 0 doubled"
+def _failed(frames: Sequence[int]) -> str:
+    return (
+        f"{len(frames)} failing operations of `record`: 0 of {sum(frames):,} frames lost, 0 doubled"
+    )
 
 
 def _full(folder: Path, sizes: int) -> str:
@@ -68,8 +103,7 @@ def _full(folder: Path, sizes: int) -> str:
     )
 
 
-def _fills(folder: Path, count: int) -> str:
-    done = fills(folder, count)
+def _filled(done: Sequence[Full]) -> str:
     kinds = ", ".join(sorted({full.kind for full in done}))
     return (
         f"{len(done)} full disks ({kinds}) of `record`: {sum(full.sent for full in done):,} frames"
@@ -78,13 +112,13 @@ def _fills(folder: Path, count: int) -> str:
     )
 
 
-def _power(folder: Path, count: int) -> str:
-    done = cuts(folder, count)
-    if done is None:
+def _power(done: Sequence[tuple[int, int] | None]) -> str:
+    cuts = [each for each in done if each is not None]
+    if not cuts:
         return "no power cut tried: disks cannot be mounted here"
-    frames = sum(acknowledged for acknowledged, _ in done)
+    frames = sum(acknowledged for acknowledged, _ in cuts)
     return (
-        f"{len(done)} power cuts (ext4) of `record`: 0 of {frames:,} acknowledged frames lost, 0"
+        f"{len(cuts)} power cuts (ext4) of `record`: 0 of {frames:,} acknowledged frames lost, 0"
         " doubled"
     )
 
@@ -128,40 +162,51 @@ def _daemon(folder: Path, seconds: int) -> str:
     return f"{seconds} s of a daemon through three campaigns: 0 of {frames:,} frames lost"
 
 
-CAMPAIGNS: dict[str, tuple[Callable[[Path, int], str], int]] = {
-    "R1": (_kills, 200),
-    "R2": (_images, 3000),
-    "R3": (_faults, 200),
-    "R3_record": (_failures, 40),
-    "R4": (_full, 20),
-    "R4_record": (_fills, 30),
-    "R5": (_power, 10),
-    "R6": (_taken, 3),
-    "R7": (_derive, 50),
-    "R16": (_slow, 15),
-    "R17": (_daemon, 300),
+CAMPAIGNS = {
+    "R17": Campaign(300, _whole(_daemon), _only),
+    "R1": Campaign(200, _kills, _killed),
+    "R2": Campaign(3000, _whole(_images), _only),
+    "R3": Campaign(200, _whole(_faults), _only),
+    "R3_record": Campaign(40, _each(failure), _failed),
+    "R4": Campaign(20, _whole(_full), _only),
+    "R4_record": Campaign(30, _each(fill), _filled),
+    "R5": Campaign(10, _each(cut), _power),
+    "R6": Campaign(3, _whole(_taken), _only),
+    "R7": Campaign(50, _whole(_derive), _only),
+    "R16": Campaign(15, _whole(_slow), _only),
 }
+"""The longest part comes first."""
 
 
 def main() -> int:
-    """Run the campaigns; sizes can be given, like `--R1 20`."""
+    """Run the campaigns; sizes can be given, like `--R1 20`, 0 for none."""
     parser = argparse.ArgumentParser(description="Kill, fill and take away what a recorder needs.")
-    for name, (_, count) in CAMPAIGNS.items():
-        parser.add_argument(f"--{name}", type=int, default=count)
+    parser.add_argument("--jobs", type=int, default=(os.cpu_count() or 1) + 1)
+    for name, campaign in CAMPAIGNS.items():
+        parser.add_argument(f"--{name}", type=int, default=campaign.count)
     sizes = vars(parser.parse_args())
-    code = 0
-    for name, (campaign, _) in CAMPAIGNS.items():
-        if not sizes[name]:
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            began_s = time.monotonic()
-            try:
-                text = campaign(Path(folder), sizes[name])
-            except AssertionError as error:
-                text, code = f"FAILED: {error}", 1
-            sys.stdout.write(f"{name}  {text}  [{time.monotonic() - began_s:.0f} s]\n")
+    code, began_s = 0, time.monotonic()
+    with tempfile.TemporaryDirectory() as folder, Jobs(sizes["jobs"]) as jobs:
+        begun = {
+            name: jobs.begin(campaign.parts(_place(folder, name), sizes[name]))
+            for name, campaign in CAMPAIGNS.items()
+            if sizes[name]
+        }
+        for name, parts in begun.items():
+            result = done(parts)
+            text = f"FAILED: {result.failed}" if result.failed else ""
+            code = code or int(bool(text))
+            text = text or CAMPAIGNS[name].text(result.results)
+            sys.stdout.write(f"{name}  {text}  [{result.seconds:.0f} s]\n")
             sys.stdout.flush()
+    sys.stdout.write(f"{time.monotonic() - began_s:.0f} s in all, {sizes['jobs']} at a time\n")
     return code
+
+
+def _place(folder: str, name: str) -> Path:
+    place = Path(folder, name)
+    place.mkdir()
+    return place
 
 
 if __name__ == "__main__":

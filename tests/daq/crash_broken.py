@@ -39,13 +39,11 @@ def fail_once(place: Path, kind: str, nth: int) -> int:
         return _ended(place, recorder, sender, dropped=0)
 
 
-def failures(folder: Path, count: int) -> int:
-    """Let `count` operations fail, each of a recorder of its own; return the frames sent."""
-    frames = 0
-    for i in range(count):
-        place = folder / f"failure{i}"
-        frames += fail_once(place, KINDS[i % len(KINDS)], 2 + i // len(KINDS) * 5 + i % 3)
-        shutil.rmtree(place)
+def failure(folder: Path, i: int) -> int:
+    """Let one operation fail, another kind and place for each `i`; return the frames sent."""
+    place = folder / f"failure{i}"
+    frames = fail_once(place, KINDS[i % len(KINDS)], 2 + i // len(KINDS) * 5 + i % 3)
+    shutil.rmtree(place)
     return frames
 
 
@@ -119,14 +117,11 @@ def fill_once(place: Path, size: int, *, drops: bool, mount: bool) -> Full:
         return Full(disk.kind, sent, dropped, resumed_s)
 
 
-def fills(folder: Path, count: int) -> list[Full]:
-    """Let `count` disks of several sizes run full; every third costs frames, which are counted."""
-    done = []
-    for i in range(count):
-        place = folder / f"full{i}"
-        size = 60_000 + i * 97_003
-        done.append(fill_once(place, size, drops=i % 3 == 2, mount=i % 2 == 0))
-        shutil.rmtree(place)
+def fill(folder: Path, i: int) -> Full:
+    """Let a disk run full, larger with `i`; every third costs frames, which are counted."""
+    place = folder / f"full{i}"
+    done = fill_once(place, 60_000 + i * 97_003, drops=i % 3 == 2, mount=i % 2 == 0)
+    shutil.rmtree(place)
     return done
 
 

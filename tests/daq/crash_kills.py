@@ -76,13 +76,10 @@ def kill_series(folder: Path, count: int, rng: np.random.Generator, *, hot: bool
     return Kills(count, acknowledged, expected, found.runs, tuple(in_flight))
 
 
-def kills(folder: Path, count: int, seed: int = 1) -> list[Kills]:
-    """Kill `count` recorders at random moments, every other folder unthrottled."""
-    rng = np.random.default_rng(seed)
-    done: list[Kills] = []
-    for first in range(0, count, KILLS_A_FOLDER):
-        place = folder / f"kills{first}"
-        some = min(KILLS_A_FOLDER, count - first)
-        done.append(kill_series(place, some, rng, hot=len(done) % 2 == 1))
-        shutil.rmtree(place)
+def kills(folder: Path, first: int, count: int, seed: int = 1) -> Kills:
+    """Kill the `first` and following of a campaign's recorders, every other folder unthrottled."""
+    rng = np.random.default_rng([seed, first])
+    place = folder / f"kills{first}"
+    done = kill_series(place, count, rng, hot=first // KILLS_A_FOLDER % 2 == 1)
+    shutil.rmtree(place)
     return done

@@ -77,14 +77,9 @@ def cut_once(folder: Path, after_s: float, *, hot: bool) -> tuple[int, int] | No
     return acknowledged, len(n)
 
 
-def cuts(folder: Path, count: int, seed: int = 5) -> list[tuple[int, int]] | None:
-    """Cut the power `count` times, half of them unthrottled; None where nothing can be mounted."""
-    rng = np.random.default_rng(seed)
-    done = []
-    for i in range(count):
-        one = cut_once(folder / f"cut{i}", rng.uniform(0.5, 3.0), hot=i % 2 == 1)
-        if one is None:
-            return None
-        done.append(one)
-        shutil.rmtree(folder / f"cut{i}")
+def cut(folder: Path, i: int, seed: int = 5) -> tuple[int, int] | None:
+    """Cut the power, every other time of an unthrottled one; None where nothing can be mounted."""
+    place = folder / f"cut{i}"
+    done = cut_once(place, np.random.default_rng([seed, i]).uniform(0.5, 3.0), hot=i % 2 == 1)
+    shutil.rmtree(place)
     return done

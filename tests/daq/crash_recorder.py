@@ -8,9 +8,7 @@ which blocks wait for the disk.
 
 from __future__ import annotations
 
-import ctypes
 import os
-import signal
 import sys
 from functools import partial
 from pathlib import Path
@@ -21,10 +19,9 @@ from daq.journal.segment import JournalFile
 from tui.cli import run
 
 from .crash_disk import FailingDisk, SmallDisk
+from .crash_jobs import die_with_parent
 
 MORE_ROOM = Path("more_room")
-_PARENT_DEATH = 1
-"""`PR_SET_PDEATHSIG` of prctl(2)."""
 _MORE_BYTES = 100_000_000
 
 
@@ -39,10 +36,7 @@ class _Refilled(SmallDisk):
 
 def main(arguments: list[str]) -> int:
     """Run a command with a recorder on such a disk, and return its exit code."""
-    if sys.platform == "linux":  # a campaign that is killed leaves no recorder behind
-        ctypes.CDLL(None).prctl(_PARENT_DEATH, signal.SIGKILL)
-        if os.getppid() == 1:  # killed while this process was starting
-            return 1
+    die_with_parent()  # a campaign that is killed leaves no recorder behind
     kind, number, *command = arguments
     if held := os.environ.get("HELD_BYTES"):
         vars(backlog)["HELD_BYTES"] = int(held)
