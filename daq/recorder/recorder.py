@@ -8,6 +8,7 @@ signal, never because of a bus or a disk.
 
 from __future__ import annotations
 
+import gc
 import logging
 import threading
 import time
@@ -162,12 +163,16 @@ class Recorder:
             self._resume_or_begin()
             try:
                 self._start_readers()
+                # Each frame of python-can is an object: with all that is loaded searched for
+                # garbage again and again, its reader takes half as long again.
+                gc.freeze()
                 self._cycle(publish)
                 while not (stop.is_set() or self._ended):
                     self._cycle(publish)
             finally:
                 self._finish(publish)
         finally:
+            gc.unfreeze()
             self._orders.close()
             self._orders.cancel()
             self._derivation.close()
