@@ -240,6 +240,17 @@ class GreyBox:
             return np.zeros(len(eta), dtype=complex)
         return np.asarray(CROSS_SCALE_KG * eta[:, len(self.prior_sigma) - 1])
 
+    @property
+    def weight_masses(self) -> dict[int, float]:
+        """Stated mass of each weight that has a sigma, kg, by the position of its unknown."""
+        first = self._first_delay + len(self._late)
+        states = {state.name: state for state in self.mass_states}
+        return {
+            p: states[name].added.weights[i].mass_kg
+            for p, (name, i, figure) in enumerate(self._weights, start=first)
+            if figure == 0
+        }
+
     def off_weights(self, eta: NDArray[np.complex128], state: MassState) -> NDArray[np.complex128]:
         """Return mass and place of each weight of a mass state beside what is stated, at `eta`.
 

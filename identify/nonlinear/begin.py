@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from daq.vehicle import MassState
 
 from ..decays.decay import FreeDecay
-from ..fit.grey_box import SIGNED, GreyBox
+from ..fit.grey_box import GreyBox
 from ..fit.varpro import evaluate as linear_point
 from ..fit.varpro import linear_part
 from ..model.matrices import full_matrices
 from .car import PULL, Model, car
+from .common_scale import scaled
 from .path import Own, travel_speeds
 
 _BEYOND = 2.0
 """Factor by which a car may be lighter or heavier than all generic vehicles: theirs are wide."""
-_LENGTHS = ("a", "b", "t_f", "t_r", "y_s")
 _SLIDES_M_S = 0.02
 """Speed at which most of the friction acts in the direction of the motion."""
 
@@ -37,13 +37,7 @@ def of_vehicle_size(
     found = float(np.exp(eta[box.parameters.index("m_s")]))
     if min(masses) / _BEYOND <= found <= max(masses) * _BEYOND:
         return eta
-    result = eta.copy()
-    for i, name in enumerate(box.parameters):
-        if name in SIGNED and name not in _LENGTHS:
-            result[i] *= masses[0] / found
-        elif name not in _LENGTHS:
-            result[i] += np.log(masses[0] / found)
-    return result
+    return scaled(box, eta, masses[0] / found)
 
 
 def rest_of(model: Model, eta: NDArray[np.float64], state: MassState) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .begin import owns_of
 from .car import Model
+from .common_scale import at_likely_scale
 from .fit import Optimum, fit
 from .groups import BY_NAME, CORRECTIONS_FROM, STAGES, positions
 from .level import POLISH, ROUGH
@@ -57,7 +58,8 @@ _WORSE = 1.1
 _FOUND, _HOPELESS = 1.5, 5.0
 """chi2/n of the last stage between which the next best attempt is followed as well: a first stage
 that ends lower is not always nearer (10.6 of a late start ended at 2.1, 41 of the first at 1.0).
-Where the best one ends higher, a sensor is wrong and not the start."""
+Where the best one ends higher, a sensor is wrong and not the start, unless it ends higher than its
+own first stage: it has gone astray (8.2 of a late start ended at 17, 17 of the first at 1.0)."""
 _FOLLOWED_MOST = 3
 """Attempts that are followed through the later stages at most."""
 _LAST_STEPS = 40
@@ -118,18 +120,19 @@ def release(
         return None
     tried.sort(key=lambda one: one[0])
     ends = []
-    for _, start, taken in tried[:_FOLLOWED_MOST]:
+    for first, start, taken in tried[:_FOLLOWED_MOST]:
         best, fitted, groups = _stages(start, taken, begun[0], chosen, allowed, log)
         chi2 = best.cost / fitted.freedom
         ends.append((chi2, best, fitted, groups))
-        if not _FOUND < chi2 < _HOPELESS:
+        if not (_FOUND < chi2 < _HOPELESS or chi2 > first):
             break
     _, best, taken, chosen = min(ends, key=lambda one: one[0])
     problem = best.point.problem
     whole = replace(problem, runs=taken.runs)
     polished = fit(
-        whole, best.eta, best.point.owns, POLISH, tolerance=_POLISHED, max_iterations=_POLISH_STEPS
-    )
+        whole, at_likely_scale(whole, best.eta), best.point.owns, POLISH, tolerance=_POLISHED,
+        max_iterations=_POLISH_STEPS,
+    )  # fmt: skip
     if polished is not None:
         log(f"polished in {polished.iterations} steps, decrement {polished.decrement:.2g}")
     return None if polished is None else (polished, chosen)
@@ -163,9 +166,9 @@ def _stages(
         if last and "damper_knees" in chosen:
             problem, eta = refined(problem, eta, KNOTS[_LAST_KNOTS])
             model = problem.model
-        free = positions(model, chosen, k >= CORRECTIONS_FROM)
+        freed = problem.releasing(positions(model, chosen, k >= CORRECTIONS_FROM))
         found = fit(
-            problem.releasing(free), eta, owns, ROUGH, tolerance=_CONVERGED,
+            freed, at_likely_scale(freed, eta), owns, ROUGH, tolerance=_CONVERGED,
             rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
             max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
         )  # fmt: skip
