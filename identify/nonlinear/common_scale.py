@@ -1,10 +1,10 @@
 """The one factor of all masses and forces that the motion does not show.
 
-If all masses, inertias, springs, dampers and friction of a car and of the weights on it are larger by
-one factor, it moves as before: only weights and facts as stated know the factor.  A search creeps
-along that curved valley in steps of a thousandth (a formula car stood 10 % too light, with weights
-36 standard deviations off, and promised to lower its cost by 3600 for 25 steps); here it goes there
-at once, as the valley is known.
+If all masses, inertias, springs, dampers and friction of a car and of the weights on it are
+larger by one factor, it moves as before: only weights and facts as stated know the factor.  A
+search creeps along that curved valley in steps of a thousandth (a formula car stood 10 % too
+light, with weights 36 standard deviations off, and promised to lower its cost by 3600 for 25
+steps); here it goes there at once, as the valley is known.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """The standard car of the nonlinear method, with one element more in each row, by forces.
 
-`python -m tests.benchmarks.standard_car [SEEDS [ROW ...]]`: 2 by default, each 5 to 20 CPU s; the
-rows are those of `ROWS`.  Bars: the worst of the 13 masses, inertias, stiffnesses and lengths within
-1.2 % of the truth as root mean square (0.6 % at 1 kHz, 2 % without travels, 1.5 % with everything,
-1.8 % with a mount); standardised errors of 1.1 as root mean square; intervals that hold 92 to 98 %;
-chi2/n of 0.985 to 1.015; the friction within 1 N, the damper's curve within 1.5 %.
+`python -m tests.benchmarks.standard_car [SEEDS [ROW ...]]`: 2 by default, each 5 to 20 CPU s;
+rows are those of `ROWS`.  Bars: the worst of the 13 masses, inertias, stiffnesses and lengths
+within 1.2 % of the truth as root mean square (0.6 % at 1 kHz, 2 % without travels, 1.5 % with
+everything, 1.8 % with a mount); standardised errors of 1.1 as root mean square; intervals that
+hold 92 to 98 %; chi2/n of 0.985 to 1.015; the friction within 1 N, the damper's curve within 1.5
+%.
 """
 
 from __future__ import annotations
@@ -120,9 +121,7 @@ def _curve_error(found: Identification, car: Truth) -> float:
     worst = 0.0
     for axle, forces in enumerate(found.forces.axles):
         curve = forces.damper
-        shown = CURVE_M_S[
-            (curve.speed_m_s[0] <= CURVE_M_S) & (curve.speed_m_s[-1] >= CURVE_M_S)
-        ]
+        shown = CURVE_M_S[(curve.speed_m_s[0] <= CURVE_M_S) & (curve.speed_m_s[-1] >= CURVE_M_S)]
         true = np.interp(shown, SPEEDS, car.damper(axle))
         mine = np.interp(shown, curve.speed_m_s, curve.force_n)
         worst = max(worst, float(np.max(np.abs(mine - true)) / np.max(np.abs(true))))
@@ -175,11 +174,11 @@ def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> Any:
     return np.sqrt(np.mean(np.square(values), axis=0))
 
 
-def main(seeds: int = 2, *names: str) -> None:
-    """Print a line for each row."""
+def main(seeds: int = 2, names: Sequence[str] = ()) -> None:
+    """Print a line for each row, or for the named ones."""
     for name in names or tuple(ROWS):
         print(measure(name, ROWS[name], seeds), flush=True)
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2]), *sys.argv[2:])
+    main(int((sys.argv[1:2] or ["2"])[0]), sys.argv[2:])
