@@ -43,6 +43,10 @@ _MOST_AT_ONCE = 0.25
 """Share of frames together with the one before them, from which on a reader takes blocks."""
 _MOST_GAPS = 0.1
 """Share of frames behind a gap from which on the clock may have been taken twice too fast."""
+_FOLLOWED_SHARE = 0.25
+"""Lateness, in cycles, below which some of any frames in a row show that the clock is followed."""
+_UNSURE_END = 2
+"""Frames at the end of a run that are late rather than behind its only gap: none follows them."""
 _BELIEVED_RATE = (0.8, 1.25)
 """Seconds of the bus per second of the sensor; outside, its unit or wrap is not what is stated."""
 _JUMP_S = 0.05
@@ -128,12 +132,9 @@ def even_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
     if len(t_ns) < _FEWEST:
         return arrival_times(t_ns, t0_ns)
     arrival: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
-    found = _punctual_ticks(arrival)
+    found = _punctual_ticks(arrival) or _all_ticks(arrival)
     if found is None:
-        cycle_s = float(arrival[-1] - arrival[0]) / (len(arrival) - 1)
-        if not (cycle_s > 0.0 and _is_complete(arrival, cycle_s)):
-            return arrival_times(t_ns, t0_ns)
-        found = np.arange(len(arrival), dtype=np.float64), cycle_s
+        return arrival_times(t_ns, t0_ns)
     index, cycle_s = found
     step = np.concatenate([[1], np.diff(index)]).astype(np.int64)
     return SensorTimes(_increasing(_fitted(index, arrival, cycle_s)), step)
@@ -148,7 +149,13 @@ def _punctual_ticks(
         return None
     index, late_s, cycle_s = _ticks(arrival, cycle_s)
     late = np.quantile(late_s, 0.95) > _LATEST_SHARE * cycle_s
-    return None if late or np.mean(np.diff(index) > 1) > _MOST_GAPS else (index, cycle_s)
+    gaps = np.flatnonzero(np.diff(index) > 1)
+    follows = _latest_stretch_s(late_s) < _FOLLOWED_SHARE * cycle_s
+    if late or not follows or len(gaps) > _MOST_GAPS * len(index):
+        return None
+    if len(gaps) and gaps[0] >= len(index) - 1 - _UNSURE_END:
+        index = np.arange(len(index), dtype=np.float64)  # late rather than behind the only gap
+    return index, cycle_s
 
 
 def _ticks(
@@ -177,21 +184,31 @@ def _ticks(
         n += n // 4
 
 
-def _is_complete(arrival: NDArray[np.float64], cycle_s: float) -> bool:
-    """Return whether a frame for each tick of an even clock explains the arrivals.
+def _all_ticks(arrival: NDArray[np.float64]) -> tuple[NDArray[np.float64], float] | None:
+    """Return the tick of each frame and the cycle, if a frame for each tick explains the arrivals.
 
     Then some of any 20 to 40 frames in a row are punctual.  Behind a frame that is missing all
     would be late by a cycle.  A reader that takes blocks of frames makes even the first of a block
     late, by as much in the whole run, which nothing shows.
     """
-    if np.mean(np.diff(arrival) < _PUNCTUAL_SHARE * cycle_s) > _MOST_AT_ONCE:
-        return False
-    k: NDArray[np.float64] = np.arange(len(arrival), dtype=np.float64)
-    k -= (len(arrival) - 1) / 2.0
-    start, rate = lower_line(k, arrival - arrival[0], cycle_s, LARGEST_TOLERANCE)
-    late = arrival - arrival[0] - start - rate * k
-    parts = np.array_split(late, len(late) // _FEWEST)
-    return max(float(part.min()) for part in parts) < _PUNCTUAL_SHARE * rate
+    # The first and the last frame may be late by cycles: so far from the cycle is their distance.
+    rough_s = float(arrival[-1] - arrival[0]) / (len(arrival) - 1)
+    if not rough_s > 0.0 or np.mean(np.diff(arrival) < _PUNCTUAL_SHARE * rough_s) > _MOST_AT_ONCE:
+        return None
+    index: NDArray[np.float64] = np.arange(len(arrival), dtype=np.float64)
+    k = index - index.mean()
+    start, cycle_s = lower_line(k, arrival - arrival[0], rough_s, LARGEST_TOLERANCE)
+    late_s = arrival - arrival[0] - start - cycle_s * k
+    return (index, cycle_s) if _latest_stretch_s(late_s) < _PUNCTUAL_SHARE * cycle_s else None
+
+
+def _latest_stretch_s(late_s: NDArray[np.float64]) -> float:
+    """Return how late the most punctual frame of 20 to 40 in a row is, where it is latest.
+
+    If one frame has a wrong tick, all behind it have, and come later than those before.
+    """
+    parts = np.array_split(late_s, len(late_s) // _FEWEST)
+    return max(float(part.min()) for part in parts)
 
 
 def stamped_times(

@@ -95,3 +95,51 @@ def test_some_of_forty_frames_must_be_punctual(late_share: float, is_found: bool
 def test_frames_that_are_read_in_blocks_keep_their_arrival(every: int, is_found: bool) -> None:
     # Two of nine come with the one before them, 22 %; of seven, 29 %.
     assert is_on_a_clock(stalled(every)) == is_found
+
+
+def errors(late_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far the times that are found lie from the ticks, in cycles."""
+    tick_s = 0.0013 + CYCLE_S * np.arange(len(late_s))
+    t_ns = np.rint(np.maximum.accumulate(tick_s + late_s) * 1e9).astype(np.int64)
+    return np.asarray((even_times(t_ns, 0).time_s - tick_s) / CYCLE_S)
+
+
+@pytest.mark.parametrize("place", [0, 239])
+def test_a_late_first_or_last_frame_does_not_tilt_the_clock(place: int) -> None:
+    late_s = stalled(9)
+    late_s[4::9], late_s[5::9], late_s[6::9] = 0.6 * CYCLE_S, 0.5 * CYCLE_S, 0.7 * CYCLE_S
+    late_s[place] = 0.6 * CYCLE_S  # by 0.6 of 240 cycles the mean distance of the frames is wrong
+    assert np.max(np.abs(errors(late_s))) < 0.01
+
+
+def test_the_ticks_of_jitter_beyond_a_cycle_are_found_or_the_arrival_is_kept() -> None:
+    rng = np.random.default_rng(3)
+    found = []
+    for _ in range(60):
+        late_s = np.minimum(rng.exponential(0.3 * CYCLE_S, 700), 1.5 * CYCLE_S)
+        error = errors(late_s)
+        if np.std(error) < 0.2:
+            found.append(np.max(np.abs(error)))
+    assert len(found) > 50
+    assert max(found) < 0.1
+
+
+@pytest.mark.parametrize(("n_late", "end"), [(1, 0.0), (2, 0.0), (3, 1.0)])
+def test_the_last_two_frames_are_late_rather_than_behind_a_gap(n_late: int, end: float) -> None:
+    late_s = np.zeros(240)
+    late_s[-n_late:] = 1.1 * CYCLE_S
+    assert errors(late_s)[-1] == pytest.approx(end, abs=0.2)
+
+
+def test_the_last_frame_is_behind_a_gap_where_others_are_missing() -> None:
+    late_s = np.zeros(240)
+    late_s[100:] = 1.0 * CYCLE_S  # as if one were missing
+    late_s[-1] = 2.1 * CYCLE_S
+    assert errors(late_s)[-1] == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("late_share", "is_found"), [(0.2, True), (0.3, False)])
+def test_a_clock_that_is_not_followed_is_none(late_share: float, is_found: bool) -> None:
+    late_s = np.zeros(240)
+    late_s[96:144] += late_share * CYCLE_S
+    assert (np.std(errors(late_s)) < 0.01) == is_found
