@@ -27,6 +27,8 @@ from .exported_mat import read_exported_mat
 from .exported_uff import read_exported_uff
 
 _DAMAGED = "the file is damaged or cut off"
+_HEADER_AT, _FIRST_ATTACHMENT = 64, slice(48, 56)
+"""Place of the header block of an MF4, and in it of the link to the first attachment."""
 _MAX_SIDECAR_BYTES = 256 << 20
 
 
@@ -97,9 +99,14 @@ def _from_mf4(asammdf: Any, path: Path) -> Session:
 
 
 def _names_description(path: Path) -> bool:
-    """Return whether the name of our attachment occurs in a file: opening an MF4 may take long."""
+    """Return whether the name of our attachment occurs in an MF4: to open one may take long."""
     wanted, kept = description.NAME.encode(), b""
     with path.open("rb") as file:
+        file.seek(_HEADER_AT)
+        header = file.read(_FIRST_ATTACHMENT.stop)
+        if header[:4] == b"##HD" and not any(header[_FIRST_ATTACHMENT]):
+            return False  # as of most logs, which may have many gigabytes
+        file.seek(0)
         while piece := file.read(1 << 20):
             if wanted in kept + piece:
                 return True

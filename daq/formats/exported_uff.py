@@ -43,6 +43,8 @@ def _records(path: Path) -> Iterator[tuple[str, str, NDArray[np.float64], NDArra
     """Yield name, title, times and values of each dataset 58 in binary form."""
     with path.open("rb") as file:
         while line := file.readline(256):
+            if b"\0" in line:
+                raise InputError(str(path), "holds what is no dataset", "export it again")
             if not line.startswith(b"    58b"):
                 continue
             size = int(line[31:43])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -136,3 +137,28 @@ def test_a_sidecar_names_no_file_elsewhere(tmp_path: Path, session: Session) -> 
     sidecar.write_text(text, "utf-8")
     with pytest.raises(InputError, match="no file beside it"):
         exported_session(sidecar)
+
+
+def test_a_universal_file_with_a_hole_behind_it_is_not_read_to_its_end(
+    tmp_path: Path, session: Session
+) -> None:
+    path = exported(session, tmp_path, ".uff")
+    with path.open("r+b") as file:
+        file.truncate(10 << 30)
+    began_s = process_time()
+    with pytest.raises(InputError, match="holds what is no dataset"):
+        exported_session(path)
+    assert process_time() - began_s < 2.0
+
+
+def test_a_log_without_attachments_is_not_searched_for_one(
+    tmp_path: Path, session: Session
+) -> None:
+    path = tmp_path / "log.mf4"
+    header = b"##HD" + bytes(4) + (104).to_bytes(8, "little") + (6).to_bytes(8, "little")
+    path.write_bytes(b"MDF     4.10    ".ljust(64, b"\0") + header.ljust(104, b"\0"))
+    with path.open("r+b") as file:
+        file.truncate(10 << 30)
+    began_s = process_time()
+    assert exported_session(path) is None
+    assert process_time() - began_s < 1.0
