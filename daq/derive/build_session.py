@@ -25,6 +25,7 @@ from dbc.frames import FrameBatch
 from ..bench.config import Bench, bench_codec, parse_bench
 from ..errors import BumpbenchError, InputError
 from ..files import rewritten, sync_file
+from ..garbage import loaded_is_kept
 from ..journal.built import note_built
 from ..journal.contents import HopCounts, JournalTail
 from ..journal.folder import is_unbroken, scanned, state_of
@@ -96,7 +97,8 @@ def derive(segments: Sequence[Path], target: Path, *, growing: bool = False) -> 
     new = run_log.runs[len(grown.runs) :]
     found = _read(bench, infos, new, trusting=growing and is_unbroken(infos))
     try:
-        runs = _write(target, bench, recording, run_log, grown, found, growing=growing)
+        with loaded_is_kept():
+            runs = _write(target, bench, recording, run_log, grown, found, growing=growing)
     except OSError as error:
         raise InputError(
             str(target),

@@ -8,7 +8,6 @@ signal, never because of a bus or a disk.
 
 from __future__ import annotations
 
-import gc
 import logging
 import threading
 import time
@@ -39,6 +38,7 @@ from ..control.orders import (
     Stop,
 )
 from ..derive.grown import forget_others
+from ..garbage import loaded_is_kept
 from ..journal.built import built_revision
 from ..journal.contents import JournalTail
 from ..journal.folder import seal_left_open
@@ -163,16 +163,13 @@ class Recorder:
             self._resume_or_begin()
             try:
                 self._start_readers()
-                # Each frame of python-can is an object: with all that is loaded searched for
-                # garbage again and again, its reader takes half as long again.
-                gc.freeze()
-                self._cycle(publish)
-                while not (stop.is_set() or self._ended):
+                with loaded_is_kept():  # each frame of python-can is an object: many searches
                     self._cycle(publish)
+                    while not (stop.is_set() or self._ended):
+                        self._cycle(publish)
             finally:
                 self._finish(publish)
         finally:
-            gc.unfreeze()
             self._orders.close()
             self._orders.cancel()
             self._derivation.close()

@@ -21,7 +21,9 @@ LEVEL = 1
 
 
 def packed_chunks(values: NDArray[Any]) -> Iterator[tuple[tuple[int, ...], bytes]]:
-    """Yield the offset and the packed bytes of each chunk of values with at least one row."""
+    """Yield the offset and the packed bytes of each chunk of values; none if there are none."""
+    if not values.size:
+        return
     rows = min(len(values), ROWS)
     inner = (0,) * (values.ndim - 1)
     for first in range(0, len(values), rows):

@@ -6,7 +6,7 @@ again and guess its type, which takes several times as long as writing it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .chunks import LEVEL, ROWS, packed_chunks
 
 _TEXT = h5py.string_dtype()
+_COUNTED = np.dtype(np.int64)
 
 
 def write_group(parent: GroupID, name: str) -> GroupID:
@@ -37,18 +38,19 @@ def write_attributes(item: GroupID | DatasetID, values: Mapping[str, Any]) -> No
 
 def write_column(group: GroupID, name: str, values: NDArray[Any]) -> DatasetID:
     """Write a packed dataset with a checksum, and return it."""
-    chunk = (min(len(values), ROWS), *values.shape[1:])
-    space, properties = _space(values.shape), _packed(chunk)
-    made = h5d.create(group, name.encode(), _type(values.dtype), space, properties)
-    if values.size:
-        for offset, packed in packed_chunks(values):
-            made.write_direct_chunk(offset, packed)
-    return made
+    return _column(group, name, values.shape, values.dtype, packed_chunks(values))
 
 
 def write_scale(group: GroupID, name: str, values: NDArray[Any]) -> DatasetID:
-    """Write a dataset that counts or dates the rows of others, and return it."""
+    """Write a dataset that dates the rows of others, and return it."""
     scale = write_column(group, name, values)
+    h5ds.set_scale(scale, name.encode())
+    return scale
+
+
+def write_count(group: GroupID, name: str, count: int) -> DatasetID:
+    """Write a dataset that counts the rows of others from 0, and return it."""
+    scale = _column(group, name, (count,), _COUNTED, _counted(count))
     h5ds.set_scale(scale, name.encode())
     return scale
 
@@ -89,6 +91,25 @@ def _cell(array: NDArray[Any]) -> _Cell:
 @lru_cache(1024)
 def _encoded(name: str) -> bytes:
     return name.encode()
+
+
+def _column(
+    group: GroupID,
+    name: str,
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    chunks: Iterable[tuple[tuple[int, ...], bytes]],
+) -> DatasetID:
+    space, properties = _space(shape), _packed((min(shape[0], ROWS), *shape[1:]))
+    made = h5d.create(group, _encoded(name), _type(dtype), space, properties)
+    for offset, packed in chunks:
+        made.write_direct_chunk(offset, packed)
+    return made
+
+
+@lru_cache(64)  # most runs have as many frames, samples or events as one before
+def _counted(count: int) -> tuple[tuple[tuple[int, ...], bytes], ...]:
+    return tuple(packed_chunks(np.arange(count, dtype=_COUNTED)))
 
 
 @lru_cache(1024)

@@ -21,6 +21,8 @@ from .write import check_names, write_head, write_provenance, write_run, write_v
 
 _SPARE_BYTES = 4 << 20
 """Room on the disk beyond the size of what is written, bytes."""
+_CACHE = {"rdcc_nslots": 1, "rdcc_nbytes": 0}
+"""No cache for chunks: they are packed here, and HDF5 would set up 64 KB for each dataset."""
 
 
 def begin_session(path: Path, session: Session) -> None:
@@ -30,7 +32,7 @@ def begin_session(path: Path, session: Session) -> None:
     """
     check_names(session, ())
     _check_room(path, 0)
-    with h5py.File(path, "w") as file:
+    with h5py.File(path, "w", **_CACHE) as file:
         write_head(file, session)
 
 
@@ -38,7 +40,7 @@ def add_run(path: Path, number: int, run: Run, session: Session) -> None:
     """Write what was measured in a run; `number` counts from one.  Raises as `begin_session`."""
     check_names(session, (run,))
     _check_room(path, _run_bytes(run))
-    with h5py.File(path, "r+") as file:
+    with h5py.File(path, "r+", **_CACHE) as file:
         write_run(file, number, run, session.channels)
 
 
@@ -48,7 +50,7 @@ def finish_session(path: Path, runs: Sequence[Run], provenance: Mapping[str, str
     `runs`: in order; their groups, frames and events are not used.  Raises as `begin_session`.
     """
     _check_room(path, 0)
-    with h5py.File(path, "r+") as file:
+    with h5py.File(path, "r+", **_CACHE) as file:
         for number, run in enumerate(runs, start=1):
             write_verdict(file, number, run)
         write_provenance(file, provenance)

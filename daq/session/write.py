@@ -26,6 +26,7 @@ from .datasets import (
     write_along,
     write_attributes,
     write_column,
+    write_count,
     write_group,
     write_scale,
 )
@@ -160,7 +161,7 @@ def _mass_state(group: GroupID, state: MassState) -> None:
     _table(group, "weight", WEIGHT_COLUMNS, rows)
     matrix = write_column(group, "delta_mass", state.added.matrix)
     for axis, name in enumerate(("row", "column")):
-        attach(write_scale(group, name, np.arange(7)), matrix, axis)
+        attach(write_count(group, name, 7), matrix, axis)
 
 
 def write_run(file: h5py.File, number: int, run: Run, channels: Sequence[Channel]) -> None:
@@ -221,11 +222,11 @@ def _samples(group: GroupID, samples: SampleGroup, channels: Sequence[Channel]) 
 
 def _frames(group: GroupID, frames: FrameBatch) -> None:
     write_attributes(group, {"bus": int(frames.bus[0])})
-    frame = write_scale(group, "frame", np.arange(len(frames)))
+    frame = write_count(group, "frame", len(frames))
     for name, dtype in FRAME_COLUMNS.items():
         column = write_along(frame, group, name, np.asarray(getattr(frames, name), dtype))
         if name == "data":
-            byte = write_scale(group, "byte", np.arange(frames.data.shape[1]))
+            byte = write_count(group, "byte", frames.data.shape[1])
             attach(byte, column, 1)
 
 
@@ -237,7 +238,7 @@ def _table(
     group: GroupID, dimension: str, columns: Mapping[str, str], rows: Sequence[Mapping[str, Any]]
 ) -> None:
     """Write rows as one dataset a column."""
-    scale = write_scale(group, dimension, np.arange(len(rows)))
+    scale = write_count(group, dimension, len(rows))
     for name, dtype in columns.items():
         cells = [_cell(row[name], dtype) for row in rows]
         write_along(scale, group, name, np.array(cells, dtype=dtype))
