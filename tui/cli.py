@@ -5,6 +5,7 @@ Nothing heavy is imported here, nor at the top of a command's file, so that `--h
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 from typing import Annotated, Any
@@ -94,7 +95,11 @@ app.add_typer(study, name="study")
 
 def main() -> None:
     """Run the command line and exit."""
-    sys.exit(run(sys.argv[1:]))
+    try:
+        code = run(sys.argv[1:])
+    finally:
+        gc.freeze()  # or Python searches all that is loaded before it ends, for 0.3 s
+    sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:
