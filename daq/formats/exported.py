@@ -42,7 +42,9 @@ def exported_session(path: Path) -> Session | None:
         with path.open("rb") as file:
             head = file.read(128)
     except OSError:
-        return None
+        # A CSV export has a file for each message of each run, and none of the name it was given.
+        is_csv = path.suffix == ".csv" and not path.exists() and _is_described(path)
+        return exported_session(description.sidecar_of(path)) if is_csv else None
     try:
         for fits, read in _READERS:
             if fits(path, head):

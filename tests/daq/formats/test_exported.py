@@ -162,3 +162,14 @@ def test_a_log_without_attachments_is_not_searched_for_one(
     began_s = process_time()
     assert exported_session(path) is None
     assert process_time() - began_s < 1.0
+
+
+def test_an_export_to_csv_is_found_by_the_name_it_was_given(
+    tmp_path: Path, session: Session
+) -> None:
+    export_session(session, tmp_path / "car.csv", format_of(tmp_path / "car.csv"))
+    assert not (tmp_path / "car.csv").exists()
+    found = exported_session(tmp_path / "car.csv")
+    assert found is not None
+    assert [run.label for run in found.runs] == [run.label for run in session.runs]
+    assert exported_session(tmp_path / "other.csv") is None
