@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 
 from .runs import Excitation
@@ -92,6 +93,7 @@ BUMPS: Mapping[Excitation, BumpKind] = MappingProxyType(
 """The kinds of bump, in the order of `Excitation`."""
 
 
+@cache
 def mirror_images(wheels: Wheels) -> frozenset[Wheels]:
     """Return the wheels themselves, and those on the other side, axle or both."""
     places = {(corner.front, corner.side): corner for corner in Corner}
@@ -102,6 +104,7 @@ def mirror_images(wheels: Wheels) -> frozenset[Wheels]:
     )
 
 
+@cache
 def kinds_of(wheels: Wheels, planned: tuple[Excitation, ...]) -> tuple[Excitation, ...]:
     """Return the kinds of bump that a campaign takes struck wheels for; none for odd wheels.
 

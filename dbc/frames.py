@@ -30,7 +30,7 @@ _T = TypeVar("_T", bound=np.generic)
 def read_only(values: NDArray[_T]) -> NDArray[_T]:
     """Return a view of `values` that cannot be written."""
     view = values.view()
-    view.flags.writeable = False
+    view.setflags(write=False)
     return view
 
 

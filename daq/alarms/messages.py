@@ -172,7 +172,7 @@ def _seen(
         return MessageWatch(now_s, layout.cycle_s, now_s, 0, MappingProxyType({bus: now_s}))
     buses = MappingProxyType({**before.buses, bus: now_s})
     if before.period_s is not None:
-        return replace(before, seen_s=now_s, buses=buses)
+        return MessageWatch(now_s, before.period_s, before.learn_s, before.learn_frames, buses)
     learn_s, learn_frames = before.learn_s, before.learn_frames + frames
     span_s = now_s - learn_s
     period_s = None

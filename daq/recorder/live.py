@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +49,10 @@ class LiveRing:
         if self._end == 0 or last < self._end - _BINS or last - self._end > _BINS:
             self._begin(first)  # the first data, or a clock that was set
         self._advance(last + 1)
-        bins: dict[int, NDArray[np.int64]] = {}  # the channels of a message have one time
+        bins: dict[int, _Bins] = {}  # the channels of a message have one time
         for row, t_ns, value in pieces:
             if id(t_ns) not in bins:
-                bins[id(t_ns)] = t_ns // _BIN_NS
+                bins[id(t_ns)] = self._bins(t_ns // _BIN_NS)
             self._put(row, bins[id(t_ns)], value)
 
     def fresh(self) -> Live | None:
@@ -81,30 +82,46 @@ class LiveRing:
         self._end = end
         self._first = max(self._first, end - _BINS)
 
-    def _put(self, row: int, bins: NDArray[np.int64], value: NDArray[np.float64]) -> None:
-        good = np.isfinite(value) & (bins >= self._first) & (bins < self._end)
-        if not good.all():
-            bins, value = bins[good], value[good]
-            if not len(bins):
+    def _bins(self, bins: NDArray[np.int64]) -> _Bins:
+        """Group samples by their bins, at least one."""
+        inside = (bins >= self._first) & (bins < self._end)
+        starts = np.concatenate(([0], (bins[1:] != bins[:-1]).nonzero()[0] + 1))
+        return _Bins(bins, bool(inside.all()), inside, starts, bins[starts] % _BINS)
+
+    def _put(self, row: int, bins: _Bins, value: NDArray[np.float64]) -> None:
+        good = np.isfinite(value)
+        if not (bins.all_inside and good.all()):
+            good &= bins.inside
+            if not good.any():
                 return
-        starts = np.concatenate([[0], np.flatnonzero(np.diff(bins)) + 1])
-        place = bins[starts] % _BINS
+            bins, value = self._bins(bins.number[good]), value[good]
         # A bin may begin in one block and end in the next, or come twice if stamps fall back.
-        np.fmin.at(self._low[row], place, np.minimum.reduceat(value, starts))
-        np.fmax.at(self._high[row], place, np.maximum.reduceat(value, starts))
+        np.fmin.at(self._low[row], bins.place, np.minimum.reduceat(value, bins.starts))
+        np.fmax.at(self._high[row], bins.place, np.maximum.reduceat(value, bins.starts))
 
     def _live(self, first: int, stop: int) -> Live:
         columns = np.arange(first, stop) % _BINS
-        return Live(
-            first,
-            BIN_S,
-            tuple(
-                Lane(name, _plain(self._low[row, columns]), _plain(self._high[row, columns]))
-                for name, row in self._row.items()
-            ),
-        )
+        low, high = self._low[:, columns].tolist(), self._high[:, columns].tolist()
+        lanes = (Lane(name, _plain(low[row]), _plain(high[row])) for name, row in self._row.items())
+        return Live(first, BIN_S, tuple(lanes))
 
 
-def _plain(values: NDArray[np.float64]) -> tuple[float | None, ...]:
+@dataclass(frozen=True, slots=True)
+class _Bins:
+    """Samples of a channel, n of them, grouped by the bins in which they lie."""
+
+    number: NDArray[np.int64]
+    """Bin of each sample, shape (n,)."""
+    all_inside: bool
+    """True if the ring has all of these bins."""
+    inside: NDArray[np.bool_]
+    """True where it has the sample's bin, shape (n,)."""
+    starts: NDArray[np.intp]
+    """First sample of each group of neighbours in one bin."""
+    place: NDArray[np.int64]
+    """Column of each group in the ring."""
+
+
+def _plain(values: Sequence[float]) -> tuple[float | None, ...]:
     """Return numbers that JSON can have, rounded to four digits: a terminal shows fewer."""
-    return tuple(None if v != v else float(f"{v:.4g}") for v in values.tolist())
+    return tuple([None if v != v else float(f"{v:.4g}") for v in values])

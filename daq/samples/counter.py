@@ -34,7 +34,7 @@ class CounterSteps:
     @property
     def missing(self) -> int:
         """Frames that were sent and did not arrive; those around a restart are not known."""
-        return int(np.sum(np.maximum(self.step - 1, 0), where=~self.restarted))
+        return int(np.maximum(self.step - 1, 0)[~self.restarted].sum())
 
 
 def counter_steps(
@@ -51,14 +51,14 @@ def counter_steps(
     Without it no whole turns and no restarts are seen.  `late_s`: `CounterSteps.late_s` of the
     block that ended with the first frame of this one.
     """
-    step = np.diff(counter) % modulus
+    step = (counter[1:] - counter[:-1]) % modulus
     if cycle_s is None or not len(step):
         return CounterSteps(step, np.zeros(len(step), bool), late_s)
     arrival = (t_ns - t_ns[0]) * 1e-9 / cycle_s  # in cycles
     # The latest moment at which each can have been sent: those after it took a cycle each.
     index = np.arange(len(arrival)) * FASTEST
     latest = np.minimum.accumulate((arrival - index)[::-1])[::-1] + index
-    elapsed = np.diff(latest)
+    elapsed = latest[1:] - latest[:-1]
     if step.min() == step.max() == 1 and elapsed.max() <= modulus / 2:  # as nearly always
         phase = latest - np.arange(len(latest))
         earliest = min(float(phase.min()), float(phase[0]) - late_s / cycle_s)

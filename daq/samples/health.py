@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from operator import add, attrgetter
 from types import MappingProxyType
 
 import numpy as np
@@ -22,6 +23,9 @@ from ..runs import Losses
 from .counter import counter_steps
 
 NOTHING = DecodeCounts(0, 0, 0, 0, 0)
+_COUNT_NAMES = tuple(each.name for each in fields(DecodeCounts))
+_COUNTS = attrgetter(*_COUNT_NAMES)
+_LOSSES = attrgetter(*(each.name for each in fields(Losses)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +61,8 @@ class HealthState:
     def losses(self) -> Losses:
         """Totals so far; what was lost before decoding is the reader's to add."""
         missing = sum(counter.missing for counter in self.counters.values())
-        counts = {f.name: getattr(self.counts, f.name) for f in fields(DecodeCounts)}
-        return Losses(counter_gaps=missing, **counts)
+        counts = zip(_COUNT_NAMES, _COUNTS(self.counts), strict=True)
+        return Losses(counter_gaps=missing, **dict(counts))
 
 
 def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Decoded) -> HealthState:
@@ -72,10 +76,7 @@ def advance(messages: Sequence[MessageLayout], state: HealthState, decoded: Deco
         name = f"{message.name}.{message.counter.signal}" if message.counter else ""
         if name in decoded.samples and len(decoded.samples[name].t_ns):
             counters[message.name] = _count(message, counters.get(message.name), decoded)
-    total = (
-        getattr(state.counts, f.name) + getattr(decoded.counts, f.name)
-        for f in fields(DecodeCounts)
-    )
+    total = map(add, _COUNTS(state.counts), _COUNTS(decoded.counts))
     return HealthState(MappingProxyType(counters), DecodeCounts(*total))
 
 
@@ -83,8 +84,8 @@ def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decode
     assert message.counter is not None  # held by the caller
     samples = decoded[f"{message.name}.{message.counter.signal}"]
     good = (samples.quality & UNUSABLE) == 0
-    unreadable = int(np.sum(~good))
-    if not np.any(good):
+    unreadable = len(good) - int(np.count_nonzero(good))
+    if unreadable == len(good):
         return (
             replace(before, unreadable=before.unreadable + unreadable)
             if before
@@ -94,7 +95,7 @@ def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decode
     t_ns = samples.t_ns[good]
     if before is None or before.last < 0:
         health = CounterHealth(int(value[0]), int(t_ns[0]))
-        unreadable = int(np.sum(~good[np.argmax(good) :]))
+        unreadable -= int(np.argmax(good))
     else:
         health = before
         value = np.concatenate([[before.last], value])
@@ -107,12 +108,12 @@ def _count(message: MessageLayout, before: CounterHealth | None, decoded: Decode
         t_ns=int(t_ns[-1]),
         late_s=steps.late_s,
         unreadable=trailing,
-        received=health.received + int(np.sum(good)),
+        received=health.received + int(np.count_nonzero(good)),
         missing=health.missing + max(steps.missing - passed, 0),
-        restarts=health.restarts + int(np.sum(steps.restarted)),
+        restarts=health.restarts + int(np.count_nonzero(steps.restarted)),
     )
 
 
 def losses_added(first: Losses, second: Losses) -> Losses:
     """Return the sum of losses counted at different hops."""
-    return Losses(*(getattr(first, f.name) + getattr(second, f.name) for f in fields(Losses)))
+    return Losses(*map(add, _LOSSES(first), _LOSSES(second)))
