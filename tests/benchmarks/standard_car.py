@@ -37,7 +37,7 @@ from ..identify.nonlinear.truth import (
     records,
 )
 
-END_S = 2.3
+END_S = 2.5
 STEP_S = 1e-4
 CURVE_M_S = np.linspace(-0.4, 0.4, 81)
 USUAL = {"friction", "one_sided_dampers", "damper_knees", "anti_roll_bars"}
