@@ -13,13 +13,15 @@ from ..decays.decay import FreeDecay
 from ..fit.grey_box import GreyBox
 from ..fit.varpro import evaluate as linear_point
 from ..fit.varpro import linear_part
-from ..model.matrices import full_matrices
+from ..model.matrices import SYMMETRIC, full_matrices
 from .car import PULL, Model, car
 from .common_scale import scaled
 from .path import Own, travel_speeds
 
 _BEYOND = 2.0
 """Factor by which a car may be lighter or heavier than all generic vehicles: theirs are wide."""
+_MISSHAPEN = 4.0
+"""Factor beyond all generic vehicles from which on a parameter is that of no vehicle."""
 _SLIDES_M_S = 0.02
 """Speed at which most of the friction acts in the direction of the motion."""
 
@@ -38,6 +40,21 @@ def of_vehicle_size(
     if min(masses) / _BEYOND <= found <= max(masses) * _BEYOND:
         return eta
     return scaled(box, eta, masses[0] / found)
+
+
+def misshapen(
+    box: GreyBox, eta: NDArray[np.float64], vehicles: Sequence[NDArray[np.float64]]
+) -> bool:
+    """Return whether linear unknowns, (P,) of `box`, are those of no vehicle.
+
+    With friction of the rear wheels' load a linear fit of a city car put its CG 4 mm behind the
+    front axle: from there no search came back, from the usual vehicle it did.
+    """
+    usual = np.array([SYMMETRIC @ vehicle for vehicle in vehicles])
+    common = usual.all(axis=0)  # bars, tyre damping and offsets may be zero
+    found = box.full(eta.astype(complex)).real[common]
+    least, most = usual[:, common].min(axis=0), usual[:, common].max(axis=0)
+    return bool(((found < least / _MISSHAPEN) | (found > most * _MISSHAPEN)).any())
 
 
 def rest_of(model: Model, eta: NDArray[np.float64], state: MassState) -> NDArray[np.float64]:

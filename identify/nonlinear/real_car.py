@@ -15,7 +15,7 @@ from ..decays.onset import decay_start_s
 from ..fit.estimation import Estimation, basin, floored, rough_noise
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import Fit
-from .begin import of_vehicle_size
+from .begin import misshapen, of_vehicle_size
 from .car import Model
 from .engine import NonlinearEngine, residuals_of
 from .fit import Optimum, inverse
@@ -75,9 +75,11 @@ def real_car(
     near = [simple.unknowns(theta) for theta in vehicles]
 
     def attempts() -> Iterator[Attempt]:
-        for late_s, linear_s in _ATTEMPTS_S:
+        for (late_s, linear_s), generic in zip(_ATTEMPTS_S, near, strict=False):
             found = basin(simple, few, rest, start_s + linear_s, near)
-            full = simple.full(of_vehicle_size(simple, found, vehicles).astype(complex)).real
+            sized = of_vehicle_size(simple, found, vehicles)
+            start = generic if misshapen(simple, sized, vehicles) else sized
+            full = simple.full(start.astype(complex)).real
             eta = model.unknowns(model.box.unknowns_of(full))
             own = tuple(r.decay(float(s)) for r, s in zip(records, start_s + late_s, strict=True))
             yield Attempt(

@@ -153,30 +153,31 @@ def _stages(
     """
     model = best.point.problem.model
     n = taken.freedom
-    problem, eta, owns = best.point.problem, best.eta, best.point.owns
+    problem = best.point.problem
     for k, stage in enumerate(STAGES[1:], start=1):
-        before = chosen
-        chosen += tuple(name for name in stage if allowed(name))
+        more = chosen + tuple(name for name in stage if allowed(name))
+        starts = [(more, best.eta)]
         if k == CORRECTIONS_FROM and _pays("damper_mounts", problem, best, allowed, log):
-            chosen += ("damper_mounts",)
-            eta = _begun(model, eta, "damper_mounts")
-        if "bump_stops" in chosen:
-            eta = _begin_stops(problem, best, log)
+            starts.insert(0, ((*more, "damper_mounts"), _begun(model, best.eta, "damper_mounts")))
+        if "bump_stops" in more:
+            starts.insert(0, (more, _begin_stops(problem, best, log)))
         last = k == len(STAGES) - 1
-        if last and "damper_knees" in chosen:
-            problem, eta = refined(problem, eta, KNOTS[_LAST_KNOTS])
-            model = problem.model
-        freed = problem.releasing(positions(model, chosen, k >= CORRECTIONS_FROM))
-        found = fit(
-            freed, at_likely_scale(freed, eta), owns, ROUGH, tolerance=_CONVERGED,
-            rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
-            max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
-        )  # fmt: skip
-        if found is None:
-            chosen, eta = before, best.eta
-            continue
-        best, eta, owns = found, found.eta, found.point.owns
-        log(f"{', '.join(stage)}: chi2/n {best.cost / n:.3f} after {best.iterations} steps")
+        refine = last and "damper_knees" in more
+        for groups, eta in starts:
+            within, start = refined(problem, eta, KNOTS[_LAST_KNOTS]) if refine else (problem, eta)
+            freed = within.releasing(positions(within.model, groups, k >= CORRECTIONS_FROM))
+            found = fit(
+                freed, at_likely_scale(freed, start), best.point.owns, ROUGH, tolerance=_CONVERGED,
+                rough=0.1 * _ROUGH_SHARE if last else _ROUGH_SHARE,
+                max_iterations=_LAST_STEPS if last else _STAGE_STEPS,
+            )  # fmt: skip
+            if found is None:
+                continue
+            log(f"{', '.join(stage)}: chi2/n {found.cost / n:.3f} after {found.iterations} steps")
+            if found.cost < best.cost:  # else what began anew has led it astray
+                best, chosen, problem = found, groups, found.point.problem
+                model = problem.model
+                break
     if taken.late_s > 0.0:
         best, taken = _with_beginnings(best, taken, first, log)
     problem = best.point.problem

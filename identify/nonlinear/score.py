@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from .fit import Optimum, inverse, reduced
 from .problem import Problem, normal, point
 
+_TOLD_APART = 1e-10
+"""Share of an unknown's information, beside that of the free ones, below which it has none."""
+
 
 def gain_of(
     problem: Problem, best: Optimum, eta: NDArray[np.float64], extra: NDArray[np.intp]
@@ -28,7 +31,8 @@ def gain_of(
     Returns
     -------
     gains, sizes : (k,) float64
-        Each for one of them alone; zeros where path or tangents are not finite.
+        Each for one of them alone; zeros where path or tangents are not finite, or where the
+        free unknowns do the same.
     """
     known = best.point.problem.free
     free = np.union1d(known, extra)
@@ -39,6 +43,9 @@ def gain_of(
     matrix, right, _ = reduced(equations, 0.0)
     new, old = np.searchsorted(free, extra), ~np.isin(free, extra)
     cross = matrix[np.ix_(new, old)] @ inverse(matrix[np.ix_(old, old)])
-    left = np.maximum(np.diag(matrix[np.ix_(new, new)] - cross @ matrix[np.ix_(old, new)]), 1e-300)
+    alone = np.diag(matrix[np.ix_(new, new)])
+    left = alone - np.einsum("ij,ji->i", cross, matrix[np.ix_(old, new)])
     push = right[new] - cross @ right[old]
-    return push**2 / left, push / left
+    told_apart = left > _TOLD_APART * alone
+    size = np.divide(push, left, out=np.zeros(len(extra)), where=told_apart)
+    return push * size, size

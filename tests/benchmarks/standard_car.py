@@ -23,6 +23,7 @@ from daq.channels import Channel
 from daq.sessions import Session
 from daq.vehicle import Vehicle
 from identify.identification import Identification
+from identify.nonlinear.groups import BY_NAME
 from identify.pipeline import identify
 
 from ..identify.nonlinear.truth import (
@@ -54,10 +55,14 @@ class Row:
     travels: bool = True
     more: frozenset[str] = frozenset()
     """Elements that the car has beside those of the standard car."""
+    known: bool = False
+    """Whether `[vehicle.structure]` says which elements the car has: all others are forbidden."""
 
 
 ROWS: Mapping[str, Row] = {
     "standard": Row(),
+    "standard, its elements known": Row(known=True),
+    "IMU and hubs, its elements known": Row(travels=False, known=True),
     "1 kHz": Row(rate_hz=1000.0),
     "IMU and hubs": Row(travels=False),
     "mount 3e5": Row(Truth(k_m=(3e5, 3e5)), more=frozenset({"damper_mounts"})),
@@ -111,7 +116,9 @@ def session_of(row: Row, motions: Motions, seed: int) -> Session:
                 known[channel.name] = channel
                 parts[channel.name] = (recording.time_s, recording.values[:, i])
         runs.append((record.mass_state, record.label.split("_")[1], parts))
-    vehicle = Vehicle("standard")
+    there = USUAL | row.more
+    elements = {name: name in there for name in BY_NAME} if row.known else {}
+    vehicle = Vehicle("standard", elements=elements)
     return session_from_arrays(runs, known.values(), WEIGHTS, vehicle, bump_s=BUMP_S)
 
 

@@ -1,4 +1,4 @@
-"""Where a nonlinear fit begins: at a linear fit, if a vehicle can be that heavy."""
+"""Where a nonlinear fit begins: at a linear fit, if it is that of a vehicle."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from identify.fit.grey_box import GreyBox
-from identify.nonlinear.begin import of_vehicle_size
+from identify.nonlinear.begin import misshapen, of_vehicle_size
 
 from ..bumps import GROUP, MASS_STATES, TRUTH
 from .cars import RICH, granada
@@ -33,3 +33,21 @@ def test_masses_and_forces_of_no_vehicle_are_scaled_together(
         assert after[name] == pytest.approx(factor * before[name], rel=1e-12), name
     for name in ("a", "b", "t_f", "t_r", "y_s"):
         assert after[name] == before[name]
+
+
+@pytest.mark.parametrize(
+    ("index", "factor", "no_vehicle"),
+    [(11, 0.26, False), (11, 0.24, True), (8, 3.9, False), (8, 4.1, True), (0, 0.13, False),
+     (0, 0.12, True), (0, 15.9, False), (0, 16.1, True)],
+)  # fmt: skip
+def test_a_parameter_four_times_beyond_all_vehicles_is_that_of_none(
+    index: int, factor: float, no_vehicle: bool
+) -> None:
+    wide = tuple(TRUTH * np.where(np.arange(15) == 0, share, 1.0) for share in (1.0, 0.5, 4.0))
+    theta = TRUTH.copy()
+    theta[index] *= factor
+    assert misshapen(BOX, BOX.unknowns(theta), wide) is no_vehicle
+
+
+def test_no_bar_and_no_offset_are_those_of_a_vehicle() -> None:
+    assert not misshapen(BOX, BOX.unknowns(TRUTH), VEHICLES)
