@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
-from .assemble import good_frames
+from .assemble import good_frames, possible_ids
 from .text import (
     Index,
     Lines,
@@ -218,7 +218,7 @@ def _identifiers(
     start, end = lines.token(place, rows)
     extended = character(lines, end - 1) == ord("x")
     can_id, good = integers(lines.text, start, end - extended, base, longest=9)
-    good &= can_id < np.where(extended, 1 << 29, 1 << 11)
+    good &= possible_ids(can_id, extended)
     return np.where(good, can_id, 0), extended, good
 
 

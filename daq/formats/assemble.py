@@ -9,6 +9,35 @@ from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch
 
+from .losses import Ledger
+
+
+def possible_ids(can_id: NDArray[np.int64], long: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which identifiers fit their bits: 29 where `long` is true, else 11."""
+    return np.asarray(can_id < np.where(long, 1 << 29, 1 << 11))
+
+
+def count_impossible_ids(
+    can_id: NDArray[np.int64],
+    long: NDArray[np.bool_],
+    t_ns: NDArray[np.int64],
+    whole: NDArray[np.bool_],
+    ledger: Ledger,
+) -> NDArray[np.bool_]:
+    """Return `possible_ids`; counts the `whole` frames that have no such, and names the first.
+
+    No bus carries such a frame, so that it is left out, and the rest of the log is read.
+    """
+    fits = possible_ids(can_id, long)
+    wrong = np.flatnonzero(whole & ~fits)
+    if len(wrong):
+        first = wrong[0]
+        bits, when = 29 if long[first] else 11, np.datetime64(int(t_ns[first]), "ns")
+        what = f"0x{int(can_id[first]):X} with {bits} bits at {when}Z"
+        note = f"{len(wrong)} frames have an identifier that cannot be, the first {what}"
+        ledger.garbled(len(wrong), note)
+    return fits
+
 
 def good_frames(
     good: NDArray[np.bool_],

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
-from .assemble import good_frames
+from .assemble import count_impossible_ids, good_frames
 from .losses import Ledger
 from .text import Index, Mask
 
@@ -144,14 +144,15 @@ def frames_of(data: bytes, at: Index, start_ns: int, ledger: Ledger) -> FrameBat
             record, head["size"][rows].astype(np.intp), body[rows] - at[rows]
         )
         extended = (flags & FrameFlag.EXTENDED) != 0
-        fits = can_id < np.where(extended | ((flags & FrameFlag.ERROR) != 0), 1 << 29, 1 << 11)
+        long = extended | ((flags & FrameFlag.ERROR) != 0)
+        fits = count_impossible_ids(can_id, long, t_ns[rows], np.ones(len(rows), bool), ledger)
         bus = np.maximum(record["bus"].astype(np.int64), 1) - 1
         there = np.minimum(size, room[rows] - offset)
         payload = _payload(text, body[rows] + offset, there, length)
         bus = np.minimum(bus, 255)
         batches.append(good_frames(fits, t_ns[rows], can_id, flags, bus, length, payload))
         places.append(rows[fits])
-        if torn := torn + int((~fits).sum()):
+        if torn:
             ledger.garbled(torn, f"{torn} objects of type {kinds[0]} are no frames")
     frames = FrameBatch.concatenate(batches)
     if len(batches) > 1:

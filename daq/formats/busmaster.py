@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FrameFlag
 
-from .assemble import good_frames
+from .assemble import good_frames, possible_ids
 from .text import (
     Index,
     Lines,
@@ -62,7 +62,7 @@ class BusmasterParser:
         good &= (extended | (letter == ord("s"))) & ((kind_end - kind == 1) | remote)
         length, has_length = integers(lines.text, *lines.token(5, rows), 10, longest=2)
         good &= has_bus & has_id & has_length & (length <= 8) & (bus < 256)
-        good &= can_id < np.where(extended, 1 << 29, 1 << 11)
+        good &= possible_ids(can_id, extended)
         size = np.where(good & ~remote, length, 0)
         good &= lines.count[rows] >= 6 + size
         size = np.where(good, size, 0)

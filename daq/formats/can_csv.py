@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FrameFlag
 
-from .assemble import good_frames
+from .assemble import good_frames, possible_ids
 from .text import Index, Lines, Mask, Parsed, cut_lines, decimals, integers
 
 LACKS = "CAN FD (with its bits BRS and ESI), bus and direction"
@@ -36,7 +36,7 @@ def parse_csv(block: bytes) -> Parsed:
         good &= is_mark
         marks.append(mark == 1)
     extended, remote, error = marks
-    good &= has_id & (can_id < np.where(extended | error, 1 << 29, 1 << 11))
+    good &= has_id & possible_ids(can_id, extended | error)
     length, has_length = integers(lines.text, *lines.token(5, rows), 10, longest=2)
     good &= has_length & (length <= 64)
     size = np.where(good & ~remote, length, 0)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FrameBatch, FrameFlag
 
-from .assemble import good_frames
+from .assemble import count_impossible_ids, good_frames
 from .losses import Ledger
 
 SOCKET_CAN, COOKED, COOKED_2 = 227, 113, 276
@@ -115,9 +115,9 @@ class FrameCutter:
         fd &= ~remote & ~error
         can_id = word & 0x1FFF_FFFF
         good = (size >= 8 + np.where(remote, 0, length)) & (length <= np.where(fd, 64, 8))
-        good &= error | (can_id < np.where(extended, 1 << 29, 1 << 11))
         if bad := len(good) - int(good.sum()):
             self._ledger.garbled(bad, f"{bad} packets are no CAN frames")
+        good &= count_impossible_ids(can_id, extended | error, t_ns, good, self._ledger)
         shown = np.where(good & ~remote, length, 0)
         width = 8 if shown.max(initial=0) <= 8 else 64
         index = (start[:, None] + 8 + np.arange(width)).clip(max=len(text) - 1)

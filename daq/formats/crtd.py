@@ -9,7 +9,7 @@ import numpy as np
 
 from dbc.frames import FrameFlag
 
-from .assemble import good_frames
+from .assemble import good_frames, possible_ids
 from .text import Parsed, character, cut_lines, decimals, integers, spaced_bytes
 
 LACKS = "remote and error frames, and CAN FD"
@@ -34,7 +34,7 @@ def parse_crtd(block: bytes) -> Parsed:
 
     extended, sent = bits == 29, kind == ord("t")
     can_id, good = integers(lines.text, *lines.token(2, rows), 16, longest=8)
-    good &= can_id < np.where(extended, 1 << 29, 1 << 11)
+    good &= possible_ids(can_id, extended)
     length = lines.count[rows] - 3
     good &= length <= 8
     data, is_hex = spaced_bytes(lines, lines.first[rows] + 3, np.where(good, length, 0), 16)

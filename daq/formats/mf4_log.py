@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dbc.errors import InputError
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
-from .assemble import good_frames
+from .assemble import count_impossible_ids, good_frames
 from .losses import Ledger
 from .mdf4_blocks import BlockFile
 from .mdf4_layout import DataGroup, data_groups, start_ns
@@ -99,21 +99,21 @@ def _frames(
     for field, bit in _BITS.items():
         if field in fields:
             flags |= (fields[field] != 0) * np.uint16(bit)
-    if "IDE" not in fields:
-        flags |= (raw_id >> 31 & 1).astype(np.uint16) * np.uint16(FrameFlag.EXTENDED)
     can_id = raw_id & 0x1FFF_FFFF
+    if "IDE" not in fields:
+        extended = (raw_id >> 31 & 1 != 0) | (can_id >= 1 << 11)
+        flags |= extended * np.uint16(FrameFlag.EXTENDED)
     fd = flags & FrameFlag.FD != 0
     remote = flags & FrameFlag.REMOTE != 0
     code = fields.get("DLC", nothing).clip(0, 15)
     size = fields.get("DataLength", np.where(fd, FD_LENGTHS[code], np.minimum(code, 8)))
     length = np.where(remote, np.minimum(fields.get("DLC", size), 8), size)
-    good = block.found & (length >= 0) & (length <= np.where(fd, 64, 8))
-    long = flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
-    good &= can_id < np.where(long, 1 << 29, 1 << 11)
     t_ns, timed = _stamps(block, start_ns)
-    good &= timed
+    good = block.found & timed & (length >= 0) & (length <= np.where(fd, 64, 8))
     if bad := n - int(good.sum()):
         ledger.garbled(bad, f"{bad} records of {group.kind} are no frames")
+    long = flags & (FrameFlag.EXTENDED | FrameFlag.ERROR) != 0
+    good &= count_impossible_ids(can_id, long, t_ns, good, ledger)
     shown = np.where(remote, 0, length)
     bus = fields.get("BusChannel", nothing).clip(0, 255)
     data = _payload(block, shown)

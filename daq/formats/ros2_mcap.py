@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dbc.errors import InputError
 from dbc.frames import FrameBatch, FrameFlag
 
-from .assemble import good_frames
+from .assemble import count_impossible_ids, good_frames
 from .losses import Ledger
 from .unpacked import Readable
 
@@ -148,11 +148,10 @@ class _Topics:
             table = np.array(rows, np.int64)
             logged_ns = np.array([logged[number] for number in table[:, 1].tolist()], np.uint64)
             kind_name, bus = self.buses[channel]
+            stamps = logged_ns.astype(np.int64)
             frames, good = _frames(
-                text, table[:, 0], size, name_bytes, kind_name, bus, logged_ns.astype(np.int64)
+                text, table[:, 0], size, name_bytes, kind_name, bus, stamps, ledger
             )
-            if bad := len(good) - int(good.sum()):
-                ledger.garbled(bad, f"{bad} messages are no CAN frames")
             batches.append(frames)
             places.append(table[good, 1])
         joined = FrameBatch.concatenate(batches)
@@ -184,12 +183,14 @@ def _frames(
     kind: str,
     bus: int,
     logged_ns: NDArray[np.int64],
+    ledger: Ledger,
 ) -> tuple[FrameBatch, NDArray[np.bool_]]:
     """Return the frames in messages of one size, and which messages are frames."""
     n = len(start)
     # CDR aligns a number to its size, counted from behind the encapsulation of four bytes.
     at = _STAMP_BYTES + name_bytes + -name_bytes % 4
     if at + _TAIL_BYTES[kind] > size:
+        ledger.garbled(n, f"{n} messages are no CAN frames")
         return FrameBatch.empty(), np.zeros(n, bool)
     rows = text[start[:, None] + np.arange(at + _TAIL_BYTES[kind])]
     good = rows[:, 1] & 1 == 1  # little-endian
@@ -212,7 +213,9 @@ def _frames(
         fd = np.ones(n, bool)
     shown = np.where(remote, 0, length)
     data[np.arange(data.shape[1]) >= shown[:, None]] = 0
-    good &= can_id < np.where(extended | error, 1 << 29, 1 << 11)
+    if bad := n - int(good.sum()):
+        ledger.garbled(bad, f"{bad} messages are no CAN frames")
+    good &= count_impossible_ids(can_id, extended | error, t_ns, good, ledger)
     flags = np.zeros(n, np.uint16)
     for bit, mark in (
         (FrameFlag.EXTENDED, extended),

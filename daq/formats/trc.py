@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dbc.frames import FD_LENGTHS, FrameBatch, FrameFlag
 
-from .assemble import good_frames
+from .assemble import good_frames, possible_ids
 from .text import Index, Lines, Parsed, cut_lines, decimals, integers, is_word, spaced_bytes
 
 LACKS = ""
@@ -97,7 +97,7 @@ class TrcParser:
             return self._frames(lines, rows[mine], flags[mine])
         error = flags & FrameFlag.ERROR != 0
         extended = (end - start > 4) & ~error
-        good &= has_id & (can_id < np.where(extended | error, 1 << 29, 1 << 11))
+        good &= has_id & possible_ids(can_id, extended | error)
         flags = flags | extended * np.uint16(FrameFlag.EXTENDED)
         if "d" in columns:
             sent = is_word(lines, *lines.token(columns.index("d"), rows), b"tx")
