@@ -3,7 +3,8 @@
 One joint fit (`identify.joint`): every parameter, and every element that all sessions have, is
 common to the sessions unless the data ask for a difference.  Of all sets of up to three of them
 that one is taken whose gain in squared residuals exceeds most what chance, and the number tried,
-make of it.  What is left is tested: if the sessions still differ, the change is none of these.
+make of it.  What is left is tested: if the sessions still differ, or if one of them is explained
+worse than another by more than all parameters explain, the change is none of these.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ from .numbers import plus_minus
 
 LEVEL = 0.05
 """Chance of naming any parameter where nothing differs."""
+_FURTHER_LEVEL = 0.01
+"""Chance of naming another one beside the first where nothing else differs."""
 _REST_LEVEL = 0.01
-"""Chance of missing something beside the named parameters where nothing else differs."""
+"""Chance of suspecting something beside the named parameters where nothing else differs."""
 _MOST = 3
 """Parameters named at most; more at once are another car."""
 _MOST_OF_MANY = 2
@@ -158,7 +161,23 @@ def change_of(estimations: Sequence[Estimation]) -> Change:
             for i, (e, share) in enumerate(zip(estimations, shares, strict=True))
         )
     answer = _answer(differences(shares, candidates), candidates, chosen, unknowns, shares)
+    if _explained_worse(estimations) > answer.chi2:
+        answer = replace(answer, outcome="other", named=())
     return replace(answer, apart=apart)
+
+
+def _explained_worse(estimations: Sequence[Estimation]) -> float:
+    """Return by how much more chi2 one session leaves than another; 0 where that is chance.
+
+    A spring between the front wheels, of which no parameter knows, moves three of them by chi2 of
+    59, and leaves 1076 more: those three are not what changed.
+    """
+    left = np.array([(e.chi2_per_n - 1.0) * e.freedom for e in estimations])
+    std = np.array([e.chi2_std * e.freedom for e in estimations])
+    worst, least = int(np.argmax(left)), int(np.argmin(left))
+    more, spread = float(left[worst] - left[least]), float(np.hypot(std[worst], std[least]))
+    rare = exceeded_by_chance(1, 2.0 * _REST_LEVEL / (len(estimations) - 1)) ** 0.5
+    return more if more > rare * spread else 0.0
 
 
 def _unknowns(parameters: Sequence[str], shared: Sequence[str]) -> tuple[_Unknown, ...]:
@@ -194,11 +213,10 @@ def _chosen(
 ) -> tuple[int, ...]:
     """Return the set of candidates that is worth most."""
     usable = [i for i, group in enumerate(groups) if np.all(found.shown[group])]
-    price = {}
-    for i in usable:
-        k = len(groups[i])
-        by_chance = exceeded_by_chance(k, LEVEL / max(len(usable), 1))
-        price[i] = max(by_chance, k * log(n_values) if n_values else 0.0)
+    price, further = (
+        {i: _price(len(groups[i]), level / len(usable), n_values) for i in usable}
+        for level in (LEVEL, _FURTHER_LEVEL)
+    )
     best: tuple[int, ...] = ()
     worth = 0.0
     for size in range(1, (_MOST if n_sessions == 2 else _MOST_OF_MANY) + 1):
@@ -206,10 +224,15 @@ def _chosen(
             if len({model.parameters[i] for i in some}) < size:
                 continue
             gain = found.gain(np.concatenate([groups[i] for i in some]))
-            own = gain - sum(price[i] for i in some)
+            own = gain - price[some[0]] - sum(further[i] for i in some[1:])
             if own > worth:
                 best, worth = some, own
     return best
+
+
+def _price(k: int, chance: float, n_values: int) -> float:
+    """Return the gain that a candidate of `k` differences must exceed."""
+    return max(exceeded_by_chance(k, chance), k * log(n_values) if n_values else 0.0)
 
 
 def _answer(

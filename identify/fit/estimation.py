@@ -89,13 +89,20 @@ class Estimation:
         return self.nonlinear or LinearEngine(self.box)
 
     @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the residuals, those of the shared unknowns included."""
+        return sum(sum(r.freedom.values()) for r in self.residuals)
+
+    @property
+    def chi2_std(self) -> float:
+        """Standard deviation of chi2/n if the model holds; noise levels rest on finite samples."""
+        quiet = sum(quiet_counts(self.records).values()) if self.rest else self.freedom / 2.0
+        return float(np.sqrt(2 / self.freedom + 2 / quiet)) if self.freedom > 0.0 else 0.0
+
+    @property
     def chi2_limit(self) -> float:
-        """Upper limit of chi2/n if the model holds; noise levels rest on finite samples too."""
-        freedom = sum(sum(r.freedom.values()) for r in self.residuals)
-        quiet = sum(quiet_counts(self.records).values()) if self.rest else freedom / 2.0
-        if freedom <= 0.0:
-            return 1.0
-        return 1.0 + max(_LEAST_EXCESS, _LIMIT_SIGMAS * float(np.sqrt(2 / freedom + 2 / quiet)))
+        """Upper limit of chi2/n if the model holds."""
+        return 1.0 + max(_LEAST_EXCESS, _LIMIT_SIGMAS * self.chi2_std) * (self.freedom > 0.0)
 
     @property
     def holds(self) -> bool:

@@ -12,7 +12,7 @@ from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES, VehicleParameters
 from identify.decays.decay import FreeDecay, Record, Recording
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
-from identify.fit.likelihood import fit
+from identify.fit.likelihood import fit, residuals
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
 from identify.model.response import exact_response
 from identify.modes.modal_model import sensor_rows
@@ -84,4 +84,7 @@ def _fitted(changed: tuple[tuple[str, float], ...], seed: int, k_stray: float) -
     shares = dict(changed)
     truth = FORD_GRANADA.to_array() * [1.0 + shares.get(name, 0.0) for name in PARAMETER_NAMES]
     found = fit(box(), tuple(decays), sigma(), box().unknowns(truth))
-    return Estimation(box(), (), found, tuple(decays), sigma(), {}, (), 1.0)
+    left = residuals(box(), tuple(decays), sigma(), found.eta)
+    freedom = sum(sum(one.freedom.values()) for one in left) - len(truth)
+    chi2 = found.cost / freedom
+    return Estimation(box(), (), found, tuple(decays), sigma(), {}, left, chi2)

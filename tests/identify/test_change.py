@@ -64,6 +64,15 @@ def test_a_change_outside_the_parameters_is_said_to_be_none_of_them() -> None:
     assert "none of the parameters" in change.sentence
 
 
+@pytest.mark.parametrize("seed", [80, 81, 82, 83, 84, 85])
+def test_a_weak_spring_that_no_parameter_describes_is_not_taken_for_three_that_move(
+    seed: int,
+) -> None:
+    """10 kN/m between the front wheels: by the parameters alone half of these were named."""
+    change = change_of([session({}, seed), session({}, 1000 + seed, 10_000.0)])
+    assert (change.outcome, change.named) == ("other", ())
+
+
 def test_a_drift_and_a_jump_over_many_sessions() -> None:
     drift = change_of([session({"k_sf": -0.01 * i} if i else {}, 20 + i) for i in range(5)])
     (one,) = drift.named
