@@ -155,6 +155,18 @@ def test_parameters_of_nonlinear_sessions_are_compared_in_one_fit() -> None:
     assert named(change_of([before, after])) == {"c_sf"}
 
 
+@pytest.mark.parametrize(("chi2", "outcome"), [(1.03, "nothing"), (1.2, "other")])
+def test_a_linear_session_that_is_explained_far_worse_has_changed(
+    chi2: float, outcome: str
+) -> None:
+    """7000 values known by 3500: chi2/n of each has a deviation of 0.029, that of two 0.041."""
+    before, after = session({}, 1), session({}, 5)
+    worse = replace(after, chi2_per_n=before.chi2_per_n + chi2 - 1.0)
+    assert change_of([before, worse]).outcome == outcome
+    rich = [with_elements(one, F_cf=(0.8, 0.03)) for one in (before, worse)]
+    assert change_of(rich).outcome == "nothing"  # a rich model leaves some misfit of its own
+
+
 def test_elements_of_one_session_alone_are_said_to_be_not_compared() -> None:
     before = with_elements(session({}, 1), F_cf=(0.8, 0.03))
     after = with_elements(session({}, 5), F_cf=(0.8, 0.03), k_br=(0.5, 0.1), s_mf=(3.0, 0.1))
