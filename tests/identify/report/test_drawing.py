@@ -8,6 +8,7 @@ from pypdf import PdfReader
 from pypdf.generic import Destination
 
 from daq.vehicle import FORD_GRANADA
+from identify.report.blocks import Table
 from identify.report.envelope import envelope
 from identify.report.figures.panels import panel_png, panel_svg
 from identify.report.panels import CorrelationPanel
@@ -67,19 +68,44 @@ def test_the_report_goes_on_sheets_of_a4() -> None:
     assert len(file.pages) >= 3
     assert {(round(p.mediabox.width), round(p.mediabox.height)) for p in file.pages} == {(595, 842)}
     places = [item for item in file.outline if isinstance(item, Destination)]
-    assert [str(place.title) for place in places[1:]] == [s.title for s in report.sections]
-    for place in places[1:]:
+    assert [str(place.title) for place in places] == [s.title for s in report.sections]
+    for place in places:
         number = file.get_destination_page_number(place)
         assert number is not None
         assert str(place.title) in file.pages[number].extract_text()
-    # The contents on the first sheets lead there too.
-    links: list[tuple[Any, int | None]] = []
+    # The contents on the first sheet lead there too.
+    links: list[int | None] = []
     for page in file.pages:
         for one in page.get("/Annots", ()):
             link: Any = one.get_object()
-            links.append((link["/Rect"], file.get_page_number(link["/Dest"][0].get_object())))
-    numbers = [file.get_destination_page_number(place) for place in places[1:]]
-    assert [number for _, number in links] == numbers
-    assert all(0.0 < x0 < x1 < 595.0 and 0.0 < y0 < y1 < 842.0 for (x0, y0, x1, y1), _ in links)
+            links.append(file.get_page_number(link["/Dest"][0].get_object()))
+    assert links == [file.get_destination_page_number(place) for place in places]
+
+
+def test_the_report_on_sheets_is_tagged_for_readers_that_speak() -> None:
+    """Headings, tables with their heads, and figures with words in their place (PDF/UA-1)."""
+    report = hostile()
+    file = PdfReader(BytesIO(pdf_of(report)))
     root: Any = file.trailer["/Root"]
     assert root["/Lang"] == "en"
+    assert root["/MarkInfo"]["/Marked"]
+    tags = tagged(root["/StructTreeRoot"])
+    kinds = [str(tag["/S"]) for tag in tags]
+    tables = [b for s in report.sections for b in s.blocks if isinstance(b, Table)]
+    assert kinds.count("/H1") >= len(report.sections)
+    assert kinds.count("/Table") == sum(len(table.columns) > 1 for table in tables)
+    assert kinds.count("/TH") >= sum(len(t.columns) for t in tables if len(t.columns) > 1) / 2
+    figures = [tag for tag in tags if tag["/S"] == "/Figure"]
+    assert len(figures) >= len(report.pictures) > 0
+    assert all(tag["/Alt"] for tag in figures)
+
+
+def tagged(node: Any) -> list[Any]:
+    """Return the elements of a structure tree below a node."""
+    below = node.get("/K", ())
+    found = []
+    for one in below if isinstance(below, list) else [below]:
+        element = one.get_object()
+        if isinstance(element, dict) and "/S" in element:
+            found += [element, *tagged(element)]
+    return found
