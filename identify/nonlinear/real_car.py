@@ -200,7 +200,8 @@ def _choices(
         members = [n for n in group.members(model) if n in values]
         if group.name not in chosen or not members:
             continue
-        # A length, a speed or a gap has no value at which its element is absent.
+        # A length, a speed or a gap has no value at which its element is absent, and a prior: it
+        # does not count.
         sized = [n for n in members if not n.startswith(("d_c", "v_c", "g_b"))]
         place = {n: int(np.flatnonzero(problem.free == model.names.index(n))[0]) for n in sized}
         shown = []
@@ -209,8 +210,7 @@ def _choices(
             x = best.eta[problem.free[at]]
             real = bool((x > 0.0).all()) or not group.positive
             gain = float(x @ inverse(plain[np.ix_(at, at)]) @ x) / max(1.0, chi2) if real else 0.0
-            size = sum(n[-1] in {m[-1] for m in part} for n in members)
-            shown.append((gain, size * float(np.log(freedom))))
+            shown.append((gain, len(part) * float(np.log(freedom))))
         gain, threshold = max(shown, key=lambda one: one[0] - one[1])
         result.append(
             ElementChoice(
