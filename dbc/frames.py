@@ -103,8 +103,8 @@ class FrameBatch:
     @classmethod
     def concatenate(cls, batches: Sequence[Self]) -> Self:
         """Join batches in the order given; payloads are widened to 64 bytes if any is."""
-        if not batches:
-            return cls.empty()
+        if len(batches) < 2:
+            return batches[0] if batches else cls.empty()
         width = max(batch.data.shape[1] for batch in batches)
         data = [b.data if b.data.shape[1] == width else _widened(b.data, width) for b in batches]
         return cls(

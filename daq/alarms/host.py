@@ -17,7 +17,7 @@ CLOCK_STEP_S = 0.05
 _QUEUE_HIGH = 0.5
 _NOT_RECORDING_S = 0.9
 """Time for which frames arrive and none is stored that is an alarm, s: with the tenth of a second
-between two turns it is raised within one second."""
+between two turns of a daemon's main thread it is raised within one second."""
 
 
 def host_symptoms(

@@ -61,7 +61,7 @@ class Turn:
     queue: QueueStatus
     """The queue as published."""
     storage: StorageStatus = field(default_factory=StorageStatus)
-    """Counts of what arrived and was stored before this turn."""
+    """Counts of what has arrived and what is stored."""
     failed: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Parts of the recorder that were switched off after errors, and why."""
 

@@ -1,7 +1,7 @@
 """The messages between a recorder and its clients: typed, versioned, JSON on the wire.
 
 A client sends an `Order` (`daq.control.orders`) in a `Request` and gets a `Reply`.  The recorder
-publishes its `Status` and the `Live` samples ten times a second to all clients.  These are data;
+publishes its `Status` and the `Live` samples to all clients, ten times a second.  These are data;
 `daq.control.server` and `daq.control.client` transport them.
 """
 

@@ -91,6 +91,7 @@ class Server:
         self._submit = submit
         self.setup = setup
         self._left_s = time.monotonic() + FIRST_S
+        self._has_clients = False
         self._peers = Peers()
         self._pending: list[_Pending] = []
         self._status: Status | None = None
@@ -123,6 +124,10 @@ class Server:
     def alone_s(self) -> float:
         """Return for how long no client has been there, s; the first may take `FIRST_S`."""
         return max(time.monotonic() - self._left_s, 0.0)
+
+    def has_clients(self) -> bool:
+        """Return whether any client was there lately; from any thread, never blocks."""
+        return self._has_clients
 
     def publish(self, status: Status, live: Live | None) -> None:
         """Publish to all clients; called by the recorder: never blocks, never raises."""
@@ -199,7 +204,8 @@ class Server:
     def _send_news(self, status: Status, live: Live | None) -> None:
         now_s = time.monotonic()
         controller, viewers = self._peers.controller(now_s), self._peers.viewers(now_s)
-        if controller or viewers:
+        self._has_clients = bool(controller or viewers)
+        if self._has_clients:
             self._left_s = now_s
         self._status = replace(status, controller=controller, viewers=viewers)
         news = STATUS_NEWS.dump_json(StatusNews(*self._log.parted(self._status)))
@@ -217,6 +223,7 @@ class Server:
         now_s = time.monotonic()
         order, number = request.order, request.number
         self._peers.seen(request.client, now_s)
+        self._has_clients = True
         if isinstance(order, Hello):
             error = self._peers.hello(request.client, order, now_s)
             self._reply(envelope, Reply(number, error, self._status))

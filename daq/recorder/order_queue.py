@@ -46,6 +46,11 @@ class OrderQueue:
         self.arrived.set()
         return answer
 
+    @property
+    def are_waiting(self) -> bool:
+        """True if there are orders that were not taken."""
+        return bool(self._orders)
+
     def take(self) -> PendingOrder | None:
         """Return the oldest order that was not cancelled; None if there is none."""
         while self._orders:

@@ -1,9 +1,9 @@
 """Runs a recorder: a reader thread for each bus, a bounded queue, one writer thread to the disk.
 
 Its journal is open as long as it runs: what is on the bus is on the disk, during a campaign and
-between two.  Ten times a second the writer, in the caller's thread, passes the frames that were
-read to `Recording.step`, carries out orders and publishes the status.  It ends by an order or a
-signal, never because of a bus or a disk.
+between two.  Ten times a second the writer, in the caller's thread, stores the frames that were
+read.  As often while somebody watches, else five times, `Recording.step` looks at them and the
+status is published.  It ends by an order or a signal, never because of a bus or a disk.
 """
 
 from __future__ import annotations
@@ -61,6 +61,9 @@ from .storage_watch import StorageWatch
 
 BLOCK_S = 0.1
 """Seconds between two blocks of the journal; a power cut loses the frames since the last one."""
+UNWATCHED_S = 0.2
+"""Seconds between two looks at the frames while nobody watches: a look costs three times as much as
+a block, and what it finds (a bump, an alarm) has the frames' own time stamps."""
 BLOCK_FRAMES = 65_536
 """Frames after which a block is full: after a stall the journal gets several blocks at once."""
 SETTLE_S = 0.3
@@ -70,6 +73,8 @@ HALT_S = 2.0
 JOURNAL_FOLDER = "journal"
 
 Publish = Callable[[Status, Live | None], None]
+Watched = Callable[[], bool]
+
 
 _log = logging.getLogger("recorder")
 
@@ -116,16 +121,13 @@ class Recorder:
         self._lag_s = 0.0
         self._begun = ""
         self._build_s: float | None = None  # when the session file is to be built
-        self._next_s = 0.0
+        self._next_s = self._looked_s = 0.0
         self._heartbeats = Heartbeats((), time.monotonic(), 0.0)
 
     def submit(self, order: Order, by: str) -> Future[Reply]:
         """Queue an order to be carried out between two blocks; from any thread, never blocks.
 
-        Returns
-        -------
-        Future of Reply
-            Fails with `OrderError` if the order is refused.
+        The future fails with `OrderError` if the order is refused.
         """
         return self._orders.put(order, by)
 
@@ -141,32 +143,25 @@ class Recorder:
         """Return what arrives compared with what is stored; from any thread, never blocks."""
         return self._storage.status(time.monotonic())
 
-    def run(self, stop: threading.Event, publish: Publish) -> None:
+    def run(
+        self, stop: threading.Event, publish: Publish, is_watched: Watched = lambda: True
+    ) -> None:
         """Record until `stop` is set or an order to shut down comes.
 
         On return the readers have ended, all frames that they read are in the journal, and its
-        file is sealed; a campaign that was not stopped can be resumed.
-
-        Parameters
-        ----------
-        stop : threading.Event
-            Set by the caller.
-        publish : callable
-            Called in this thread about ten times a second; must not block.
-
-        Raises
-        ------
-        JournalError
-            If the journal cannot be written at all.
+        file is sealed; a campaign that was not stopped can be resumed.  `publish` is called in this
+        thread after each look at the frames, ten times a second while `is_watched` says that
+        anybody sees it; neither may block.  Raises JournalError if the journal cannot be written at
+        all.
         """
         try:
             self._resume_or_begin()
             try:
                 self._start_readers()
                 with loaded_is_kept():  # each frame of python-can is an object: many searches
-                    self._cycle(publish)
+                    self._cycle(publish, True)
                     while not (stop.is_set() or self._ended):
-                        self._cycle(publish)
+                        self._cycle(publish, is_watched())
             finally:
                 self._finish(publish)
         finally:
@@ -177,13 +172,18 @@ class Recorder:
 
     # The writer's thread -----------------------------------------------------------------------
 
-    def _cycle(self, publish: Publish) -> None:
-        """Wait for the next block, store it, carry out orders, publish the status."""
+    def _cycle(self, publish: Publish, is_watched: bool) -> None:
+        """Wait for the next block and store it; at every look, carry out orders and publish."""
         if not self._pieces.status.blocks or self._next_s > time.monotonic():
             self._orders.arrived.wait(max(self._next_s - time.monotonic(), 0.0))
         self._orders.arrived.clear()
         self._next_s = max(self._next_s + BLOCK_S, time.monotonic())
-        self._store()
+        # Half a block early: the cycles are not exactly as far apart as that.
+        is_due = time.monotonic() - self._looked_s >= UNWATCHED_S - BLOCK_S / 2
+        if not (is_watched or is_due or self._orders.are_waiting):
+            self._store()
+            return
+        self._look()
         while (pending := self._orders.take()) is not None:
             self._carry_out(pending.order, pending.by, pending.answer)
         if self._build_s is not None and time.monotonic() >= self._build_s:
@@ -191,25 +191,31 @@ class Recorder:
         self._derivation.poll()
         self._publish(publish)
 
-    def _store(self, links: Sequence[LinkFacts] | None = None) -> bool:
-        """Store the frames that were read as one block; return whether there were any."""
-        now = _now()
-        pieces = self._readers.take(BLOCK_FRAMES)
-        batch = FrameBatch.concatenate([piece.frames for piece in pieces])
-        facts, writer = links or self._readers.facts(), self._opened.writer
-        hops, queue = self._readers.hops().since(self._hops_before), self._pieces.status
+    def _look(self, links: Sequence[LinkFacts] | None = None) -> bool:
+        """Store a block, and look at all frames since the last look; return as `_store`."""
+        stored, now = self._store(), _now()
+        facts, disk = links or self._readers.facts(), self._opened.writer.status
         storage = self._storage.status(now.monotonic_s)
-        events = self._recording.step(batch, hops, now, facts, writer.status, queue, storage)
+        events = self._recording.look(now, facts, disk, self._pieces.status, storage)
         if any(event.code == Code.RUN_END for event in events):
             self._build_s = now.monotonic_s + SETTLE_S
-        writer.maintain(now.monotonic_s)
+        self._looked_s = now.monotonic_s
+        return stored
+
+    def _store(self) -> bool:
+        """Store the frames that were read as one block; return whether there were any."""
+        pieces = self._readers.take(BLOCK_FRAMES)
+        batch = FrameBatch.concatenate([piece.frames for piece in pieces])
+        writer = self._opened.writer
+        self._recording.store(batch, self._readers.hops().since(self._hops_before))
+        writer.maintain(time.monotonic())
         self._storage.stored(writer.stored_frames)
         disk = writer.status
         done_s = time.monotonic()
         self._lag_s = max((done_s - piece.received_s for piece in pieces), default=0.0)
         durable = not (disk.failed or disk.held_frames)
         self._heartbeats = Heartbeats(
-            tuple((link.name, link.heartbeat_s) for link in facts),
+            tuple((link.name, link.heartbeat_s) for link in self._readers.facts()),
             done_s,
             done_s if durable else self._heartbeats.durable_s,
         )
@@ -324,7 +330,7 @@ class Recorder:
 
     def _go_on(self, bench: Bench, why: str, now: Now, *, campaign: bool) -> None:
         """End the recording, start building its session file, and begin the next recording."""
-        self._store()
+        self._look()
         before = self._opened
         self._opened = before.next(bench, why, now, self._barrier, campaign=campaign)
         STEADY_CLOCK.begin()  # only here: within a recording, setting a clock must not move time
@@ -374,10 +380,10 @@ class Recorder:
         """End the readers and store all frames that they have read."""
         links = self._readers.facts()  # from before they end, which is not a fault
         self._readers.halt(HALT_S)
-        while self._store(links):
+        while self._look(links):
             pass
         self._readers.settle()
-        self._store(links)
+        self._look(links)
 
     def _finish(self, publish: Publish) -> None:
         self._orders.close()

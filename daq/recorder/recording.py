@@ -1,8 +1,8 @@
 """One recording: journal first, then decode, watch, find the bumps, judge them.
 
-`Recording.step` does all of it for one block, without threads and without a clock;
-`daq.recorder.recorder` calls it.  A failure after the journal costs no frame: the event
-`consumer_failed` reports it.
+`Recording.store` does the first for one block, `Recording.look` the others for all blocks since the
+last look, without threads and without a clock; `daq.recorder.recorder` calls them.  A failure after
+the journal costs no frame: the event `consumer_failed` reports it.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ class Recording:
     ) -> None:
         self._store = store
         self._run_log = run_log or RunLog()
-        self._hops = HopLosses()
+        self._hops = self._looked_hops = HopLosses()
+        self._unseen: list[FrameBatch] = []
         self._loop = LoopState()
         self._health = health.HealthState()
         self._barrier = barrier or FaultBarrier()
@@ -135,23 +136,43 @@ class Recording:
         queue: QueueStatus = NO_QUEUE,
         storage: StorageStatus = NO_STORAGE,
     ) -> tuple[Event, ...]:
-        """Process one block of frames; called without frames, too, for the alarms.
+        """Store one block and look at it: `store`, then `look`."""
+        self.store(batch, hops)
+        return self.look(now, links, disk, queue, storage)
+
+    def store(self, batch: FrameBatch, hops: HopLosses) -> None:
+        """Store one block of frames, and keep it for the next look.
 
         `batch`: in order of arrival; may be empty.  `hops`: cumulative counts up to this block,
-        since this recorder was started.  `links`, `disk`, `queue`, `storage`: their present state.
-        Returns the events stored: `bump` and `run_end` have the label of their run.  Raises
-        JournalError if the store raises it; nothing else is done with the block then.
+        since this recorder was started.  Raises JournalError if the store raises it; nothing else
+        is done with the block then.
         """
         if len(batch) or hops != self._hops:
             self._store.append(batch, hops)
-        restamped = hops.restamped and not self._hops.restamped
         self._hops = hops
-        events: list[Event] = []
         if len(batch):
             self._frames += len(batch)
             self._t_ns = int(batch.t_ns[-1])
             self._first_ns = self._first_ns or int(batch.t_ns[0])
             self._raw.add(batch)
+            self._unseen.append(batch)
+
+    def look(
+        self,
+        now: Now,
+        links: Sequence[LinkFacts] = (),
+        disk: DiskStatus = NO_DISK,
+        queue: QueueStatus = NO_QUEUE,
+        storage: StorageStatus = NO_STORAGE,
+    ) -> tuple[Event, ...]:
+        """Look at all frames since the last look; called without frames, too, for the alarms.
+
+        `links`, `disk`, `queue`, `storage`: their present state.  Returns the events stored: `bump`
+        and `run_end` have the label of their run.
+        """
+        batch, hops, events = FrameBatch.concatenate(self._unseen), self._hops, list[Event]()
+        restamped = hops.restamped and not self._looked_hops.restamped
+        self._unseen, self._looked_hops = [], hops
         if restamped:
             text = "time stamps of another epoch: frames are stamped on arrival"
             self._log_event(Event(self._t_ns, RESTAMPED, hops.restamped, text), events)

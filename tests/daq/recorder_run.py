@@ -87,12 +87,14 @@ class Running:
         bench: Bench,
         folder: Path,
         open_source: Callable[[BusConfig, int], FrameSource],
+        is_watched: Callable[[], bool] = lambda: True,
         **options: Any,
     ) -> None:
         self.recorder = Recorder(bench, folder, open_source, software="test", **options)
         self.folder = folder
         self.published: list[Status] = []
         self.live: list[Live] = []
+        self._is_watched = is_watched
         self.failure: BaseException | None = None
         self._news = threading.Condition()
         self._stop = threading.Event()
@@ -137,7 +139,7 @@ class Running:
 
     def _run(self) -> None:
         try:
-            self.recorder.run(self._stop, self._publish)
+            self.recorder.run(self._stop, self._publish, self._is_watched)
         except BaseException as error:
             self.failure = error
 

@@ -54,7 +54,7 @@ class Habits:
     """Prometheus text file, written every 5 s."""
     reread: Callable[[], Bench]
     """Reads and checks bench.toml again, for SIGHUP."""
-    follow: Callable[[Status], None] = lambda _: None
+    follow: Callable[[Status], None] | None = None
     """Called with every status, in the writer's thread."""
     stay: bool = False
     """Keep a complete campaign open, so that a terminal can go on to its results."""
@@ -163,14 +163,18 @@ class _Daemon:
 
     def _write(self) -> None:
         try:
-            self._recorder.run(self._stop, self._publish)
+            self._recorder.run(self._stop, self._publish, self._is_watched)
         except Exception as error:
             self._failure = error
 
     def _publish(self, status: Status, live: Live | None) -> None:
         self._status = status
-        self._habits.follow(status)
+        if self._habits.follow is not None:
+            self._habits.follow(status)
         self._server.publish(status, live)
+
+    def _is_watched(self) -> bool:
+        return self._habits.follow is not None or self._server.has_clients()
 
     def _watched(self, status: Status) -> Status:
         """Return the status; if the writer itself hangs, with that alarm, and publish it."""

@@ -194,6 +194,14 @@ def test_what_pauses_for_three_mean_periods_is_not_regular(gap_s: float, learned
     assert (learn(times, 1).learn_s == 10.0) is learned
 
 
+@pytest.mark.parametrize(("gap_s", "learned"), [(0.34, True), (0.36, False)])
+def test_what_pauses_for_a_third_of_a_second_is_not_regular(gap_s: float, learned: bool) -> None:
+    """Its mean period is 0.02 s; as nobody watches, turns are 0.2 s apart and more."""
+    times = [10.0 + n / 50 for n in range(51)]
+    times += [times[-1] + gap_s]
+    assert (learn(times, 1).learn_s == 10.0) is learned
+
+
 @pytest.mark.parametrize(("turns", "period_s"), [(19, None), (20, 0.1)])
 def test_after_a_pause_the_period_is_learned_anew(turns: int, period_s: float | None) -> None:
     times = [10.0 + n / 10 for n in range(12)]
