@@ -31,5 +31,6 @@ if TYPE_CHECKING:
     from .replaced import with_database as with_database
     from .sensors import Sensor as Sensor
     from .sensors import sensors_codec as sensors_codec
+    from .toml_file import holds_toml as holds_toml
 else:
     __all__, __dir__, __getattr__ = lazy(__name__)

@@ -23,7 +23,7 @@ from ..samples.groups import Timekeeping
 from ..samples.mapping import MappedChannel
 from .result import about, fail, judged, ok, warn
 
-_RATE_WARN, _RATE_FAIL = 0.02, 0.10
+_RATE_WARN, RATE_FAIL = 0.02, 0.10
 _LOST_FAIL = 0.01
 _CLOCK_WARN, _CLOCK_FAIL = 2e-3, 0.2
 _SILENT_S = 0.5
@@ -189,7 +189,7 @@ def _missing_line(
         id_text(a)
         for a in unknown
         if a.usual_length == message.length
-        and (message.cycle_s is None or abs(a.rate_hz * message.cycle_s - 1) < _RATE_FAIL)
+        and (message.cycle_s is None or abs(a.rate_hz * message.cycle_s - 1) < RATE_FAIL)
     ]
     if alike:
         advice += f" {', '.join(alike[:3])} has its length and rate"
@@ -221,7 +221,7 @@ def _rate_lines(
     expected = 1 / message.cycle_s
     off = rate / expected - 1
     if abs(off) > _RATE_WARN:
-        verdict = Severity.ERROR if abs(off) > _RATE_FAIL else Severity.WARNING
+        verdict = Severity.ERROR if abs(off) > RATE_FAIL else Severity.WARNING
         reason = f"{rate:.1f} Hz instead of {expected:.1f} Hz"
         advice = f"set the sensor's rate, or state cycle_ms = {1e3 / max(rate, 1e-3):.3g} for it"
         found.append(judged("rate", verdict, reason, advice))

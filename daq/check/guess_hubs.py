@@ -73,7 +73,8 @@ def hubs(
         alone = signal.axis is None or sensor_of(signal.message) not in turning
         on_hub = guess.quantity is Quantity.HUB_ACCELERATION
         on_body = guess.quantity is Quantity.BODY_ACCELERATION and alone
-        if is_body(f"{signal.layout.name} {signal.message}") or not (on_hub or on_body):
+        said = f"{signal.layout.name} {signal.message}"
+        if is_body(said, or_imu=False) or not (on_hub or on_body):
             continue
         others = [each for name, each in kicks.items() if name != signal.full]
         place = pushed_corner(kicks[signal.full], others) if signal.full in kicks else None
@@ -89,7 +90,7 @@ def hubs(
                 ask=ask,
                 asked=Asked.CORNER if guess.corner not in (None, place[0]) else guess.asked,
             )
-        elif on_body and not guess.ask:
+        elif on_body and not guess.ask and not is_body(said):
             found[signal.full] = replace(guess, ask=ON_HUB, asked=Asked.CORNER)
     return found
 

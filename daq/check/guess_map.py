@@ -22,7 +22,8 @@ _CORNERS = {
     Corner.REAR_LEFT: ({"rl"}, {"lr"}, {"hl"}, {"rear", "left"}, {"hinten", "links"}),
     Corner.REAR_RIGHT: ({"rr"}, {"hr"}, {"rear", "right"}, {"hinten", "rechts"}),
 }
-_BODY = {"body", "chassis", "sprung", "imu", "cg", "aufbau"}
+_BODY = {"body", "chassis", "sprung", "cg", "aufbau"}
+_IMU = {"imu"}
 _X = {"x", "ax", "accx", "long", "longitudinal", "forward", "roll", "wx", "gyrx"}
 _Y = {"y", "ay", "accy", "lat", "lateral", "pitch", "nick", "wy", "gyry"}
 _Z = {"z", "az", "accz", "vert", "vertical", "up", "down", "upwards", "heave", "yaw", "wz", "gyrz"}
@@ -170,9 +171,12 @@ def is_no_value(name: str) -> bool:
     return bool(words(name) & _NO_VALUE)
 
 
-def is_body(text: str) -> bool:
-    """Return whether a name says that a sensor is on the body."""
-    return bool(words(text) & _BODY)
+def is_body(text: str, *, or_imu: bool = True) -> bool:
+    """Return whether a name says that a sensor is on the body.
+
+    An IMU is there as a rule; `or_imu` false: where no rule will do.
+    """
+    return bool(words(text) & (_BODY | _IMU if or_imu else _BODY))
 
 
 def _acceleration(

@@ -29,7 +29,7 @@ from .guess_map import Asked, Guess, signal_comments
 from .guess_sensor import guess_bench
 from .open_questions import ASK
 from .propose_channel import REST, channel_table, unique_name
-from .propose_message import Seen, message_rule
+from .propose_message import Seen, message_rule, ready_rule
 from .pushes import Push, Trace, find_pushes
 
 _LATE = (
@@ -243,10 +243,13 @@ def _message(
         if guess.ask and question not in questions:
             questions.append(question)
     ready = {
-        table["name"]
+        table["name"]: table
         for f in found
         if is_list
         for table in sensor_map(f.sensor.name, f.sensor.database).get("message", [])
     }
-    rule = [] if message.name in ready else message_rule(message, seen)
+    if message.name in ready:
+        rule = ready_rule(message, seen, ready[message.name])
+    else:
+        rule = message_rule(message, seen, is_used=bool(channels))
     return ["", f"# {printable(message.name)}", *rule, *channels] if channels or rule else []

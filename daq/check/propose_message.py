@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dbc.layout import MessageLayout, SignalLayout
 from dbc.samples import UNUSABLE, Decoded
 
-from .frame_checks import Arrivals, fitting_rules
+from .frame_checks import RATE_FAIL, Arrivals, fitting_rules
 from .guess_map import words
 
 _COUNTER = {"counter", "cnt", "count", "alive", "rolling", "msgcnt", "seq", "sequence", "mc", "rc"}
@@ -39,15 +39,20 @@ class Seen:
         return samples.t_ns[usable], samples.value[usable]
 
 
-def message_rule(message: MessageLayout, seen: Seen | None) -> list[str]:
-    """Return a `[[message]]` table, if the DBC leaves something unsaid."""
+def message_rule(message: MessageLayout, seen: Seen | None, *, is_used: bool) -> list[str]:
+    """Return a `[[message]]` table, if the DBC leaves something unsaid, or a cycle that is not so.
+
+    `is_used`: a channel is in it; the cycle of another one is not looked at.
+    """
     lines = []
     if message.cycle_s is None and seen is None:
         lines.append("# cycle_ms = 10  # FILL IN: the DBC does not say, nor was there traffic")
     elif message.cycle_s is None and seen is not None:
         rate = seen.known[message.name].rate_hz
         if rate > 0 and len(seen.known[message.name].t_ns) >= FEWEST:
-            lines.append(f"cycle_ms = {1e3 / rate:.4g}  # measured {rate:.1f} Hz")
+            lines.append(_cycle_line(rate))
+    elif is_used and message.cycle_s is not None:
+        lines += _other_cycle(message, seen, message.cycle_s)
     if message.counter is None:
         lines += _first(_counter(message, signal, seen) for signal in message.signals)
     if message.crc is None:
@@ -58,6 +63,31 @@ def message_rule(message: MessageLayout, seen: Seen | None) -> list[str]:
         # A line that is uncommented needs the table it stands in.
         return [f"# {line}" for line in head] + lines if lines else []
     return [*head, *lines]
+
+
+def ready_rule(message: MessageLayout, seen: Seen | None, ready: Mapping[str, object]) -> list[str]:
+    """Return a `[[message]]` table in place of that of a ready map whose cycle is not so."""
+    cycle_ms = ready.get("cycle_ms")
+    lines = (
+        _other_cycle(message, seen, cycle_ms * 1e-3) if isinstance(cycle_ms, int | float) else []
+    )
+    others = [f"{key} = {json.dumps(value)}" for key, value in ready.items() if key != "cycle_ms"]
+    return ["[[message]]", *others, *lines] if lines else []
+
+
+def _other_cycle(message: MessageLayout, seen: Seen | None, stated_s: float) -> list[str]:
+    """Return the cycle that was measured, if it is not the stated one."""
+    arrivals = seen.known.get(message.name) if seen is not None else None
+    if arrivals is None or len(arrivals.t_ns) < FEWEST:
+        return []
+    rate = arrivals.rate_hz
+    if rate <= 0 or abs(rate * stated_s - 1) <= RATE_FAIL:
+        return []
+    return [f"{_cycle_line(rate)}, not the {1 / stated_s:.1f} Hz of its database"]
+
+
+def _cycle_line(rate_hz: float) -> str:
+    return f"cycle_ms = {1e3 / rate_hz:.4g}  # measured {rate_hz:.1f} Hz"
 
 
 def _first(found: Iterable[list[str]]) -> list[str]:

@@ -1,5 +1,6 @@
 """`bumpbench check` as a shell sees it."""
 
+import gzip
 import json
 import sys
 from pathlib import Path
@@ -53,6 +54,28 @@ def test_a_sound_bench(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "OK   message HUB_Front" in out
     assert "+1 g" in out
     assert out.splitlines()[-1].startswith("OK: ")
+
+
+@pytest.mark.parametrize("name", ["rest.log", "rest.log.gz", "rest.txt", "rest.anything"])
+def test_a_log_that_is_named_alone_is_one_by_its_content(
+    log: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = log.read_bytes()
+    (tmp_path / name).write_bytes(gzip.compress(text) if name.endswith(".gz") else text)
+    assert run(["check", str(tmp_path / name)]) == 0
+    assert "OK   message HUB_Front" in capsys.readouterr().out
+
+
+def test_what_is_toml_is_a_bench_whatever_it_is_called(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("bench.txt", "bench", "bench.toml"):
+        (tmp_path / name).write_text("[bus]\nspeed = 1\n")
+        assert run(["check", str(tmp_path / name)]) == 2
+        assert f"{name}:2" in capsys.readouterr().err
+    for name, said in (("none.log", "name a log"), ("none.toml", "No such file")):
+        assert run(["check", str(tmp_path / name)]) == 2
+        assert said in capsys.readouterr().err
 
 
 def test_a_fault_fails(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

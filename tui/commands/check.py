@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from dbc import FrameBatch
 
 
-LOG_SUFFIXES = (".blf", ".asc", ".trc", ".log", ".csv", ".mf4", ".mcap")
-"""Ends of names of logs: one that is named alone is no bench.toml."""
-
-
 def check(
     bench: BenchFile = None,
     log: Annotated[Path | None, typer.Argument(help="A bus log instead of a live bus.")] = None,
@@ -76,7 +72,7 @@ def check(
     from ..bench import bus_numbers, named_once, with_sensors
 
     log = named_once(log, old_log, "the log")
-    if bench is not None and bench.suffix.lower() in LOG_SUFFIXES and log is None:
+    if bench is not None and log is None and _is_log(bench):
         bench, log = None, bench
     if layout and propose is None and len(layout) > 1:
         raise InputError("--layout", "is named twice", "name one, or propose with --propose")
@@ -110,6 +106,14 @@ def check(
     else:
         _print_report(report)
     return ExitCode.ANSWER_IS_NO if report.word == "FAIL" else ExitCode.OK
+
+
+def _is_log(path: Path) -> bool:
+    """Return whether a file that is named alone is a log: it has another suffix, and is no TOML."""
+    from daq.bench import holds_toml
+
+    named = path.suffix.lower() in ("", ".toml")
+    return not named and not (path.is_file() and holds_toml(path))
 
 
 def _bench(

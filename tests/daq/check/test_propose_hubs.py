@@ -58,6 +58,21 @@ def test_kicks_against_the_tyres_show_the_hubs() -> None:
     assert len(named) == 4
 
 
+def test_kicks_show_hubs_of_which_the_name_says_that_they_are_imus() -> None:
+    imus = NAMELESS.replace("WheelAccelFront", "Imu_1").replace("WheelAccelRear", "Imu_2")
+    databases = tuple(
+        replace(each, text=imus) if each.name == "hubs.dbc" else each for each in DATABASES
+    )
+    rest, pushes = rest_and_pushes()
+    bench = bench_of(propose_sensors(databases, (), rest, with_kicks(pushes)), databases)
+    hubs = {c.signal.rpartition(".")[2]: c.corner for c in bench.channels if "hubs." in c.signal}
+    assert hubs == PLACES
+    found = propose_sensors(databases, (), rest, pushes)
+    assert not [q for q in found.questions if ON_HUB in q]
+    named = [c.quantity for c in bench_of(found, databases).channels if "hubs." in c.signal]
+    assert named == [Quantity.BODY_ACCELERATION] * 4
+
+
 def test_without_kicks_hubs_that_no_name_shows_are_asked_for() -> None:
     for pushes in (None, rest_and_pushes()[1]):
         found, bench = nameless(pushes)
