@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any, cast
@@ -9,9 +11,12 @@ from typing import Any, cast
 import pytest
 
 from daq.bench.config import Bench
-from daq.control.messages import Phase, Reply, SessionState, SessionStatus, Status
+from daq.control.heartbeat import Heartbeats
+from daq.control.messages import Phase, Reply, SessionState, SessionStatus, Status, StorageStatus
 from daq.control.orders import Arm, Order, Stop, Until
-from tui.recorders.daemon import Habits, _Daemon
+from daq.control.systemd import Systemd
+from daq.recorder.recorder import Publish
+from tui.recorders.daemon import Habits, _Daemon, _Signals
 from tui.recorders.log import Log
 
 from ..daq.a_status import a_status
@@ -101,3 +106,47 @@ def test_a_refused_end_ends_the_recorder_and_keeps_the_recording() -> None:
     one._lead(at("a", Phase.COMPLETE), end=False)
     one._lead(at("a", Phase.COMPLETE), end=False)
     assert one._stop.is_set()
+
+
+class Deserted:
+    """A recorder and its server: for how long no client has been there, s, look by look."""
+
+    def __init__(self, *alone_s: float) -> None:
+        self.looks = list(alone_s)
+        self.stopped = False
+
+    def alone_s(self) -> float:
+        return self.looks.pop(0) if self.looks else 0.0
+
+    def run(self, stop: threading.Event, publish: Publish, _: object) -> None:
+        publish(a_status(), None)
+        self.stopped = stop.wait(1.5)
+
+    def publish(self, *_: object) -> None:
+        pass
+
+    def storage(self) -> StorageStatus:
+        return StorageStatus()
+
+    def heartbeats(self) -> Heartbeats:
+        return Heartbeats((), time.monotonic(), time.monotonic())
+
+
+@pytest.mark.parametrize(
+    ("attended", "alone_s", "left"),
+    [
+        (True, (0.0, 9.9, 9.9), None),
+        (True, (0.0, 9.9, 10.1, 0.0), [0.0]),  # it ends with the third look
+        (False, (10.1,), None),
+    ],
+)
+def test_a_demonstration_ends_ten_seconds_after_its_last_terminal(
+    attended: bool, alone_s: tuple[float, ...], left: list[float] | None
+) -> None:
+    both = Deserted(*alone_s)
+    habits = Habits(False, True, None, lambda: cast(Bench, None), attended=attended)
+    one = _Daemon(cast(Any, both), cast(Any, both), Systemd(), habits, Log(None))
+    one.run(_Signals(threading.Event()), lambda *_: None)
+    assert both.stopped == (left is not None)
+    if left is not None:
+        assert both.looks == left
