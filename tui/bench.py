@@ -70,14 +70,16 @@ def bench_with_dbc(path: Path | None, dbc: Path | None) -> Bench:
 def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
     """Return the positions of buses, which are named as in bench.toml or by their position.
 
-    Raises InputError if the bench has no such bus.
+    On a bench of one bus a number is that of the log.  Raises InputError if the bench has no such
+    bus.
     """
     from daq import InputError
 
+    n_buses = len(bench.buses) if len(bench.buses) > 1 else 256
     found = set()
     for name in names:
         numbers = [i for i, bus in enumerate(bench.buses) if name in (bus.name, bus.channel)]
-        if not numbers and name.isdecimal() and int(name) < max(len(bench.buses), 256):
+        if not numbers and name.isdecimal() and int(name) < n_buses:
             numbers = [int(name)]
         if not numbers:
             known = ", ".join(bus.label for bus in bench.buses)

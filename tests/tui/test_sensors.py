@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from daq import read_session
 from daq.bench.config import bench_codec, load_bench
+from daq.signal_names import sensor_of_signal
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
 from dbc import FrameBatch
@@ -80,6 +82,35 @@ def test_check_and_import_choose_a_sensor(
     assert "imu_a" not in written  # a sidecar of the session stands beside the samples
 
 
+def test_import_and_export_choose_a_bus_by_name_and_number(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, bench = str(folder / "drive.log"), str(folder / "bench.toml")
+    whole, part = tmp_path / "s.h5", tmp_path / "part.h5"
+    runs = ["--run", f"baseline:bounce:{log}", bench]
+    assert run(["import", "--out", str(whole), *runs]) == 0
+    rear = {"imu_b", "pot_fl", "pot_fr", "pot_rl", "pot_rr"}
+    sensors = {"can0": {"hubs", "imu_a"}, "1": rear, "rear": rear}
+    for name, own in sensors.items():
+        out = str(tmp_path / f"{name}.mf4")
+        assert run(["export", str(whole), "--out", out, "--bus", name]) == 0
+        assert run(["import", out, "--out", str(part), "--json"]) == 0
+        session = read_session(part)
+        assert {sensor_of_signal(c.signal) for c in session.channels} == own
+    assert run(["import", "--out", str(part), *runs, "--bus", "can0"]) == 0
+    session = read_session(part)
+    assert {sensor_of_signal(c.signal) for c in session.channels} == sensors["can0"]
+    assert set(session.runs[0].frames.bus.tolist()) == {0}
+    capsys.readouterr()
+    csv = ["export", str(whole), "--format", "csv", "--force"]
+    for words, reason in (
+        (["--bus", "2"], "--bus 2: is no bus of the bench (name one of can0, rear)"),
+        (["--bus", "can0", "--sensor", "imu_b"], "--bus can0: has no channel of imu_b"),
+    ):
+        assert run([*csv, *words]) == 2
+        assert reason in capsys.readouterr().err
+
+
 def test_import_says_that_two_sensors_are_read_as_one(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -102,6 +133,7 @@ def test_import_says_that_two_sensors_are_read_as_one(
     [
         (["--sensor", "imu_c"], "--sensor imu_c: is not on the bench"),
         (["--bus", "can9"], "--bus can9: is no bus of the bench (name one of can0, rear)"),
+        (["--bus", "2"], "--bus 2: is no bus of the bench (name one of can0, rear)"),
     ],
 )
 def test_a_sensor_or_bus_that_is_not_there_is_one_line(

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..diagnostics import ExitCode, say
-from ..options import Sensors
+from ..options import Buses, Sensors
 
 if TYPE_CHECKING:
-    from daq import Session
+    from collections.abc import Sequence
+
+    from daq import Channel, Session
     from daq.formats import ModeShapes
 
 
@@ -40,9 +42,7 @@ def export(
     ] = None,
     run: Annotated[list[str] | None, typer.Option(help="Only this run; repeatable.")] = None,
     sensor: Sensors = None,
-    bus: Annotated[
-        list[int] | None, typer.Option(help="Only the raw frames of this bus, from 0; repeatable.")
-    ] = None,
+    bus: Buses = None,
     separator: Annotated[str, typer.Option(help="Column separator of CSV.")] = ",",
     decimal: Annotated[str, typer.Option(help="Decimal mark of CSV: point or comma.")] = ".",
     modes: Annotated[
@@ -55,7 +55,7 @@ def export(
     json: Annotated[bool, typer.Option("--json", help="Print files and notes as JSON.")] = False,
 ) -> int:
     """Write a session as MF4, MATLAB, UFF, CSV, Parquet, BLF, ASC, candump or SEP005."""
-    from daq import InputError, read_foreign_session, session_part
+    from daq import InputError, read_foreign_session
     from daq.formats import (
         CsvStyle,
         ExportFormat,
@@ -80,7 +80,7 @@ def export(
         raise InputError("--rate", f"{wanted} takes times as they are", "use --format uff")
     style = CsvStyle(separator, decimal)
     whole = read_foreign_session(session)
-    chosen = session_part(chosen_runs(whole, run or []), sensor or [], bus or [])
+    chosen = _part(chosen_runs(whole, run or []), sensor or [], bus or [])
     chosen = with_even_times(chosen, rate) if rate is not None else chosen
     shapes = _mode_shapes(whole) if modes else ()
     if shapes is None:
@@ -94,6 +94,38 @@ def export(
     for note in done.notes:
         say(note)
     return ExitCode.OK
+
+
+def _part(session: Session, sensors: Sequence[str], buses: Sequence[str]) -> Session:
+    """Return the channels and frames of some sensors and buses; empty: of all.
+
+    Raises InputError if the session has no such sensor or bus, or nothing of both.
+    """
+    from daq import InputError, session_part
+    from daq.bench import parse_bench
+
+    from ..bench import bus_numbers
+
+    if not buses:
+        return session_part(session, sensors, ())
+    about = session.provenance
+    bench = parse_bench(about.get("bench_toml", ""), "bench.toml", Path(), about.get("dbc"))
+    numbers = bus_numbers(bench, buses)
+    part = session_part(session, sensors, numbers)
+    if len(bench.buses) == 1 or not bench.sensors:
+        return part
+    own = {sensor.name for sensor in bench.sensors if sensor.bus in numbers}
+    own &= {name for name in map(_sensor, part.channels) if name}
+    if not own:
+        what = f"has no channel of {', '.join(sensors) or 'a sensor'}"
+        raise InputError(f"--bus {', '.join(buses)}", what, "name another bus or sensor")
+    return session_part(part, own, ())
+
+
+def _sensor(channel: Channel) -> str:
+    from daq.bench import sensor_of_signal
+
+    return sensor_of_signal(channel.signal)
 
 
 def _mode_shapes(session: Session) -> tuple[ModeShapes, ...] | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..diagnostics import ExitCode
-from ..options import OldBench, Sensors
+from ..options import Buses, OldBench, Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,9 +43,7 @@ def import_(
     skip: Annotated[
         int, typer.Option(min=0, help="Number of bumps to leave out at the beginning.")
     ] = 0,
-    bus: Annotated[
-        int | None, typer.Option(min=0, max=255, help="Only this bus of the log, from 0.")
-    ] = None,
+    bus: Buses = None,
     sensor: Sensors = None,
     config: OldBench = None,
     dbc: Annotated[Path | None, typer.Option(help="DBC to use instead of the bench's.")] = None,
@@ -75,7 +73,7 @@ def import_(
     from daq.formats import read_logs
     from dbc import Severity
 
-    from ..bench import bench_with_dbc, named_once, with_sensors
+    from ..bench import bench_with_dbc, bus_numbers, named_once, with_sensors
     from ..diagnostics import say, say_left_out
     from ..output import print_json, progress
     from ..recorders.decoded import import_channels, propose_channel_map
@@ -86,7 +84,7 @@ def import_(
     for path in benches:
         config = named_once(path, config, "bench.toml")
     if channels or propose:
-        if config or dbc or sensor or bus is not None:
+        if config or dbc or sensor or bus:
             what = "is for files without a bus, and takes no bench.toml, --dbc, --sensor or --bus"
             raise InputError("--channels" if channels else "--propose", what, "leave them out")
         if propose:
@@ -94,7 +92,7 @@ def import_(
         if channels:
             labels = [_single(text) for text in run or []]
             return import_channels(channels, logs, labels, runs, skip, out, json)
-    chosen = any((run, runs, skip, bus is not None, config, dbc))
+    chosen = any((run, runs, skip, bus, config, dbc))
     if logs and len(logs) == 1 and not chosen and _import_export(logs[0], out, json):
         return ExitCode.OK
     singles = [_single(text) for text in run or []]
@@ -103,7 +101,9 @@ def import_(
         raise InputError("import", what, "name logs, or --run MASS_STATE:EXCITATION:FILE each")
     if singles and (runs or skip):
         raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")
-    bench = with_sensors(bench_with_dbc(config, dbc), sensor or [], frozenset())
+    bench = bench_with_dbc(config, dbc)
+    numbers = bus_numbers(bench, bus or [])
+    bench = with_sensors(bench, sensor or [], numbers if len(bench.buses) > 1 else frozenset())
     codec = bench_codec(bench)
     say_left_out(codec)
     if singles:
@@ -117,7 +117,7 @@ def import_(
         if out.resolve() in [path.resolve() for path in source.paths]:
             raise InputError(str(out), "is one of the logs", "name another file with --out")
     with bench_witness(bench, codec) as witness, progress("import") as stage:
-        parts = _parts(bench, codec, sources, bus, stage, apart=bool(singles))
+        parts = _parts(bench, codec, sources, numbers, stage, apart=bool(singles))
         if singles:
             for part, source in zip(parts, sources, strict=True):
                 _some_bump([part], [source], len(bench.buses))
@@ -199,11 +199,16 @@ def _parts(
     bench: Bench,
     codec: Codec,
     sources: Sequence[Log],
-    bus: int | None,
+    buses: frozenset[int],
     stage: Stage,
     apart: bool,
 ) -> list[LogPart]:
-    """Read all logs; one that goes on where the last one ended is one part with it."""
+    """Read all logs; one that goes on where the last one ended is one part with it.
+
+    `buses`: whose frames are read; empty: all.
+    """
+    import numpy as np
+
     from daq.derive import Intake
 
     intakes: list[Intake] = []
@@ -211,7 +216,7 @@ def _parts(
     for number, source in enumerate(sources):
         fresh = True
         for batch in source:
-            wanted = batch if bus is None else batch.select(batch.bus == bus)
+            wanted = batch.select(np.isin(batch.bus, sorted(buses))) if buses else batch
             if not len(wanted):
                 continue
             if fresh and (apart or not intakes or not intakes[-1].goes_on_with(wanted)):
