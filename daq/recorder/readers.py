@@ -15,12 +15,14 @@ from dataclasses import dataclass
 from dbc.frames import FrameBatch
 
 from ..bus.link import Link
-from ..bus.source import HopLosses, LinkFacts, SourceLosses
+from ..bus.source import BLOCK_FRAMES, HopLosses, LinkFacts, SourceLosses
 from ..control.messages import QueueStatus
 from .storage_watch import StorageWatch
 
 READ_TIMEOUT_S = 0.1
 """Longest wait for frames, s, before the counts are checked."""
+DRAIN_S = 1.0
+"""Longest time, s, for which a halted reader reads what had arrived before."""
 QUEUE_BLOCKS = 4096
 """Most blocks in the queue; a block every 10 ms or 2048 frames makes that 10 s of four buses."""
 QUEUE_BYTES = 128 << 20
@@ -100,11 +102,12 @@ class Reader(threading.Thread):
         self.dropped = 0
         self._pieces, self._watch = pieces, watch
         self._halt, self._left = threading.Event(), threading.Event()
+        self._halted_s = 0.0
 
     def run(self) -> None:
         """Read until halted; the link never raises."""
-        reported = (SourceLosses(), 0)
-        while not self._halt.is_set():
+        reported, frames = (SourceLosses(), 0), FrameBatch.empty()
+        while not self._halt.is_set() or self._has_backlog(frames):
             frames = self.link.read(READ_TIMEOUT_S)
             if self._left.is_set():
                 break  # it hung: its bus may have another reader by now
@@ -118,7 +121,8 @@ class Reader(threading.Thread):
         self.link.close()
 
     def halt(self) -> None:
-        """Make it end after the present read."""
+        """Make it end when it has read what is there."""
+        self._halted_s = time.monotonic()
         self._halt.set()
         self.link.halt()
 
@@ -129,6 +133,10 @@ class Reader(threading.Thread):
     def counts(self) -> Piece:
         """Return the present counts."""
         return self._piece(FrameBatch.empty(), self.link.facts().losses)
+
+    def _has_backlog(self, last: FrameBatch) -> bool:
+        """Return whether more frames than the last block may have arrived before the halt."""
+        return len(last) >= BLOCK_FRAMES and time.monotonic() - self._halted_s < DRAIN_S
 
     def _piece(self, frames: FrameBatch, losses: SourceLosses) -> Piece:
         return Piece(self.number, frames, losses, self.dropped, time.monotonic())
