@@ -42,7 +42,7 @@ from .state.lanes import Lanes
 from .state.signals import Signals, signal_of
 from .state.steps import BenchStep, in_run, progress, waits_unarmed
 from .themes import THEMES
-from .widgets.bars import LOST_WORDS
+from .widgets.bars import LOST_IN_A_FIELD
 from .widgets.plain_ascii import PlainAscii
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ class BenchApp(ScreensApp, KeyboardApp):
                 self.lost, status = news, None
                 self._publish(RecorderLost())
                 if isinstance(self.screen, ModalScreen) and not news.starting:
-                    self.warn(LOST_WORDS)
+                    self.warn(LOST_IN_A_FIELD)
             self._news.popleft()
         self.in_control, self.role_text = self._role.in_control, self._role.text
         if status is not None:
@@ -199,8 +199,8 @@ class BenchApp(ScreensApp, KeyboardApp):
                 self._ask_name()
             if self.display_link is not None and not self.auto:
                 self.push_screen(self.display_link())
-        elif before is not None and not in_run(before) and waits_unarmed(status) and self._early:
-            await self.go_to(BenchStep.BASELINE)
+        elif before is not None and not in_run(before) and in_run(status) and self._gives_way(home):
+            await self.open("run")  # also if another terminal or the display has armed
         self._announce_phase(before, status)
         self._publish(StatusArrived(status))
         self.call_after_refresh(self._fetch_missing, before, status)  # the screen comes first
@@ -248,10 +248,10 @@ class BenchApp(ScreensApp, KeyboardApp):
             if self.status is not None:
                 self._publish(StatusArrived(self.status))
 
-    @property
-    def _early(self) -> bool:
-        """True while the screen in front belongs to a step before the bumps."""
-        return self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
+    def _gives_way(self, home: bool) -> bool:
+        """Return True if the screen in front is left when a run begins: home, or one before it."""
+        early = self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
+        return home or (early and self.status is not None and waits_unarmed(self.status))
 
     # Orders -------------------------------------------------------------------------------------
 
@@ -289,6 +289,8 @@ class BenchApp(ScreensApp, KeyboardApp):
     def action_big(self) -> None:
         """Show the state in big letters or not."""
         self._show_choice(self.signals.toggle_big())
+        if not self.screen.query("BigWord"):
+            self.inform(f"big letters on the run screen: {'on' if self.signals.big else 'off'}")
 
     def _show_choice(self, trouble: str) -> None:
         if trouble:

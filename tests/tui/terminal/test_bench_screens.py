@@ -129,8 +129,6 @@ async def test_the_check_looks_as_before(make_app: Make, snapshot: Callable[...,
         await until(pilot, lambda: "upside down" in screen_text(app))
         await pilot.press("space")
         await pilot.pause()
-        app.clear_notifications()
-        await pilot.pause()
         await at_every_size(pilot, snapshot, "check")
 
 

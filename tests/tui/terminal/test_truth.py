@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 
+import pytest
 from textual.pilot import Pilot
 
 from daq.control.messages import Alarm, CheckItem, Phase
@@ -13,13 +14,16 @@ from daq.control.orders import AskCheck, Order
 from dbc.finding import Finding, Severity
 from tui.terminal.app import BenchApp
 from tui.terminal.screens.check import CheckScreen
+from tui.terminal.screens.home import HomeScreen
 from tui.terminal.screens.identify import IdentifyScreen
 from tui.terminal.screens.results import ResultsScreen
-from tui.terminal.state.feed import Lost
+from tui.terminal.screens.run import RunScreen
+from tui.terminal.state.feed import STARTING, Lost
 from tui.terminal.state.steps import BenchStep
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder
+from .operated import check_items, until
 from .outcomes import outcome
 
 MakeApp = Callable[..., BenchApp]
@@ -235,3 +239,72 @@ async def test_rejects_are_counted_in_a_small_terminal(make_app: MakeApp) -> Non
         assert "1/2" in counted
         assert "1 rej" in counted
         assert "…" not in counted
+
+
+@pytest.mark.parametrize("key", ["1", "2", "4"])
+async def test_a_lost_recorder_takes_the_place_of_the_next_step(
+    key: str, make_app: MakeApp
+) -> None:
+    recorder = FakeRecorder(check=check_items())
+    recorder.mark("vehicle", "check")
+    recorder.finish("baseline")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await pilot.press(key)
+        await until(pilot, lambda: "SPACE Next" in screen_text(app).splitlines()[-1])
+        recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
+        await pilot.pause()
+        text = screen_text(app)
+        assert "X = start the recorder again" in text
+        assert "SPACE" not in text
+        recorder.post(STARTING)
+        await pilot.pause()
+        assert "The recorder is being started." in screen_text(app)
+        recorder.publish()
+        await until(pilot, lambda: "SPACE Next" in screen_text(app).splitlines()[-1])
+        assert "X = start" not in screen_text(app)
+
+
+async def test_the_key_of_a_lost_recorder_is_told_apart_from_typing(make_app: MakeApp) -> None:
+    recorder = FakeRecorder()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await pilot.press("tab")
+        recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
+        await pilot.pause()
+        assert "RECORDER LOST: Esc, then X = start it again" in screen_text(app).splitlines()[0]
+        await pilot.press("escape")
+        await pilot.pause()
+        assert "RECORDER LOST: X = start it again" in screen_text(app).splitlines()[0]
+        await pilot.press("x")
+        await app.workers.wait_for_complete()
+        assert recorder.restarts == 1
+
+
+@pytest.mark.parametrize("in_control", [True, False])
+async def test_home_gives_way_to_a_run_that_somebody_else_has_armed(
+    make_app: MakeApp, in_control: bool
+) -> None:
+    recorder = FakeRecorder(in_control=in_control)
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        assert isinstance(app.screen, HomeScreen)
+        recorder.turn(Phase.ARMED)
+        await until(pilot, lambda: isinstance(app.screen, RunScreen))
+        assert "ARMED" in screen_text(app)
+
+
+async def test_big_letters_are_confirmed_where_there_are_none(make_app: MakeApp) -> None:
+    recorder = FakeRecorder()
+    recorder.mark("vehicle", "check")
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        await pilot.press("g")
+        await until(pilot, lambda: "big letters on the run screen: on" in screen_text(app))
+        await pilot.press("g")
+        await until(pilot, lambda: "big letters on the run screen: off" in screen_text(app))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, cast
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.events import DescendantBlur, DescendantFocus
 from textual.screen import Screen
 
 from ..context import BenchContext
@@ -68,6 +69,14 @@ class BenchScreen(Screen[None]):
         """True while SPACE does something; the key bar shows SPACE only then."""
         return True
 
+    @property
+    def lost_words(self) -> str:
+        """What to do while no recorder takes an order; empty while one does."""
+        lost = self.bench_app.lost
+        if lost is None:
+            return ""
+        return "The recorder is being started." if lost.starting else "X = start the recorder again"
+
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""
         if action == "start_recorder":
@@ -124,11 +133,27 @@ class BenchScreen(Screen[None]):
         if self.bench_app.status is not None:
             self.call_after_refresh(self._show, self.bench_app.status)
 
+    def on_descendant_focus(self, _: DescendantFocus) -> None:
+        """Say whether X is a key now or would be typed."""
+        self._show_lost()
+
+    def on_descendant_blur(self, _: DescendantBlur) -> None:
+        """Say that X is a key again."""
+        self._show_lost()
+
+    def _show_lost(self) -> None:
+        if self.bench_app.lost is not None:
+            top = self.query_one(TopLine)
+            top.call_after_refresh(top.show, self.bench_app.status, self.bench_app)
+
     def on_recorder_lost(self, _: RecorderLost) -> None:
-        """Show in the top line that the recorder is lost."""
-        self.query_one(TopLine).show(self.bench_app.status, self.bench_app)
+        """Show in the top line that the recorder is lost, and what to do."""
         self._was_lost = True
-        self.refresh_bindings()
+        if self.bench_app.status is not None:
+            self._show(self.bench_app.status)
+        else:
+            self.query_one(TopLine).show(None, self.bench_app)
+            self.refresh_bindings()
 
     def _show(self, status: Status) -> None:
         if not self.is_mounted:
@@ -136,6 +161,7 @@ class BenchScreen(Screen[None]):
         self.query_one(TopLine).show(status, self.bench_app)
         self.query_one(StepBar).show(status, self.step_shown)
         self.show_status(status)
-        if (self.acts, self._was_lost) != (self._acted, False):
-            self._acted, self._was_lost = self.acts, False
+        lost = self.bench_app.lost is not None
+        if self.acts is not self._acted or self._was_lost or lost:
+            self._acted, self._was_lost = self.acts, lost
             self.refresh_bindings()

@@ -131,7 +131,7 @@ class CheckScreen(BenchScreen):
 
     async def _ask(self, seconds: float) -> bool:
         """Ask for the check of the last seconds; return True if the recorder answered."""
-        if self._asking or self.bench_app.status is None:
+        if self._asking or self.bench_app.status is None or self.bench_app.lost is not None:
             return False
         self._asking = self._asked = True
         try:
@@ -195,6 +195,8 @@ class CheckScreen(BenchScreen):
     @property
     def _due(self) -> str:
         """Text on what SPACE does now; it begins with SPACE only if it does something."""
+        if self.lost_words:
+            return self.lost_words
         if self._corner is not None:
             return f"Push the car down at the corner marked {NOW}."
         if self._hands_off_s:
@@ -253,10 +255,8 @@ class CheckScreen(BenchScreen):
         """Repeat the marked check: push that corner again, measure zero again, or ask again."""
         row = self._marked
         corner = next((c for c in ORDER if row and row.subject == wiggle_subject(c)), None)
-        if self._corner is not None:
-            await self._begin_wiggle(self._corner)
-        elif corner is not None:
-            await self._begin_wiggle(corner)
+        if again := self._corner or corner:
+            await self._begin_wiggle(again)
         elif row is not None and row.subject == _ZERO:
             self._begin_zero()
         else:

@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Mapping
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
@@ -24,6 +24,7 @@ from daq.loading import expected_car, loading
 
 from ...jobs.gain import GAIN, Gain
 from ..background import begin
+from ..draft_writer import DraftWriter
 from ..forms.axle_limits import AxleLimits, axles_line, check_axles, read_limits
 from ..forms.fields import FieldError
 from ..forms.inventory import (
@@ -43,7 +44,7 @@ from ..forms.inventory import (
 )
 from ..forms.weight_form import NEW_WEIGHT, check_inventory, check_weight, weight_of, weight_values
 from ..state.bench_check import rest_levels
-from ..state.drafts import read_draft, remove_draft, write_draft
+from ..state.drafts import read_draft
 from ..state.steps import BenchStep
 from ..widgets.row_list import RowList
 from .base import BenchScreen
@@ -93,8 +94,6 @@ class MassesScreen(BenchScreen):
         self._asked_text = ""
         self._levels: dict[str, float] = {}
         self._rest: dict[str, float] = {}
-        self._lost_draft = ""
-        self._drafting = asyncio.Lock()
 
     def compose_body(self) -> ComposeResult:
         """Lay out the car, the table and the outlook."""
@@ -111,8 +110,8 @@ class MassesScreen(BenchScreen):
 
     @property
     def acts(self) -> bool:
-        """True while SPACE does something: not while an entry is wrong."""
-        return self.ready
+        """True while SPACE does something: not while an entry is wrong or no recorder answers."""
+        return self.ready and not self.lost_words
 
     def show_status(self, status: Status) -> None:
         """Fill the table as soon as the bench is known."""
@@ -205,6 +204,8 @@ class MassesScreen(BenchScreen):
         return lines
 
     def _next_line(self) -> Content:
+        if self.lost_words:
+            return Content.styled(self.lost_words, "bold $accent")
         errors = self._errors()
         if errors:
             return Content.styled(f"{self.bench_app.glyphs.bad} {errors[0]}", "bold $error")
@@ -238,16 +239,15 @@ class MassesScreen(BenchScreen):
         if predict:
             self._predict()
         self._show_all()
-        begin(self, self._keep_draft, group="draft", exclusive=True)
+        self._keep_draft()
 
-    async def _keep_draft(self) -> None:
-        draft = {"entries": entry_values(self._entries), "open": self._open}
-        async with self._drafting:
-            path = self.bench_app.folder / DRAFT
-            error = await asyncio.to_thread(write_draft, path, draft)
-        if error and error != self._lost_draft:
-            self.bench_app.warn(error)
-        self._lost_draft = error
+    @cached_property
+    def _draft(self) -> DraftWriter:
+        return DraftWriter(self.bench_app.folder / DRAFT, self.bench_app.warn)
+
+    def _keep_draft(self) -> None:
+        draft = {"entries": entry_values(self._entries), "open": dict(self._open)}
+        begin(self, partial(self._draft.write, draft), group="draft")
 
     def action_add(self) -> None:
         """Add a weight; text typed into a cancelled one is still there."""
@@ -269,7 +269,7 @@ class MassesScreen(BenchScreen):
 
         def keep(typed: dict[str, str]) -> None:
             self._open[key] = typed
-            begin(self, self._keep_draft, group="draft", exclusive=True)
+            self._keep_draft()
 
         def done(typed: dict[str, str] | None) -> None:
             if typed is None:
@@ -393,6 +393,5 @@ class MassesScreen(BenchScreen):
             return
         if await app.ask(Mark(BenchStep.MASSES.mark)) is None:
             return
-        async with self._drafting:
-            await asyncio.to_thread(remove_draft, app.folder / DRAFT)
+        await self._draft.remove()
         await app.go_to(BenchStep.ADDED)

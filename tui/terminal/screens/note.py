@@ -98,8 +98,8 @@ class NoteScreen(ModalScreen[None]):
         self._save()
         if await self._bench_app.ask(Note(text, self._label)) is not None:
             remove_draft(self._draft_path)
-            self._bench_app.inform("the note is in the recording")
             self.dismiss()
+            self._bench_app.inform("the note is in the recording")  # on the screen below
 
     def action_leave(self) -> None:
         """Leave; keep the text as a draft."""

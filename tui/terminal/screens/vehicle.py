@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from functools import cached_property
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -16,9 +17,10 @@ from textual.widgets import Static
 from daq import Excitation, InputError, Status
 from daq.control import Configure, Hello, Mark, Note
 
+from ..draft_writer import DraftWriter
 from ..forms.fields import Field, FieldError
 from ..forms.vehicle_form import VEHICLE_FIELDS, check_vehicle, vehicle_text, vehicle_values
-from ..state.drafts import VEHICLE_FORM, last_form, read_draft, remove_draft, write_draft
+from ..state.drafts import VEHICLE_FORM, last_form, read_draft, write_draft
 from ..state.steps import BenchStep
 from ..widgets.form import Form
 from .base import BenchScreen
@@ -64,7 +66,6 @@ class VehicleScreen(BenchScreen):
         self._filled = False
         self._touched: set[str] = set()
         self._noted = ""
-        self._lost_draft = ""
         self._typed: dict[str, str] = {}
         self._writing: Timer | None = None
 
@@ -82,6 +83,8 @@ class VehicleScreen(BenchScreen):
     def show_status(self, status: Status) -> None:
         """Fill the form as soon as the bench is known."""
         bench = self.bench_app.bench
+        if self._filled and self._was_lost:
+            self._advise()
         if bench is None or self._filled:
             return
         self._filled = True
@@ -92,6 +95,11 @@ class VehicleScreen(BenchScreen):
         form.fill(typed)
         self._touched = set(typed)
         self._advise()
+
+    @property
+    def acts(self) -> bool:
+        """True while a recorder takes the form."""
+        return not self.lost_words
 
     # Editing ------------------------------------------------------------------------------------
 
@@ -141,12 +149,12 @@ class VehicleScreen(BenchScreen):
             write_draft(self.bench_app.folder / DRAFT, self._typed)
 
     async def _keep_draft(self) -> None:
-        self._writing, values = None, self.query_one(Form).values
-        path = self.bench_app.folder / DRAFT
-        error = await asyncio.to_thread(write_draft, path, values)
-        if error and error != self._lost_draft:
-            self.bench_app.warn(error)
-        self._lost_draft = error
+        self._writing = None
+        await self._draft.write(self.query_one(Form).values)
+
+    @cached_property
+    def _draft(self) -> DraftWriter:
+        return DraftWriter(self.bench_app.folder / DRAFT, self.bench_app.warn)
 
     # Checking -----------------------------------------------------------------------------------
 
@@ -165,6 +173,9 @@ class VehicleScreen(BenchScreen):
     def _lines(self, field: Field | None, errors: tuple[FieldError, ...]) -> list[Content]:
         bad = self.bench_app.glyphs.bad
         if field is None:
+            if self.lost_words:
+                kept = Content("What is typed is kept.")
+                return [Content.styled(self.lost_words, "bold $accent"), kept]
             if not errors:
                 return [Content.styled(_NEXT, "bold $accent"), Content("Tab or Enter edits.")]
             text = f"{bad} {errors[0]}"
@@ -214,6 +225,6 @@ class VehicleScreen(BenchScreen):
             self._writing.stop()
             self._writing = None
         await asyncio.to_thread(write_draft, app.folder / VEHICLE_FORM, values)
-        await asyncio.to_thread(remove_draft, app.folder / DRAFT)
+        await self._draft.remove()
         self.set_focus(None)
         await app.go_to(BenchStep.CHECK)

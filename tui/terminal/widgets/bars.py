@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 from textual.content import Content
 from textual.screen import Screen
+from textual.widgets import Input, TextArea
 
 from daq import Status
 from daq.bench import Origin
@@ -20,6 +21,8 @@ from .words import Words
 _WIDE = 120
 LOST_WORDS = "RECORDER LOST: X = start it again"
 """The first words of every screen while no recorder answers."""
+LOST_IN_A_FIELD = "RECORDER LOST: Esc, then X = start it again"
+"""The same where X would be typed, and over a dialog."""
 
 
 class TopLine(Words):
@@ -35,7 +38,9 @@ class TopLine(Words):
         wide = width >= _WIDE
         if app.lost is not None:
             text = printable(app.lost.text)
-            words = f" STARTING  {text}" if app.lost.starting else f" {LOST_WORDS}  {text}"
+            typing = isinstance(self.screen.focused, (Input, TextArea))
+            first = LOST_IN_A_FIELD if typing else LOST_WORDS
+            words = f" STARTING  {text}" if app.lost.starting else f" {first}  {text}"
             self.say(Content.assemble((words, "bold reverse")))
             return
         if status is None:

@@ -15,15 +15,19 @@ SHOWN_S = 6.0
 
 
 class MessageLine(Static):
-    """Shows a message for some seconds; takes no room without one."""
+    """Shows a message for some seconds; takes no room without one.
+
+    `docked`: at the bottom of a dialog, which moves up.
+    """
 
     DEFAULT_CSS = """
     MessageLine { height: auto; max-height: 4; display: none; background: $panel; padding: 0 1; }
+    MessageLine.-docked { dock: bottom; }
     MessageLine.-warning { background: $warning; color: $background; text-style: bold; }
     """
 
-    def __init__(self) -> None:
-        super().__init__(markup=False)
+    def __init__(self, docked: bool = False) -> None:
+        super().__init__(markup=False, classes="-docked" if docked else "")
         self._hiding: Timer | None = None
 
     def say(self, text: str, warning: bool) -> None:
@@ -51,17 +55,20 @@ class MessageApp(App[None]):
         timeout: float | None = None,
         markup: bool = True,
     ) -> None:
-        """Show a message to the operator; over a dialog in a corner."""
-        lines = self.screen.query(MessageLine)
-        for line in lines:
-            line.say(message, severity != "information")
-        if not lines:
-            super().notify(message, title=title, severity=severity, timeout=timeout, markup=markup)
+        """Show a message to the operator, in the row for messages of the screen in front."""
+        screen = self.screen
+        warning = severity != "information"
+        for line in screen.query(MessageLine):
+            line.say(message, warning)
+            return
+        line = MessageLine(docked=True)  # of a dialog, with its first message
+        screen.mount(line)
+        line.call_after_refresh(line.say, message, warning)
 
     def warn(self, text: str) -> None:
-        """Show the operator a warning above the keys, or over a dialog."""
+        """Show the operator a warning above the keys, or below a dialog."""
         self.notify(printable(text, 600), severity="warning", markup=False)
 
     def inform(self, text: str) -> None:
-        """Show the operator above the keys, or over a dialog, that something is done."""
+        """Show the operator above the keys, or below a dialog, that something is done."""
         self.notify(printable(text, 600), markup=False)

@@ -1,0 +1,72 @@
+"""Drafts: one is written at a time, the newest comes last, and none after its removal."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tui.terminal import draft_writer
+from tui.terminal.draft_writer import DraftWriter
+from tui.terminal.state.drafts import read_draft, write_draft
+
+
+def _slowed(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """Make each write last; return what is written, and None while nothing is."""
+    log: list[object] = []
+
+    def write(path: Path, values: Mapping[str, Any]) -> str:
+        log.append(values["text"])
+        time.sleep(0.05)
+        failure = write_draft(path, values)
+        log.append(None)
+        return failure
+
+    monkeypatch.setattr(draft_writer, "write_draft", write)
+    return log
+
+
+async def test_texts_typed_during_a_write_follow_it_as_the_newest_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, warned = _slowed(monkeypatch), list[str]()
+    draft = DraftWriter(tmp_path / "draft.json", warned.append)
+    async with asyncio.TaskGroup() as group:
+        for text in ("S", "SN", "SN-", "SN-0042"):
+            group.create_task(draft.write({"text": text}))
+            await asyncio.sleep(0.01)
+    assert log == ["S", None, "SN-0042", None]
+    assert read_draft(tmp_path / "draft.json") == {"text": "SN-0042"}
+    assert warned == []
+
+
+async def test_nothing_is_written_after_the_removal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = _slowed(monkeypatch)
+    draft = DraftWriter(tmp_path / "draft.json", lambda _: None)
+    async with asyncio.TaskGroup() as group:
+        for text in ("S", "SN"):
+            group.create_task(draft.write({"text": text}))
+            await asyncio.sleep(0.01)
+        group.create_task(draft.remove())
+    assert log == ["S", None]
+    assert not (tmp_path / "draft.json").exists()
+
+
+async def test_a_failure_is_said_once(tmp_path: Path) -> None:
+    warned: list[str] = []
+    draft = DraftWriter(tmp_path / "absent" / "draft.json", warned.append)
+    await draft.write({"text": "S"})
+    await draft.write({"text": "SN"})
+    assert warned == ["draft draft.json cannot be written: No such file or directory"]
+    (tmp_path / "absent").mkdir()
+    await draft.write({"text": "SN-"})
+    (tmp_path / "absent" / "draft.json").unlink()
+    (tmp_path / "absent").rmdir()
+    await draft.write({"text": "SN-0"})
+    assert len(warned) == 2
