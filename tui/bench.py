@@ -37,6 +37,27 @@ def named_once(argument: Path | None, option: Path | None, name: str) -> Path | 
     return argument if argument is not None else option
 
 
+def log_and_bench(log: Path, bench: Path | None) -> tuple[Path, Path | None]:
+    """Return a log and a bench.toml that were named in either order."""
+    swapped = bench is not None and not _is_log(log) and _is_log(bench)
+    return (bench, log) if swapped and bench is not None else (log, bench)
+
+
+def bench_and_log(bench: Path | None, log: Path | None) -> tuple[Path | None, Path | None]:
+    """Return the same where either may be left out."""
+    if bench is None or not _is_log(bench):
+        return bench, log
+    return (None, bench) if log is None else (bench, log) if _is_log(log) else (log, bench)
+
+
+def _is_log(path: Path) -> bool:
+    """Return whether a file is a log and no bench.toml: it has another suffix, and is no TOML."""
+    from daq.bench import holds_toml
+
+    named = path.suffix.lower() in ("", ".toml")
+    return not named and not (path.is_file() and holds_toml(path))
+
+
 def reachable(bench: Bench, where: str) -> Bench:
     """Return the bench if its buses reach other processes.
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 _NAMED = 5
 _NO_CHOICE = re.compile(r"'([^']*)' is not one of (.*)")
 _CHOICE = re.compile(r"'([^']*)'")
+_NEAR = re.compile(r" \(Possible options: (.*)\)")
+_UNREAD = re.compile(r", unable to parse string as an? \w+")
 
 
 class ExitCode(IntEnum):
@@ -72,13 +74,16 @@ def report(error: BumpbenchError) -> ExitCode:
     return ExitCode.NO_BUS if isinstance(error, BusError) else ExitCode.BAD_INPUT
 
 
-def report_usage(message: str) -> ExitCode:
-    """Write a mistake in the command line itself as one line."""
+def report_usage(message: str, command: str = "bumpbench") -> ExitCode:
+    """Write a mistake in the command line itself as one line; `command`: whose help is named."""
     from dbc.errors import printable
 
     plain = " ".join(message.split()).replace("Value error, ", "")  # a library's word for a mistake
+    plain = _UNREAD.sub("", plain).replace("Input should be", "must be")
+    if named := _NEAR.search(plain):
+        plain = _NEAR.sub(f". Did you mean {named[1].replace(', ', ' or ')}?", plain)
     if refused := _NO_CHOICE.search(plain):
         near = _nearest(refused[1], _CHOICE.findall(refused[2]))
         plain += f" Did you mean {near}?" if near else ""
-    say(f"error: {printable(plain)} (bumpbench --help lists what there is)")
+    say(f"error: {printable(plain)} ({command} --help lists what there is)")
     return ExitCode.BAD_INPUT

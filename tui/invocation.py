@@ -54,10 +54,14 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
         if message.startswith("Usage:"):  # help, asked for by saying nothing
             sys.stdout.write(f"{message}\n")
             return ExitCode.OK
-        return report_usage(message)
+        context = getattr(error, "ctx", None)
+        return report_usage(message, context.command_path if context else "bumpbench")
     except (KeyboardInterrupt, typer.Abort):
         return ExitCode.INTERRUPTED
-    except BrokenPipeError:  # the reader of our stdout has gone: so may we
+    except (BrokenPipeError, SystemExit) as error:  # the parser's own, then, has it as its context
+        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
+            raise
+        # The reader of our stdout has gone: so may we.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.OK
     except Exception as error:

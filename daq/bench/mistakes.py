@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from ..errors import InputError
 
 _HEADER = re.compile(r"\s*\[(\[?)\s*([^\[\]]+?)\s*\]")
 _KEY = re.compile(r"""\s*([\w.'"-]+)\s*=""")
 _QUOTED = re.compile(r"'([^']*)'")
+_AT_LINE = re.compile(r" \(at line (\d+), column (\d+)\)")
 
 Place = tuple[str | int, ...]
 """Keys and positions that lead to a value."""
@@ -26,19 +29,42 @@ def mistake(
 
     `text`: the file.  `where`: its name.  `tables`: the models whose fields are the known keys.
     """
-    first = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in first["loc"]) or "the file"
+    tables = tuple(tables)
+    first = _first(error)
+    types = {table.__name__ for table in tables}
+    key = ".".join(str(part) for part in first["loc"] if part not in types) or "the file"
     line = line_of(text, first["loc"])
     place = f"{where}:{line}" if line else where
     if first["type"] == "extra_forbidden":
         known = sorted({name for table in tables for name in table.model_fields})
         advice = f"remove it or correct its name{_nearest(str(first['loc'][-1]), known)}"
         return InputError(place, f"unknown key {key}", advice)
+    if first["type"] == "missing":
+        return InputError(place, f"{key} is missing", "state it")
     what = first["msg"].removeprefix("Value error, ")  # said of checks of our own
+    what = what.replace("Input should be", "must be").partition(", unable to parse")[0]
     known = _QUOTED.findall(str(first.get("ctx", {}).get("expected", "")))
     given: Any = first["input"]
     near = _nearest(given, known) if isinstance(given, str) else ""
     return InputError(place, f"{key}: {what}", f"correct that value{near}")
+
+
+def not_toml(error: ValueError | RecursionError, where: str) -> InputError:
+    """Return what makes a text no TOML in one line; `where`: the name of the file."""
+    what = str(error)
+    if at := _AT_LINE.search(what):
+        where, what = f"{where}:{at[1]}", f"{what[: at.start()]}, column {at[2]}"
+    return InputError(where, f"is not TOML: {what}", "correct that line")
+
+
+def _first(error: ValidationError) -> ErrorDetails:
+    """Return the first mistake; of a missing key, the unknown one beside it, which may be meant."""
+    first, *others = error.errors(include_url=False)
+    if first["type"] == "missing":
+        for other in others:
+            if other["type"] == "extra_forbidden" and other["loc"][:-1] == first["loc"][:-1]:
+                return other
+    return first
 
 
 def line_of(text: str, loc: Sequence[str | int]) -> int:
@@ -57,9 +83,18 @@ def line_of(text: str, loc: Sequence[str | int]) -> int:
             place = (*table, *_parts(key[1]))
         else:
             continue
-        if len(place) > deepest and _leads_to(place, loc):
+        if len(place) > deepest and (_leads_to(place, loc) or place == (*loc, 0)):
             found, deepest = number, len(place)
     return found
+
+
+def channel_line(text: str, name: str) -> int:
+    """Return the line of a channel's signal; 0 if the file does not state the channel.
+
+    `text`: a bench.toml without mistakes.  `name`: of the channel.
+    """
+    names = [channel.get("name") for channel in tomllib.loads(text).get("channel", [])]
+    return line_of(text, ("channel", names.index(name), "signal")) if name in names else 0
 
 
 def _parts(name: str) -> Place:

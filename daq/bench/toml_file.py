@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from ..errors import InputError
 from .bench_tables import Table
-from .mistakes import mistake
+from .mistakes import mistake, not_toml
 
 MAX_CONFIG_BYTES = 1_000_000
 """Size of the largest bench.toml or channel map that is read, bytes."""
@@ -51,7 +51,7 @@ def validated(text: str, where: str, model: type[_AnyTable]) -> _AnyTable:
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(where, f"is not TOML: {error}", "correct that line") from error
+        raise not_toml(error, where) from error
     try:
         return model.model_validate(document)
     except ValidationError as error:

@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from typing import Any
 
 import can
@@ -140,11 +141,11 @@ def _name(config: BusConfig) -> str:
 def _one_line(config: BusConfig) -> Iterator[None]:
     """Turn any exception of a backend on opening (also NameError) into a BusError."""
     if config.interface != "slcan" and config.interface not in can.VALID_INTERFACES:
-        raise BusError(
-            _name(config),
-            f"python-can has no interface {config.interface!r}",
-            "name one of " + ", ".join(sorted(can.VALID_INTERFACES)),
-        )
+        known = sorted({*can.VALID_INTERFACES, "slcan"})
+        near = get_close_matches(config.interface, known, 1)
+        advice = f"did you mean {near[0]}? There are " if near else "name one of "
+        what = f"python-can has no interface {config.interface!r}"
+        raise BusError(_name(config), what, advice + ", ".join(known))
     try:
         yield
     except BusError:

@@ -19,8 +19,8 @@ from dbc.frames import FrameBatch
 from ..bench.config import Bench
 from ..bench.message_rules import SampleSet
 from ..runs import SampleGroup
+from ..samples.bench_mapping import mapped_channels
 from ..samples.groups import sample_groups, timekeeping
-from ..samples.mapping import map_channels
 from ..samples.trigger import trigger_channels
 from ..signal_names import sensor_of, sensor_of_signal
 from .bus_checks import check_traffic
@@ -63,7 +63,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     arrival, the car standing still.  Of traffic with pauses the longest stretch is checked.
     `today`: for the age of calibrations.  Raises InputError if a channel does not fit the DBC.
     """
-    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    mapped = mapped_channels(bench, codec)
     if not len(frames):
         advice = "check power, wiring, termination and the bit rate; sensors that must be started"
         line = Finding("no_frames", Severity.ERROR, "no frame was received", "bus", advice)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .lock import group_readable as group_readable
     from .lock import is_locked as is_locked
     from .lock import lone_recorder as lone_recorder
+    from .lock import unreachable_words as unreachable_words
     from .messages import STATUS as STATUS
     from .messages import Alarm as Alarm
     from .messages import BusState as BusState

@@ -78,6 +78,13 @@ def is_locked(folder: Path) -> bool:
     return False
 
 
+def unreachable_words(folder: Path) -> str:
+    """Return that the recorder of a folder cannot be reached from here; empty if none runs."""
+    if not (folder / _LOCK).exists() or not is_locked(folder):
+        return ""
+    return f"a recorder ({_holder_of(folder / _HOLDER)}) writes there, but does not answer here"
+
+
 def _holder_of(holder: Path) -> str:
     try:
         return f"pid {int(holder.read_text('ascii')[:20])}"

@@ -5,9 +5,26 @@ from __future__ import annotations
 from dbc import Codec
 
 from ..bench.config import Bench
+from ..bench.mistakes import channel_line
 from ..errors import InputError
 from .mapping import MappedChannel, map_channels
 from .trigger import trigger_channels
+
+
+def mapped_channels(bench: Bench, codec: Codec) -> tuple[MappedChannel, ...]:
+    """Return the bench's channels on the signals of its DBC.
+
+    Raises InputError, with the line of bench.toml, if a channel and the DBC do not fit.
+    """
+    mapped: list[MappedChannel] = []
+    for channel in bench.channels:
+        try:
+            mapped += map_channels([channel], codec.messages, bench.dbc_name)
+        except InputError as error:
+            line = channel_line(bench.text, channel.name)
+            where = f"{error.where}, bench.toml:{line}" if line else error.where
+            raise InputError(where, error.what, error.advice) from error
+    return tuple(mapped)
 
 
 def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...], frozenset[str]]:
@@ -17,7 +34,7 @@ def bench_mapping(bench: Bench, codec: Codec) -> tuple[tuple[MappedChannel, ...]
     """
     # All channels are mapped although only some trigger: what does not fit together is to be
     # known before the first bump, not after the last.
-    mapped = map_channels(bench.channels, codec.messages, bench.dbc_name)
+    mapped = mapped_channels(bench, codec)
     triggers = frozenset(c.name for c in trigger_channels(bench.channels, bench.procedure.method))
     if not triggers:
         what, advice = "has no channel that can trigger", "add a hub or a body acceleration"

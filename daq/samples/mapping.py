@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +87,9 @@ def _mapped(channel: Channel, by_name: dict[str, MessageLayout], dbc_name: str) 
     if message is None or signal is None:
         what = f"{dbc_name} has no signal {channel.signal!r}"
         advice = "write signal as Message.signal of the DBC, or as sensor.signal of a [[sensor]]"
+        known = [f"{m.name}.{s.name}" for m in by_name.values() for s in m.signals]
+        if near := get_close_matches(channel.signal, known, 1):
+            advice = f"did you mean {near[0]}?"
         raise InputError(where, what, advice)
     si = si_unit(channel, signal.unit, dbc_name)
     return MappedChannel(replace(channel, unit=si.unit), message, si.factor, si.offset)

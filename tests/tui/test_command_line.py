@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from daq.bench.config import default_bench_text
-from tui.bench import named_once
+from tui.bench import bench_and_log, log_and_bench, named_once
 from tui.cli import run
 from tui.diagnostics import unknown_value
 
@@ -31,6 +34,79 @@ def test_a_mistyped_value_is_answered_by_the_nearest(capsys: pytest.CaptureFixtu
     assert run(["tui", "--demo", "--fault", "double-bum"]) == 2
     assert "did you mean double-bump?" in capsys.readouterr().err
     assert "mean" not in str(unknown_value("--theme", "zzz", "theme", ["bench-dark"]))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["tui", "--demoo"],
+            ": --demoo. Did you mean --demo? (bumpbench tui --help lists what there is)",
+        ),
+        (
+            ["tui", "--speed", "fast"],
+            "'--speed': must be a valid number (bumpbench tui --help lists what there is)",
+        ),
+        (["study", "tabel2"], "(bumpbench study --help lists what there is)"),
+        (["recrod"], "(bumpbench --help lists what there is)"),
+        (
+            ["check", "--interface", "socketcn", "--channel", "can0"],
+            "no interface 'socketcn' (did you mean socketcan?",
+        ),
+    ],
+)
+def test_a_mistake_names_the_nearest_and_the_help_that_lists_it(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(words)
+    assert said in capsys.readouterr().err
+
+
+def test_a_channel_without_signal_is_named_with_its_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench, log = tmp_path / "b.toml", tmp_path / "a.log"
+    bench.write_text(default_bench_text().replace("IMU_Accel.acc_z", "IMU_Accel.acc_zz"), "utf-8")
+    log.write_text("(1.0) can0 100#00\n", "ascii")
+    number = default_bench_text().splitlines().index('signal = "IMU_Accel.acc_z"') + 1
+    assert run(["check", str(bench), str(log)]) == 2
+    shown = capsys.readouterr().err
+    assert f"channel body_acc_z, bench.toml:{number}: " in shown
+    assert "did you mean IMU_Accel.acc_z?" in shown
+
+
+def test_bench_and_log_are_named_in_either_order() -> None:
+    bench, log, other = Path("b.TOML"), Path("a.pcapng"), Path("mine")
+    assert log_and_bench(log, bench) == log_and_bench(bench, log) == (log, bench)
+    assert log_and_bench(log, None) == (log, None)
+    assert log_and_bench(log, other) == (log, other)
+    assert bench_and_log(bench, log) == bench_and_log(log, bench) == (bench, log)
+    assert bench_and_log(log, None) == (None, log)
+    assert bench_and_log(bench, None) == (bench, None)
+    assert bench_and_log(other, None) == (other, None)
+    assert bench_and_log(None, log) == (None, log)
+    assert bench_and_log(None, None) == (None, None)
+
+
+def test_a_reader_of_stdout_that_has_gone_is_no_refusal() -> None:
+    """`bumpbench ... | head -1` under pipefail."""
+    script = "from tui.cli import run; raise SystemExit(run(['simulate', '--help']))"
+    process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.wait(60) == 0
+
+
+def test_status_says_why_there_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["status", str(tmp_path / "absent")]) == 1
+    assert "absent: there is no such folder" in capsys.readouterr().err
+    assert run(["status", str(tmp_path)]) == 1
+    assert list(tmp_path.iterdir()) == [], "who asks leaves nothing"
+    with FileLock(tmp_path / "recorder.lock"):
+        (tmp_path / "recorder.pid").write_text("4711", "ascii")
+        assert run(["status", str(tmp_path)]) == 1
+    said = "a recorder (pid 4711) writes there, but does not answer here"
+    assert said in capsys.readouterr().err
 
 
 def test_status_of_a_folder_without_a_recorder_is_a_document(

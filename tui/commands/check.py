@@ -69,11 +69,9 @@ def check(
     from daq import InputError, bench_codec
     from daq.check import bench_witness, check_bench, part_of, reader_lines
 
-    from ..bench import bus_numbers, named_once, with_sensors
+    from ..bench import bench_and_log, bus_numbers, named_once, with_sensors
 
-    log = named_once(log, old_log, "the log")
-    if bench is not None and log is None and _is_log(bench):
-        bench, log = None, bench
+    bench, log = bench_and_log(bench, named_once(log, old_log, "the log"))
     if layout and propose is None and len(layout) > 1:
         raise InputError("--layout", "is named twice", "name one, or propose with --propose")
     if push and propose is None:
@@ -106,14 +104,6 @@ def check(
     else:
         _print_report(report)
     return ExitCode.ANSWER_IS_NO if report.word == "FAIL" else ExitCode.OK
-
-
-def _is_log(path: Path) -> bool:
-    """Return whether a file that is named alone is a log: it has another suffix, and is no TOML."""
-    from daq.bench import holds_toml
-
-    named = path.suffix.lower() in ("", ".toml")
-    return not named and not (path.is_file() and holds_toml(path))
 
 
 def _bench(

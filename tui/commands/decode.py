@@ -45,10 +45,11 @@ def decode(
 
     from daq import InputError, read_log
 
-    from ..bench import named_once
+    from ..bench import log_and_bench, named_once
     from ..diagnostics import say, say_left_out
     from ..output import print_json
 
+    log, bench = log_and_bench(log, bench)
     config = named_once(bench, config, "bench.toml")
     if config and dbc:
         raise InputError("--dbc", "and a bench.toml exclude each other", "name one of them")

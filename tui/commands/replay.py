@@ -41,10 +41,11 @@ def replay(
     from daq.replay import play, recorded_frames
     from dbc import FrameBatch
 
-    from ..bench import named_once, shared_bench
+    from ..bench import log_and_bench, named_once, shared_bench
     from ..diagnostics import say
     from ..output import print_json, print_line, progress
 
+    source, bench = log_and_bench(source, bench)
     described = shared_bench(named_once(bench, config, "bench.toml"), interface, channel)
     log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
     batches: Iterable[FrameBatch] = log or recorded_frames(read_foreign_session(source))

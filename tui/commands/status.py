@@ -49,9 +49,12 @@ def status(
 
 def _none(folder: Path, why: str, json: bool) -> int:
     """Report that there is no status, and why."""
+    from daq.control import unreachable_words
+
     from ..diagnostics import say
     from ..output import print_json
 
+    why = unreachable_words(folder) or (why if folder.exists() else "there is no such folder")
     if json:
         print_json({"folder": str(folder), "running": False, "error": why})
     say(f"{folder}: {why}")

@@ -40,6 +40,7 @@ a = 1.2
         (("vehicle", "geometry", "a"), 14),
         (("vehicle", "geometry", "GeometryTable", "a"), 14),
         (("absent",), 0),
+        (("weight",), 4),
     ],
 )
 def test_line(loc: tuple[str | int, ...], line: int) -> None:
@@ -62,7 +63,23 @@ def test_line(loc: tuple[str | int, ...], line: int) -> None:
             "[campaign]\nrepeats = 2\nexcitations = [\n  'bounce', 'pich',\n]\n",
             "did you mean pitch?)",
         ),
-        ("[campaign]\nrepeats = 'two'\n", "b.toml:2: campaign.repeats: "),
+        ("[campaign]\nrepeats = 'two'\n", "b.toml:2: campaign.repeats: must be a valid integer ("),
+        (
+            "\n[[weigh]]\nmass_kg = 1.0\n[[weigh]]\n",
+            "b.toml:2: unknown key weigh (remove it or correct its name; did you mean weight?)",
+        ),
+        (
+            "[[weight]]\nhub = 'FL'\nmass_kgg = 1.0\n",
+            "b.toml:3: unknown key weight.0.mass_kgg"
+            " (remove it or correct its name; did you mean mass_kg?)",
+        ),
+        ("[[weight]]\nhub = 'FL'\n", "b.toml:1: weight.0.mass_kg is missing (state it)"),
+        (
+            "[bus]\nchanel = 'can0'\n",
+            "b.toml:2: unknown key bus.chanel"
+            " (remove it or correct its name; did you mean channel?)",
+        ),
+        ("[bus]\nchannel =\n", "b.toml:2: is not TOML: Invalid value, column 10 (correct"),
     ],
 )
 def test_the_line_and_the_nearest_name_are_said(text: str, said: str) -> None:

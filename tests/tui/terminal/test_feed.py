@@ -8,6 +8,7 @@ from queue import Empty, Queue
 from typing import NoReturn
 
 import pytest
+from filelock import FileLock
 
 from daq.bench.origin import Origin
 from daq.control.client import RecorderGoneError
@@ -80,6 +81,16 @@ def test_a_recorder_that_has_only_just_been_started_is_not_lost(
         assert reported.get(timeout=10) == Lost("no recorder is running there", "start one")
     finally:
         listener.stop()
+
+
+def test_a_recorder_that_cannot_be_reached_is_not_said_to_be_absent(tmp_path: Path) -> None:
+    listener = RecorderFeed(tmp_path, "MK", lambda: None)
+    gone = RecorderGoneError("here", "no recorder is running there", "start one")
+    assert listener._lost(gone) == Lost("no recorder is running there", "start one")
+    with FileLock(tmp_path / "recorder.lock"):
+        said = listener._lost(gone)
+    assert said.text == "a recorder (pid unknown) writes there, but does not answer here"
+    assert "another HOME" in said.advice
 
 
 def test_a_recorder_that_starts_slowly_is_not_lost_while_its_process_is_there(

@@ -210,6 +210,21 @@ async def test_a_bad_bus_and_alarms_are_said_with_advice(make_app: MakeApp) -> N
         assert "BUS OFF can0: off after 256 errors: check termination" in text
 
 
+async def test_two_buses_are_told_apart_in_80_columns(make_app: MakeApp) -> None:
+    recorder = FakeRecorder()
+    app = make_app(recorder)
+    async with app.run_test(size=(80, 24)) as pilot:
+        names = ("can0", "socketcan can1", "udp_multicast 239.74.163.2")
+        recorder.publish(buses=tuple(BusStatus(n, BusState.OK, 0.4, 4e3, 10, 0, 0) for n in names))
+        await pilot.pause()
+        top = screen_text(app).splitlines()[0]
+        assert "can0 ● 40%  can1 ● 40%  239.74..." in top
+        await pilot.resize_terminal(140, 40)
+        await pilot.pause()
+        top = screen_text(app).splitlines()[0]
+        assert "can0 ● 40%  socketcan can1 ● 40%  239.74.163.2 ● 40%" in top
+
+
 @pytest.mark.parametrize("size", ["80x24", "140x40"])
 async def test_five_kinds_of_bump_find_room(
     make_app: MakeApp, snapshot: Snapshot, size: str

@@ -26,6 +26,7 @@ from daq.control import (
     control_address,
     is_locked,
     is_running,
+    unreachable_words,
 )
 
 RETRY_S = 0.5
@@ -178,7 +179,7 @@ class RecorderFeed:
             try:
                 client, role = self._connect()
             except BumpbenchError as error:
-                lost = Lost(error.what, error.advice)
+                lost = self._lost(error)
                 # A recorder that was started just now is not lost yet.
                 if self._reported is None and not self._is_starting():
                     post(lost)
@@ -194,6 +195,13 @@ class RecorderFeed:
             if lost_text:
                 self._reported = Lost(lost_text, "all frames up to then are on the disk")
                 post(self._reported)
+
+    def _lost(self, error: BumpbenchError) -> Lost:
+        """Return why there is no connection: no recorder, or one that this user cannot reach."""
+        if words := unreachable_words(self._folder):
+            advice = "it hangs, or was started with another HOME: end it, or name another --out"
+            return Lost(words, advice)
+        return Lost(error.what, error.advice)
 
     def _is_starting(self) -> bool:
         """Return True while a recorder that was started may take longer to answer."""

@@ -63,7 +63,7 @@ class TopLine(Words):
             mark = self._glyphs.bus if good else self._glyphs.bad
             word = f"{bus.load:.0%}" if good else bus.state.value.upper()
             style = "$success" if good else "bold reverse $error"
-            right += [(f"{printable(bus.name, 16 if wide else 8)} {mark} {word}  ", style)]
+            right += [(f"{_bus_name(bus.name, 24 if wide else 9)} {mark} {word}  ", style)]
         alive = f"{status.sensors_alive}/{status.sensors_expected} alive"
         lacking = status.sensors_alive < status.sensors_expected
         right += [(f"{alive}  ", "bold reverse $error" if lacking else "")]
@@ -84,6 +84,11 @@ class TopLine(Words):
         shown = (c for words in lefts if (c := Content(words)).cell_length <= left_room)
         head = next(shown, Content(lefts[-1])).truncate(left_room, pad=True)
         self.say(head + Content(gap) + tail)
+
+
+def _bus_name(name: str, most: int) -> str:
+    """Return the name of a bus in `most` characters: where it is longer, its channel alone."""
+    return printable(name if len(name) <= most else name.split()[-1], most)
 
 
 ENOUGH = (80, 24)
