@@ -49,9 +49,15 @@ class LoopState:
         """True if the next bump is a run."""
         return self.phase is Phase.ARMED
 
-    def countdown_s(self, t_ns: int, accept_after_s: float) -> float | None:
+    def goes_on(self, due: Step | None) -> bool:
+        """Return True if the step that is due is one of those that it was armed for."""
+        if due is None or self.until in (None, Until.RUN):
+            return False
+        return self.until is Until.COMPLETE or (due.mass_state, due.excitation) == self.kind
+
+    def countdown_s(self, t_ns: int, accept_after_s: float, due: Step | None) -> float | None:
         """Return the time until the next run is armed; None if none will be."""
-        if self.phase not in _JUDGED or self.until is None:
+        if self.phase not in _JUDGED or not self.goes_on(due):
             return None
         return max(accept_after_s - (t_ns - self.since_ns) * 1e-9, 0.0)
 

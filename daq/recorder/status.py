@@ -89,7 +89,9 @@ def build_status(
         bench_crc32=state.bench_crc32,
         phase=loop.phase,
         phase_s=max(state.t_ns - loop.since_ns, 0) * 1e-9,
-        countdown_s=loop.countdown_s(state.t_ns, bench.procedure.accept_after_s),
+        countdown_s=loop.countdown_s(
+            state.t_ns, bench.procedure.accept_after_s, counts.due.step if counts.due else None
+        ),
         not_at_rest=state.not_at_rest if loop.phase is Phase.WAITING else (),
         bump_ns=state.bump_ns,
         peak_left=state.peak_left,

@@ -82,6 +82,10 @@ class Bench:
         return self
 
     @property
+    def countdown_s(self) -> float | None:
+        return self.loop.countdown_s(self.t_ns, 3.0, self.now.due)
+
+    @property
     def phase(self) -> str:  # not `Phase`: mypy would take it for the one that it was before
         return self.loop.phase
 
@@ -99,11 +103,11 @@ def test_a_run_goes_through_all_phases() -> None:
     assert bench.turn(0.19).phase == Phase.TRIGGERED
     assert bench.turn(0.02).phase == Phase.DECAY
     assert bench.end().phase == Phase.ACCEPTED
-    assert bench.loop.countdown_s(bench.t_ns, 3.0) == 3.0
+    assert bench.countdown_s == 3.0
     assert bench.turn(2.9).phase == Phase.ACCEPTED
-    assert bench.loop.countdown_s(bench.t_ns, 3.0) == pytest.approx(0.1)
+    assert bench.countdown_s == pytest.approx(0.1)
     assert bench.turn(0.2).phase == Phase.ARMED
-    assert bench.loop.countdown_s(bench.t_ns, 3.0) is None
+    assert bench.countdown_s is None
 
 
 def test_an_excitation_is_armed_until_its_repeats_are_accepted() -> None:
@@ -186,13 +190,43 @@ def test_a_run_rejected_while_it_is_recorded_stays_rejected() -> None:
     assert bench.end().phase == Phase.REJECTED
 
 
+@pytest.mark.parametrize(
+    ("until", "seconds"),
+    [
+        (Until.RUN, [None, None, None]),
+        (Until.EXCITATION, [3.0, None, 3.0]),
+        (Until.COMPLETE, [3.0, 3.0, 3.0]),
+    ],
+)
+def test_seconds_are_counted_only_to_a_run_that_arms_itself(
+    until: Until, seconds: list[float | None]
+) -> None:
+    """Two bounces and a roll: before the roll a person moves the boards, unless all are armed."""
+    bench, counted = Bench(), list[float | None]()
+    for _ in range(3):
+        if bench.phase == Phase.IDLE:
+            bench.arm(until)
+        bench.bump()
+        counted.append(bench.end().countdown_s)
+        bench.turn(3.0)
+    assert counted == seconds
+
+
+def test_the_seconds_return_when_the_last_of_its_kind_is_rejected() -> None:
+    bench = Bench().arm(Until.EXCITATION)
+    bench.run().bump()
+    assert bench.end().countdown_s is None
+    bench.decide(Code.REJECT, bench.loop.label)
+    assert bench.countdown_s == 3.0
+
+
 def test_a_pause_lets_the_run_end_and_then_counts_no_bump() -> None:
     bench = Bench().arm()
     bench.bump()
     bench.loop = run_loop.paused(bench.loop, bench.now)
     assert bench.phase == Phase.TRIGGERED
     assert bench.end().phase == Phase.ACCEPTED
-    assert bench.loop.countdown_s(bench.t_ns, 3.0) is None
+    assert bench.countdown_s is None
     assert bench.turn(3.0).phase == Phase.PAUSED
     assert not bench.turn(10.0).loop.takes_bumps
     assert bench.arm().loop.takes_bumps
