@@ -103,6 +103,8 @@ def _follows(alarm: Alarm, alarms: Sequence[Alarm], wiring: Wiring) -> bool:
         return True
     if alarm.code == "time_back" and "clock_step" in codes:
         return True
+    if alarm.code == "journal_warning" and "disk_low" in codes:  # no room can be made either
+        return True
     bus = alarm.subject if alarm.code in _FOLLOWS_DEAD_BUS else ""
     if alarm.code in (*_OF_MESSAGE, *_OF_CHANNEL):
         bus = wiring.bus_of(alarm.subject)

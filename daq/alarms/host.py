@@ -15,6 +15,8 @@ from .inputs import Count, Key, fault
 CLOCK_STEP_S = 0.05
 """Largest drift of the wall clock against the monotonic one, s, that is not taken for a step."""
 _QUEUE_HIGH = 0.5
+_SAYS_SO = ("not_recording", "journal_failed")
+"""Alarms of which one is enough: a disk that refuses is the cause of what is not recorded."""
 _NOT_RECORDING_S = 0.9
 """Time for which frames arrive and none is stored that is an alarm, s: with the tenth of a second
 between two turns of a daemon's main thread it is raised within one second."""
@@ -49,7 +51,7 @@ def with_not_recording(status: Status, storage: StorageStatus, wall_ns: int) -> 
     add.
     """
     found = _not_recording(storage)
-    if not found or any(alarm.code == found[0].code for alarm in status.alarms):
+    if not found or any(alarm.code in _SAYS_SO for alarm in status.alarms):
         return status
     since_ns = wall_ns - round(storage.late_s * 1e9)
     alarm = Alarm(found[0].code, "", found[0].text, found[0].advice, since_ns)

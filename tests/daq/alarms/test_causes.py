@@ -80,6 +80,12 @@ def test_an_adapter_that_has_gone_is_silent_since_its_last_frame() -> None:
     assert bench.state.causes[0].text == f"has gone; all {ALL} messages silent since {gone}"
 
 
+def test_a_disk_that_is_nearly_full_is_the_cause_of_what_the_journal_lacks() -> None:
+    low = an_alarm("disk_low")
+    assert causes([an_alarm("journal_warning"), low], WIRING) == (low,)
+    assert causes([an_alarm("journal_warning")], WIRING) == (an_alarm("journal_warning"),)
+
+
 def test_gaps_after_a_bus_has_come_back_are_one_alarm() -> None:
     bench = WatchedBench()
     for _ in range(15):

@@ -16,7 +16,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from daq.alarms import with_not_recording
 from daq.bench.config import Bench
 from daq.control.figures_file import write_figures
-from daq.control.messages import Status, StorageStatus
+from daq.control.messages import Alarm, Status, StorageStatus
 from daq.journal.segment import SyncedFile
 from daq.journal.writer import JournalWriter
 from daq.recorder.storage_watch import StorageWatch
@@ -182,3 +182,10 @@ def test_a_silent_bus_and_a_first_frame_are_no_alarm(
         count = len(running.published)
         running.until(lambda s: len(running.published) > count + 15)
     assert not any("not_recording" in codes(status) for status in running.published)
+
+
+def test_a_disk_that_refuses_is_said_alone() -> None:
+    """It is the cause, and stands first with its remedy; a status of a hung writer says it too."""
+    refused = Alarm("journal_failed", "", "the disk is full", "make room on the disk", 0)
+    last = replace(a_status(), alarms=(refused,))
+    assert with_not_recording(last, StorageStatus(1200, 700, 176.0), 6_000_000_000) is last
