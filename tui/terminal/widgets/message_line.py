@@ -30,11 +30,11 @@ class MessageLine(Static):
         super().__init__(markup=False, classes="-docked" if docked else "")
         self._hiding: Timer | None = None
 
-    def say(self, text: str, warning: bool) -> None:
+    def say(self, words: Content, warning: bool) -> None:
         """Show a message in place of the one before."""
         if self._hiding is not None:
             self._hiding.stop()
-        self.update(Content(text))
+        self.update(words)
         self.set_class(warning, "-warning")
         self.display = True
         self._hiding = self.set_timer(SHOWN_S, self._hide)
@@ -56,14 +56,14 @@ class MessageApp(App[None]):
         markup: bool = True,
     ) -> None:
         """Show a message to the operator, in the row for messages of the screen in front."""
-        screen = self.screen
-        warning = severity != "information"
+        screen, warning = self.screen, severity != "information"
+        words = Content.from_markup(message) if markup else Content(message)
         for line in screen.query(MessageLine):
-            line.say(message, warning)
+            line.say(words, warning)
             return
         line = MessageLine(docked=True)  # of a dialog, with its first message
         screen.mount(line)
-        line.call_after_refresh(line.say, message, warning)
+        line.call_after_refresh(line.say, words, warning)
 
     def warn(self, text: str) -> None:
         """Show the operator a warning above the keys, or below a dialog."""
