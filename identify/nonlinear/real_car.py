@@ -35,9 +35,10 @@ _SEARCH_RATE_HZ = 250.0
 _START_RATE_HZ = 125.0
 """Rates of the samples, Hz, of the search and of the linear fit from which it starts."""
 
-_ATTEMPTS_S = ((0.0, 0.0), (0.0, 0.15), (0.15, 0.15), (0.25, 0.25))
+_ATTEMPTS = ((0.0, 0.0, 0), (0.0, 0.15, 1), (0.15, 0.15, 0), (0.25, 0.25, 0))
 """For each attempt the time after the beginning of the decays, s, from which they are fitted, and
-from which the linear start is found.  In the first tenths of a second wheels may leave the ground
+from which the linear start is found, and the generic vehicle that stands in for one that is none.
+In the first tenths of a second wheels may leave the ground
 and stops be touched: one car of 400 kg started at chi2/n 1700 with wheels twice too heavy, and 0.15
 s later with all but its dampers within 25 %.  Wheels are known by little else than that time."""
 
@@ -75,10 +76,10 @@ def real_car(
     near = [simple.unknowns(theta) for theta in vehicles]
 
     def attempts() -> Iterator[Attempt]:
-        for (late_s, linear_s), generic in zip(_ATTEMPTS_S, near, strict=False):
+        for late_s, linear_s, generic in _ATTEMPTS:
             found = basin(simple, few, rest, start_s + linear_s, near)
             sized = of_vehicle_size(simple, found, vehicles)
-            start = generic if misshapen(simple, sized, vehicles) else sized
+            start = near[generic] if misshapen(simple, sized, vehicles) else sized
             full = simple.full(start.astype(complex)).real
             eta = model.unknowns(model.box.unknowns_of(full))
             own = tuple(r.decay(float(s)) for r, s in zip(records, start_s + late_s, strict=True))
