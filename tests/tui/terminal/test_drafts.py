@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import time
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,31 +15,39 @@ from tui.terminal.draft_writer import DraftWriter
 from tui.terminal.state.drafts import read_draft, write_draft
 
 
-def _slowed(monkeypatch: pytest.MonkeyPatch) -> list[object]:
-    """Make each write last; return what is written, and None while nothing is."""
-    log: list[object] = []
+class Held:
+    """Holds every write until it is let go, and notes what begins (its text) and ends (None)."""
 
-    def write(path: Path, values: Mapping[str, Any]) -> str:
-        log.append(values["text"])
-        time.sleep(0.05)
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.log: list[object] = []
+        self.go = threading.Event()
+        monkeypatch.setattr(draft_writer, "write_draft", self._write)
+
+    def _write(self, path: Path, values: Mapping[str, Any]) -> str:
+        self.log.append(values["text"])
+        assert self.go.wait(60.0)
         failure = write_draft(path, values)
-        log.append(None)
+        self.log.append(None)
         return failure
 
-    monkeypatch.setattr(draft_writer, "write_draft", write)
-    return log
+    async def begun(self) -> None:
+        while not self.log:
+            await asyncio.sleep(0.001)
 
 
 async def test_texts_typed_during_a_write_follow_it_as_the_newest_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log, warned = _slowed(monkeypatch), list[str]()
+    held, warned = Held(monkeypatch), list[str]()
     draft = DraftWriter(tmp_path / "draft.json", warned.append)
     async with asyncio.TaskGroup() as group:
-        for text in ("S", "SN", "SN-", "SN-0042"):
+        group.create_task(draft.write({"text": "S"}))
+        await held.begun()
+        for text in ("SN", "SN-", "SN-0042"):
             group.create_task(draft.write({"text": text}))
-            await asyncio.sleep(0.01)
-    assert log == ["S", None, "SN-0042", None]
+            await asyncio.sleep(0)
+        held.go.set()
+    assert held.log == ["S", None, "SN-0042", None]
     assert read_draft(tmp_path / "draft.json") == {"text": "SN-0042"}
     assert warned == []
 
@@ -47,14 +55,17 @@ async def test_texts_typed_during_a_write_follow_it_as_the_newest_alone(
 async def test_nothing_is_written_after_the_removal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log = _slowed(monkeypatch)
+    held = Held(monkeypatch)
     draft = DraftWriter(tmp_path / "draft.json", lambda _: None)
     async with asyncio.TaskGroup() as group:
-        for text in ("S", "SN"):
-            group.create_task(draft.write({"text": text}))
-            await asyncio.sleep(0.01)
+        group.create_task(draft.write({"text": "S"}))
+        await held.begun()
+        group.create_task(draft.write({"text": "SN"}))
+        await asyncio.sleep(0)
         group.create_task(draft.remove())
-    assert log == ["S", None]
+        await asyncio.sleep(0)
+        held.go.set()
+    assert held.log == ["S", None]
     assert not (tmp_path / "draft.json").exists()
 
 
