@@ -17,6 +17,9 @@ FASTEST = 0.95
 """A sensor's true cycle is at least this part of the one in the DBC (free-running oscillators)."""
 
 _SLACK_FRAMES = 2.0
+_SILENCE_S = 1.0
+"""Time without a frame, s, from which a counter that goes on where it stopped is that of a sender
+that paused: that exactly a multiple of its range was lost is far less likely."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +29,8 @@ class CounterSteps:
     step: NDArray[np.int64]
     """1 where nothing is missing, 0 for a frame that was repeated, shape (n - 1,)."""
     restarted: NDArray[np.bool_]
-    """The sensor began to count anew: more frames than can have been sent in the time, shape (n -
-    1,).  The step there is what the time says, at least 1."""
+    """The sensor began to count anew (more frames than can have been sent in the time), or paused,
+    shape (n - 1,).  The step there is what the time says, at least 1."""
     late_s: float
     """How late the last frame arrived, compared with the most punctual one; s."""
 
@@ -64,9 +67,11 @@ def counter_steps(
         earliest = min(float(phase.min()), float(phase[0]) - late_s / cycle_s)
         whole = np.zeros(len(step), bool)
         return CounterSteps(step, whole, _kept_late(float(phase[-1]) - earliest, arrival, cycle_s))
-    step = step + modulus * np.maximum(np.rint((elapsed - step) / modulus), 0).astype(np.int64)
+    turns = np.maximum(np.rint((elapsed - step) / modulus), 0).astype(np.int64)
+    paused = (step == 1) & (turns > 0) & (elapsed * cycle_s >= _SILENCE_S)
+    step = step + modulus * turns
     late = _lateness(latest, step, late_s / cycle_s)
-    restarted = step > elapsed + late[:-1] + _SLACK_FRAMES
+    restarted = paused | (step > elapsed + late[:-1] + _SLACK_FRAMES)
     if np.any(restarted):
         by_time = np.maximum(np.rint(elapsed), 1).astype(np.int64)
         step = np.where(restarted, by_time, step)

@@ -24,6 +24,7 @@ from daq.control.client import Client
 from daq.control.messages import SessionState, Status
 from daq.control.orders import Arm, AskStatus, Start
 from daq.journal.folder import recordings
+from daq.journal.names import segment_number
 from daq.journal.reader import read_journal
 from dbc import Codec, FrameBatch
 from tui.commands.recover import recover
@@ -190,7 +191,10 @@ def test_no_frame_is_lost_over_three_campaigns_and_between_them(
     np.testing.assert_array_equal(own.data.view("<u8").ravel(), np.arange(sender.sent))
     assert len(frames) == sender.sent + sender.bumped
     sessions = {path.name: read_session(path) for path in sorted(tmp_path.glob("*.h5"))}
-    assert list(sessions) == ["session_0001.h5", "session_0003.h5", "session_0005.h5"]
+    # A session has the number of its campaign's first segment; on a busy machine, where the order
+    # to end comes late, a campaign may have two.
+    firsts = [segment_number(info.segments[0]) for info in found[::2]]
+    assert list(sessions) == [f"session_{number:04d}.h5" for number in firsts]
     for session in sessions.values():
         assert [run.label for run in session.runs] == LABELS
     names = [session.vehicle.name for session in sessions.values()]

@@ -45,6 +45,25 @@ def test_a_restart_is_no_loss_of_what_the_counter_skips() -> None:
     assert steps.missing == 0
 
 
+@pytest.mark.parametrize("pause_s", [2.6, 3.3, 11.0, 128.0, 256.0, 257.0])
+def test_a_sender_that_paused_has_lost_nothing(pause_s: float) -> None:
+    """By the time alone it were 256 frames after 2.6 s, and 25,600 after 256 s."""
+    arrival = np.arange(200.0) * 10
+    arrival[100:] += pause_s * 1e3
+    steps = counter_steps(np.arange(200) % 256, 256, _ns(arrival), 0.01)
+    assert steps.missing == 0
+    np.testing.assert_array_equal(np.flatnonzero(steps.restarted), [99])
+    assert steps.late_s < 1e-9
+
+
+@pytest.mark.parametrize(("cycles", "missing"), [(97, 96), (113, 0)])
+def test_a_silence_of_a_second_is_a_pause(cycles: int, missing: int) -> None:
+    """At 100 Hz, with a counter of four bits: 0.97 s and 1.13 s are whole turns and one frame."""
+    arrival = np.arange(40.0) * 10
+    arrival[20:] += (cycles - 1) * 10
+    assert counter_steps(np.arange(40) % 16, 16, _ns(arrival), 0.01).missing == missing
+
+
 def test_repeated_frames_are_no_loss() -> None:
     steps = counter_steps(np.array([3, 4, 4, 5]), 256, _ns(np.array([0, 1, 1.2, 2])), 1e-3)
     np.testing.assert_array_equal(steps.step, [1, 0, 1])
