@@ -83,7 +83,10 @@ def answered(guess: Guess, answer: str) -> Guess:
     if answer == YES:
         return sure
     if guess.asked is Asked.UNIT:
-        return replace(sure, unit=answer)
+        tare = guess.tare
+        if tare is not None:  # as it was read, in the unit that was guessed
+            tare *= to_si(answer).factor / to_si(guess.unit).factor
+        return replace(sure, unit=answer, tare=tare)
     if guess.asked is not Asked.CORNER:
         return guess
     if answer == BODY:

@@ -13,7 +13,14 @@ from dbc.units import to_si
 
 from ..signal_names import sensor_of
 from ..vehicle import Corner
-from .guess_map import axis_by_name, guess_corner, guess_quantity, is_no_value, kind_by_name
+from .guess_map import (
+    NO_UNIT,
+    axis_by_name,
+    guess_corner,
+    guess_quantity,
+    is_no_value,
+    kind_by_name,
+)
 from .propose_message import FEWEST, Seen
 
 
@@ -55,7 +62,7 @@ def candidates(
         owner = sensor_of(message.name)
         number = message.can_id | message.is_extended << 31
         for signal in message.signals:
-            kind = kind_of(signal)
+            kind = kind_of(message.name, signal)
             if kind not in ("m/s2", "rad/s", "rad/s2", "m") or is_no_value(signal.name):
                 continue
             full = f"{message.name}.{signal.name}"
@@ -72,16 +79,17 @@ def candidates(
 
 def shows_push_by_unit(message: str, signal: SignalLayout) -> bool:
     """Return whether a push by hand moves such a signal: a rate of turn, or a length."""
-    kind = kind_of(signal)
+    kind = kind_of(message, signal)
     return kind == "rad/s" or (
-        kind == "m" and guess_quantity(message, signal, "", None) is not None
+        kind == "m"
+        and (signal.unit in NO_UNIT or guess_quantity(message, signal, "", None) is not None)
     )
 
 
-def kind_of(signal: SignalLayout) -> str | None:
+def kind_of(message: str, signal: SignalLayout) -> str | None:
     """Return the SI unit of what a signal measures; None if it is not known."""
     try:
         unit = to_si(signal.unit).unit
     except InputError:
         return None
-    return kind_by_name(signal) if unit == "1" else unit
+    return kind_by_name(message, signal) if unit == "1" else unit

@@ -38,6 +38,8 @@ _NAMES = {
 }
 _TRAVEL = frozenset(_NAMES["travel"].split())
 _NO_TRAVEL = frozenset(_NAMES["no travel"].split())
+_SUSPENSION = {"travel", "stroke", "susp", "suspension", "damper", "shock", "pot", "string", "lvdt"}
+_SUSPENSION |= {"potentiometer", "federweg"}
 _NO_VALUE = frozenset(_NAMES["no value"].split())
 _ACCELERATION = {"acc", "accel", "acceleration", "beschleunigung"}
 _RATE = {"gyro", "gyr", "rate", "omega", "angular", "drehrate"}
@@ -156,14 +158,26 @@ def unit_by_gravity(size: float) -> str | None:
     return next((u for u, one in _UNIT_1_G.items() if abs(size / one - 1) <= 0.1), None)
 
 
-def kind_by_name(signal: SignalLayout) -> str | None:
-    """Return m/s2 or rad/s for a signal without a unit that is named like one; None for others."""
+def kind_by_name(message: str, signal: SignalLayout) -> str | None:
+    """Return m/s2, rad/s or m for a signal without a unit that is named like one; None for others.
+
+    A length is believed where it is a travel of a corner.
+    """
     said = words(signal.name)
     if signal.unit not in NO_UNIT or signal.length < 8 or said & _NO_VALUE:
         return None
     if said & _RATE:
         return "rad/s"
-    return "m/s2" if said & _ACCELERATION else None
+    if said & _ACCELERATION:
+        return "m/s2"
+    other = words(message) & _NO_TRAVEL
+    is_travel = said & _SUSPENSION and not said & _NO_TRAVEL and not other
+    return "m" if is_travel and guess_corner(signal.name, "", "") else None
+
+
+def unit_by_level(level: float | None) -> str:
+    """Return the unit in which a travel probably reads this at rest: m below one, else mm."""
+    return "m" if level is not None and 0.005 <= abs(level) <= FARTHEST_M else "mm"
 
 
 def is_no_value(name: str) -> bool:

@@ -22,7 +22,15 @@ from ..signal_names import sensor_of
 from ..vehicle import Corner
 from .candidates import Candidate, candidates
 from .guess_hubs import hubs, without_gravity
-from .guess_map import NO_UNIT, Asked, Guess, guess_quantity, is_body, unit_by_gravity
+from .guess_map import (
+    NO_UNIT,
+    Asked,
+    Guess,
+    guess_quantity,
+    is_body,
+    unit_by_gravity,
+    unit_by_level,
+)
 from .mounting import AXES, Mounting, axis_of, mounting, pushed_corner, up_axis
 from .propose_message import Seen
 from .push_test import ORDER
@@ -62,14 +70,16 @@ def _alone(signal: Candidate) -> Guess | None:
     """Return what a signal may be by itself, with the unit that it probably has."""
     unit = ""
     if signal.layout.unit in NO_UNIT:
-        unit = {"m/s2": unit_by_gravity(abs(signal.level or 0.0)) or "m/s2"}.get(
-            signal.kind, "deg/s"
-        )
+        by_kind = {
+            "m/s2": unit_by_gravity(abs(signal.level or 0.0)) or "m/s2",
+            "m": unit_by_level(signal.level),
+        }
+        unit = by_kind.get(signal.kind, "deg/s")
     layout = replace(signal.layout, unit=unit) if unit else signal.layout
     guess = guess_quantity(signal.message, layout, signal.comment, signal.level)
     if guess is None or not unit:
         return guess
-    ask = f"the database states no unit: is it {unit}?"
+    ask = f"no unit is stated: is it {unit}?"
     if guess.ask:
         return replace(guess, unit=unit)
     return replace(guess, unit=unit, ask=ask, asked=Asked.UNIT)
@@ -204,9 +214,18 @@ def _travels(
         others = [each for name, each in peaks.items() if name != signal.full]
         place = pushed_corner(own, others) if own else None
         if place is not None:
-            why = f"unit {signal.layout.unit}, moved most by the push on {place[0]}"
-            guess = Guess(Quantity.SUSPENSION_TRAVEL, place[0], place[1], why, is_proven=True)
             said = guesses[signal.full].corner
+            unit = guesses[signal.full].unit or signal.layout.unit
+            guess = replace(
+                guesses[signal.full],
+                quantity=Quantity.SUSPENSION_TRAVEL,
+                corner=place[0],
+                sign=place[1],
+                why=f"unit {unit}, moved most by the push on {place[0]}",
+                is_proven=True,
+            )
+            if guess.asked is Asked.CORNER:
+                guess = replace(guess, ask="")
             if said is not None and said is not place[0]:
                 ask = f"its name says {said}: are plugs swapped?"
                 guess = replace(guess, ask=ask, asked=Asked.CORNER)
@@ -225,5 +244,5 @@ def _travels(
 def _with_tare(guess: Guess, signal: Candidate) -> Guess:
     if guess.quantity is not Quantity.SUSPENSION_TRAVEL or signal.level is None:
         return guess
-    si = to_si(signal.layout.unit)
+    si = to_si(guess.unit or signal.layout.unit)
     return replace(guess, tare=guess.sign * (si.factor * signal.level + si.offset))

@@ -71,7 +71,7 @@ def channel_table(name: str, signal: str, guess: Guess, late: Sequence[str]) -> 
     if guess.ask:
         lines.append(f"{ASK}{printable(guess.ask, 200)}")
     if guess.unit:
-        lines.append(f'signal_unit = "{guess.unit}"  # the database states none')
+        lines.append(f'signal_unit = "{guess.unit}"  # none is stated')
     if guess.quantity in AT_CORNER:
         lines.append(f'corner = "{guess.corner}"')
     if guess.sign < 0:

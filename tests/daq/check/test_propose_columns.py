@@ -74,7 +74,7 @@ def test_answers_complete_a_map() -> None:
     asked = {question.line: question for question in propose_map(file).asked}
     assert list(asked) == [
         "are the times t in ms?",
-        "channel acc_fl: the database states no unit: is it m/s2?",
+        "channel acc_fl: no unit is stated: is it m/s2?",
     ]
     answers = dict(zip(asked.values(), ("s", "y"), strict=True))
     proposal = propose_map(file, answers)
