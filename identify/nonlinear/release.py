@@ -108,28 +108,32 @@ def release(
     group may be released.  `log`: receives a line for each stage.
     """
     chosen = tuple(name for name in STAGES[0] if allowed(name))
-    tried: list[tuple[float, Optimum, Attempt]] = []
+    source = iter(attempts)
     begun: list[Attempt] = []
-    for attempt in attempts:
-        begun.append(attempt)
-        found = _first(model, attempt, chosen)
-        if found is None:
-            continue
-        chi2 = found.cost / attempt.freedom
-        tried.append((chi2, found, attempt))
-        log(f"{', '.join(chosen)}: chi2/n {chi2:.3f} after {found.iterations} steps")
-        if chi2 < (_FAR if len(tried) == 1 else _FOLLOWED):
+    waiting: list[tuple[float, Optimum, Attempt]] = []
+    ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
+    while len(ends) < _FOLLOWED_MOST:
+        while not waiting or waiting[0][0] >= (_FAR if len(begun) == 1 else _FOLLOWED):
+            attempt = next(source, None)
+            if attempt is None:
+                break
+            begun.append(attempt)
+            found = _first(model, attempt, chosen)
+            if found is not None:
+                chi2 = found.cost / attempt.freedom
+                log(f"{', '.join(chosen)}: chi2/n {chi2:.3f} after {found.iterations} steps")
+                likely = chi2 * (_EASIER if attempt.late_s > 0.0 else 1.0)
+                waiting = sorted([*waiting, (likely, found, attempt)], key=lambda one: one[0])
+        if not waiting:
             break
-    if not tried:
-        return None
-    tried.sort(key=lambda one: one[0] * (_EASIER if one[2].late_s > 0.0 else 1.0))
-    ends = []
-    for first, start, taken in tried[:_FOLLOWED_MOST]:
+        _, start, taken = waiting.pop(0)
         best, fitted, groups = _stages(start, taken, begun[0], chosen, allowed, log)
         chi2 = best.cost / fitted.freedom
         ends.append((chi2, best, fitted, groups))
-        if not (_FOUND < chi2 < _HOPELESS or chi2 > first):
+        if not (_FOUND < chi2 < _HOPELESS or chi2 > start.cost / taken.freedom):
             break
+    if not ends:
+        return None
     _, best, taken, chosen = min(ends, key=lambda one: one[0])
     problem = best.point.problem
     whole = replace(problem, runs=taken.runs)

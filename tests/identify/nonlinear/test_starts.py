@@ -99,6 +99,7 @@ def test_beginnings_that_were_left_out_come_back_where_the_car_explains_them(
         (12, 2, True, Verdict.OK),
         (23, 2, True, Verdict.DOUBTFUL),  # some runs only from 0.15 s on
         (0, 3, False, Verdict.OK),  # a linear fit with the CG at the front axle
+        (61, 3, False, Verdict.OK),  # the first start ends at chi2/n 3
         (36, 3, False, Verdict.OK),  # the start that ends lower leaves the beginnings out
         (3, 3, False, Verdict.DOUBTFUL),  # a mount joins too early and leaves again
         (6, 2, False, Verdict.OK),  # a linear fit of 22 t
