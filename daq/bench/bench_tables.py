@@ -32,6 +32,10 @@ class Table(BaseModel):
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
+# What lies beyond is a length in millimetres, a time in milliseconds: the wrong unit.
+_Place = Annotated[float, Field(ge=-20, le=20)]
+_Length = Annotated[float, Field(gt=0, le=20)]
+_Uncertain = Annotated[float, Field(ge=0, le=1)]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
 
 
@@ -78,10 +82,10 @@ class SensorTable(Table):
 class GeometryTable(Table):
     """`[vehicle.geometry]`."""
 
-    a_m: _Positive
-    b_m: _Positive
-    t_f_m: _Positive
-    t_r_m: _Positive
+    a_m: _Length
+    b_m: _Length
+    t_f_m: _Length
+    t_r_m: _Length
 
 
 class StructureTable(Table):
@@ -127,7 +131,7 @@ class CampaignTable(Table):
         Excitation.ROLL,
     ]
     repeats: Annotated[int, Field(ge=1, le=100)] = 2
-    bump_s: _Positive = 0.2
+    bump_s: Annotated[float, Field(gt=0, le=10)] = 0.2
     method: Method = Method.ROLL_OVER
     bump_height_mm: Annotated[float, Field(gt=0, le=200)] = 40.0
     accept_after_s: Annotated[float, Field(ge=0, le=60)] = 3.0
@@ -153,7 +157,7 @@ def campaign_limits(key: str) -> Limits:
 class TriggerTable(Table):
     """`[trigger]`."""
 
-    level: _Positive = 3.0
+    level: Annotated[float, Field(gt=0, le=1000)] = 3.0
     pre_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
     post_s: Annotated[float, Field(ge=0.5, le=600)] = 2.5
     rest_s: Annotated[float, Field(ge=0.05, le=60)] = 0.3
@@ -173,13 +177,13 @@ class RecorderTable(Table):
 class WeightTable(Table):
     """One `[[weight]]`."""
 
-    mass_kg: _Positive
+    mass_kg: Annotated[float, Field(gt=0, le=10_000)]
     sigma_kg: _NotNegative = 0.0
     hub: Corner | None = None
-    x_m: float | None = None
-    y_m: float | None = None
-    height_m: float = 0.0
-    position_sigma_m: _NotNegative = 0.0
+    x_m: _Place | None = None
+    y_m: _Place | None = None
+    height_m: _Place = 0.0
+    position_sigma_m: _Uncertain = 0.0
 
     @model_validator(mode="after")
     def _one_place(self) -> WeightTable:
@@ -207,16 +211,16 @@ class ChannelTable(Table):
     signal_unit: Annotated[str, Field(max_length=16)] = ""
     quantity: Quantity
     corner: Corner | None = None
-    x_m: float = 0.0
-    y_m: float = 0.0
-    position_sigma_m: _NotNegative = 0.0
+    x_m: _Place = 0.0
+    y_m: _Place = 0.0
+    position_sigma_m: _Uncertain = 0.0
     sign: Literal[1, -1] = 1
     gain: _Positive = 1.0
     tare: float = 0.0
     motion_ratio: Annotated[float, Field(gt=0, le=10)] = 1.0
     motion_ratio_sigma: _NotNegative = 0.0
-    delay_s: float = 0.0
-    delay_sigma_s: _NotNegative = 0.0
+    delay_s: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    delay_sigma_s: _Uncertain = 0.0
     low_pass_hz: _NotNegative = 0.0
     low_pass_order: Annotated[int, Field(ge=1, le=8)] = 2
     serial_number: Annotated[str, Field(max_length=60)] = ""
