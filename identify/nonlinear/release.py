@@ -113,7 +113,8 @@ def release(
     waiting: list[tuple[float, Optimum, Attempt]] = []
     ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
     while len(ends) < _FOLLOWED_MOST:
-        while not waiting or waiting[0][0] >= (_FAR if len(begun) == 1 else _FOLLOWED):
+        least = _FAR if len(begun) == 1 else _FOLLOWED
+        while all(one.cost >= least * attempt.freedom for _, one, attempt in waiting):
             attempt = next(source, None)
             if attempt is None:
                 break
