@@ -24,8 +24,8 @@ than a late block."""
 _UNKNOWN_PERIOD_S = 2.0
 _LEARN_FRAMES, _LEARN_S = 20, 2.0
 _REGULAR_PERIODS, _REGULAR_S = 3.0, 0.35
-"""Mean periods and time, s, without a message after which it is taken as irregular.  Nobody sees
-anything shorter than the time between two turns: 0.2 s, and more on a busy machine."""
+"""Mean periods and time, s, without a message after which it is taken as irregular.  Nothing
+shorter than the time between two turns is seen: 0.2 s, and more on a busy machine."""
 _FORGET_S = 60.0
 """Silence, s, after which a message that no channel needs counts as ended, not failed."""
 _SHOWN_IDS = 6

@@ -1,4 +1,4 @@
-"""What cantools logs while it reads a database, collected in place of printed."""
+"""Messages that cantools logs while it reads a database, collected in place of printed."""
 
 from __future__ import annotations
 

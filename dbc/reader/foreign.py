@@ -36,7 +36,7 @@ from .networks import MARK
 from .sentinels import sentinels
 
 MAX_LIMIT = int(sys.float_info.max)
-"""What lies beyond it is no number of float64."""
+"""Largest number of float64."""
 
 _HEAD = 4096
 """Characters in which a database says what it is."""

@@ -168,8 +168,9 @@ def _stages(
         starts = [(more, best.eta)]
         if k == CORRECTIONS_FROM and _pays("damper_mounts", problem, best, allowed, log):
             starts.insert(0, ((*more, "damper_mounts"), _begun(model, best.eta, "damper_mounts")))
-        if "bump_stops" in more:
-            starts.insert(0, (more, _begin_stops(problem, best, log)))
+        begun = _begin_stops(problem, best, log) if "bump_stops" in more else best.eta
+        if not np.array_equal(begun, best.eta):
+            starts.insert(0, (more, begun))
         last = k == len(STAGES) - 1
         refine = last and "damper_knees" in more
         for groups, eta in starts:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from .fit import Optimum, inverse, reduced
 from .problem import Problem, normal, point
 
-_TOLD_APART = 1e-10
+_SEPARATE = 1e-10
 """Share of an unknown's information, beside that of the free ones, below which it has none."""
 
 
@@ -46,6 +46,6 @@ def gain_of(
     alone = np.diag(matrix[np.ix_(new, new)])
     left = alone - np.einsum("ij,ji->i", cross, matrix[np.ix_(old, new)])
     push = right[new] - cross @ right[old]
-    told_apart = left > _TOLD_APART * alone
-    size = np.divide(push, left, out=np.zeros(len(extra)), where=told_apart)
+    separate = left > _SEPARATE * alone
+    size = np.divide(push, left, out=np.zeros(len(extra)), where=separate)
     return push * size, size

@@ -64,8 +64,10 @@ def _content(report: Report, folder: Path) -> dict[str, Any]:
             }
             for worth, code, text in findings
         ],
-        "survival": list(report.survival)
-        or ([] if findings else ["Every gate was passed; nothing was found."]),
+        "survival": [
+            *([] if findings else ["Every gate was passed; nothing was found."]),
+            *report.survival,
+        ],
         "sections": [
             {
                 "title": section.title,

@@ -71,7 +71,7 @@ class BenchScreen(Screen[None]):
 
     @property
     def lost_words(self) -> str:
-        """What to do while no recorder takes an order; empty while one does."""
+        """Next action while no recorder takes an order; empty while one does."""
         lost = self.bench_app.lost
         if lost is None:
             return ""
