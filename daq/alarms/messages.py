@@ -19,13 +19,13 @@ from .inputs import Count, Key, fault
 
 STALE_PERIODS = 5.0
 _LEAST_TIMEOUT_S = 0.5
-"""Least timeout of a message, s: turns are 0.1 or 0.2 s apart, so a shorter silence may be no more
+"""Least timeout of a message, s: turns are 0.1 or 0.3 s apart, so a shorter silence may be no more
 than a late block."""
 _UNKNOWN_PERIOD_S = 2.0
 _LEARN_FRAMES, _LEARN_S = 20, 2.0
-_REGULAR_PERIODS, _REGULAR_S = 3.0, 0.35
+_REGULAR_PERIODS, _REGULAR_S = 3.0, 0.45
 """Mean periods and time, s, without a message after which it is taken as irregular.  Nothing
-shorter than the time between two turns is seen: 0.2 s, and more on a busy machine."""
+shorter than the time between two turns is seen: 0.3 s, and more on a busy machine."""
 _FORGET_S = 60.0
 """Silence, s, after which a message that no channel needs counts as ended, not failed."""
 _SHOWN_IDS = 6

@@ -2,7 +2,7 @@
 
 Its journal is open as long as it runs: what is on the bus is on the disk, during a campaign and
 between two.  Ten times a second the writer, in the caller's thread, stores the frames that were
-read.  As often while a client is there, else five times, `Recording.look` follows and the status
+read.  As often while a client is there, else three times, `Recording.look` follows and the status
 is published.  It ends by an order or a signal, never because of a bus or a disk.
 """
 
@@ -61,7 +61,7 @@ from .storage_watch import StorageWatch
 
 BLOCK_S = 0.1
 """Seconds between two blocks of the journal; a power cut loses the frames since the last one."""
-UNWATCHED_S = 0.2
+UNWATCHED_S = 0.3
 """Seconds between two looks at the frames while no client is there: a look costs three times as
 much as a block, and a bump or an alarm has the frames' own time stamps."""
 BLOCK_FRAMES = 65_536

@@ -126,20 +126,6 @@ class Recording:
         )
         return health.losses_added(self._health.losses, hops)
 
-    def step(
-        self,
-        batch: FrameBatch,
-        hops: HopLosses,
-        now: Now,
-        links: Sequence[LinkFacts] = (),
-        disk: DiskStatus = NO_DISK,
-        queue: QueueStatus = NO_QUEUE,
-        storage: StorageStatus = NO_STORAGE,
-    ) -> tuple[Event, ...]:
-        """Store one block and look at it: `store`, then `look`."""
-        self.store(batch, hops)
-        return self.look(now, links, disk, queue, storage)
-
     def store(self, batch: FrameBatch, hops: HopLosses) -> None:
         """Store one block of frames, and keep it for the next look.
 

@@ -293,7 +293,8 @@ def _our_hops(bench: Bench, codec: Codec, frames: FrameBatch) -> dict[str, float
     links = _links()
 
     def step(k: int, block: FrameBatch) -> None:
-        recorder.step(block, HopLosses(), _now(k), links)
+        recorder.store(block, HopLosses())
+        recorder.look(_now(k), links)
         recorder.live()
 
     whole_us = _us(blocks, step)

@@ -92,7 +92,8 @@ def test_a_campaign_as_blf_through_a_foreign_dbc_gives_the_same_samples(
         recorder.carry_out(Arm(Until.COMPLETE), "test", Now(START_NS, 0.0))
         for first in range(0, len(frames), 400):
             now = Now(int(frames.t_ns[first]), (int(frames.t_ns[first]) - START_NS) * 1e-9)
-            recorder.step(frames.select(slice(first, first + 400)), HopLosses(), now)
+            recorder.store(frames.select(slice(first, first + 400)), HopLosses())
+            recorder.look(now)
         paths = journal.paths
     recorded = session_from_journal(read_journal(paths))
     daq.write_session(tmp_path / "recorded.h5", recorded)

@@ -29,9 +29,23 @@ def now(block: FrameBatch | None = None) -> Now:
     return Now(t_ns, 100.0 + (t_ns - START_NS) * 1e-9)
 
 
+def step(
+    recording: Recording,
+    batch: FrameBatch,
+    hops: HopLosses,
+    now: Now,
+    links: Sequence[LinkFacts] = (),
+) -> tuple[Event, ...]:
+    """Store one block and look at it."""
+    recording.store(batch, hops)
+    return recording.look(now, links)
+
+
 def feed(recording: Recording, given: Sequence[FrameBatch]) -> list[Event]:
     return [
-        event for block in given for event in recording.step(block, HopLosses(), now(block), [LINK])
+        event
+        for block in given
+        for event in step(recording, block, HopLosses(), now(block), [LINK])
     ]
 
 

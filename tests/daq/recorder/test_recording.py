@@ -29,7 +29,7 @@ from daq.runs import Event, Losses
 from dbc import Codec, FrameBatch, FrameFlag
 
 from ..small_campaign import CAMPAIGN, LABELS, PERIOD_S, PLANNED, START_NS, blocks, bumps
-from .stepped import LINK, armed, feed, now, runs_of, status_of
+from .stepped import LINK, armed, feed, now, runs_of, status_of, step
 
 
 @pytest.mark.parametrize("size", [100, 37, 100_000])
@@ -106,7 +106,7 @@ def test_a_dead_bus_ends_a_decay_at_once_with_its_reason(
     while recording.running:
         turns += 1
         later = Now(now(given[-1]).wall_ns + turns * 100_000_000, heard_s + turns * 0.1)
-        events += recording.step(given[-1].select(slice(0, 0)), HopLosses(), later, [LINK])
+        events += step(recording, given[-1].select(slice(0, 0)), HopLosses(), later, [LINK])
     assert turns == 10  # `silent_s` is 1 s
     (run,) = status_of(recording).runs
     assert (run.label, run.status) == (LABELS[0], LoggedStatus.REJECTED)
@@ -161,7 +161,7 @@ def test_losses_of_every_hop_add_up(bench: Bench, codec: Codec, journal: Journal
     recording = Recording(bench, codec, journal)
     for block in blocks(frames):
         hops = HopLosses(bus_dropped=1, bus_garbled=2, queue_dropped=3)
-        recording.step(block, hops, now(block), [LINK])
+        step(recording, block, hops, now(block), [LINK])
 
     assert recording.losses == Losses(
         bus_dropped=1,
@@ -186,7 +186,7 @@ def test_a_block_that_cannot_be_stored_is_not_used(bench: Bench, codec: Codec) -
 
     recording = Recording(bench, codec, Full())
     with pytest.raises(JournalError):
-        recording.step(bumps(codec, 1), HopLosses(), now())
+        step(recording, bumps(codec, 1), HopLosses(), now())
     assert status_of(recording).t_ns == 0
 
 
@@ -194,8 +194,8 @@ def test_stamps_of_another_epoch_are_reported_once(
     bench: Bench, codec: Codec, journal: JournalWriter
 ) -> None:
     recording = Recording(bench, codec, journal)
-    first = recording.step(FrameBatch.empty(), HopLosses(restamped=5), now())
-    again = recording.step(FrameBatch.empty(), HopLosses(restamped=9), now())
+    first = step(recording, FrameBatch.empty(), HopLosses(restamped=5), now())
+    again = step(recording, FrameBatch.empty(), HopLosses(restamped=9), now())
     assert [event.code for event in first] == ["restamped"]
     assert again == ()
 
@@ -297,7 +297,7 @@ def test_frames_that_a_pause_cost_after_a_run_are_not_lost_from_it(
     recording = Recording(bench, codec, journal)
     recording.carry_out(Arm(Until.COMPLETE), "Ann", now())
     for block in [*blocks(before), *blocks(after)]:  # the run ends at 1.0 s
-        recording.step(block, HopLosses(), now(block), [LINK])
+        step(recording, block, HopLosses(), now(block), [LINK])
     assert recording.losses.counter_gaps > 1_000
     (lost,) = (f for f in recording.run_log.runs[0].findings if f.code == "lost_frames")
     assert lost.passed, lost.text

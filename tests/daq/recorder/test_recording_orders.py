@@ -34,7 +34,7 @@ from daq.runs import ADDED, BASELINE, Excitation
 from dbc import Codec
 
 from ..small_campaign import blocks, bumps
-from .stepped import LINK, armed, feed, now, status_of
+from .stepped import LINK, armed, feed, now, status_of, step
 
 
 def test_weights_that_change_are_asked_for_by_whoever_arms() -> None:
@@ -129,12 +129,12 @@ def test_what_was_lost_before_bench_toml_changed_is_no_news(
     whole = frames.select(np.delete(np.arange(len(frames)), [50, 51]))
     given, lost = blocks(whole), HopLosses(queue_dropped=9)
     for block in given[: len(given) // 2]:
-        recording.step(block, lost, now(block), [LINK])
+        step(recording, block, lost, now(block), [LINK])
     recording.carry_out(Configure(quick.text), "Ann", now())
     status = [
         event.text.partition(":")[0]
         for block in given[len(given) // 2 :]
-        for event in recording.step(block, lost, now(block), [LINK])
+        for event in step(recording, block, lost, now(block), [LINK])
         if event.code == "alarm"
     ]
     assert not {"queue_dropped", "counter_gap HUB_Front"} & set(status), status

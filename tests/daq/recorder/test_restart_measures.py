@@ -27,6 +27,7 @@ from daq.verdict import RunMeasure
 from dbc.finding import Finding, Severity
 
 from ..small_campaign import START_NS, blocks
+from .stepped import step
 
 BENCH = replace(
     load_bench(None),
@@ -46,7 +47,7 @@ def record(folder: Path) -> Recording:
             for block in blocks(run, 400):
                 t_ns = int(block.t_ns[-1])
                 now = Now(t_ns, (t_ns - START_NS) * 1e-9)
-                recording.step(block, HopLosses(), now)
+                step(recording, block, HopLosses(), now)
                 writer.maintain(now.monotonic_s)
     return recording
 

@@ -7,16 +7,14 @@ import time
 from daq.bench.config import Bench
 from daq.bus.source import HopLosses
 from daq.clocks import Now
-from daq.control.messages import QueueStatus, SessionStatus
 from daq.recorder.recording import Recording
-from daq.recorder.status import NO_DISK, NO_STORAGE, Host, counts_of
+from daq.recorder.status import counts_of
 from daq.runlog.runlog import RunLog
 from daq.runs import Excitation
 from dbc import Codec, FrameBatch
 
 from ..long_run_log import long_run_log
-
-HOST = Host("id", "folder", "test", NO_DISK, QueueStatus(0, 0, 1), SessionStatus(), NO_STORAGE)
+from .stepped import HOST, step
 
 
 def test_kinds_beyond_the_campaign_are_counted_behind_it(bench: Bench) -> None:
@@ -39,7 +37,7 @@ def test_a_turn_with_thousands_of_runs_counts_them_only_when_they_change(
         recording.status(Now(0, 0.0), HOST)
         begun_s = time.process_time()
         for k in range(100):
-            recording.step(FrameBatch.empty(), HopLosses(), Now(k, 0.1 * k))
+            step(recording, FrameBatch.empty(), HopLosses(), Now(k, 0.1 * k))
             recording.status(Now(k, 0.1 * k), HOST)
         return time.process_time() - begun_s
 

@@ -66,7 +66,8 @@ def record(
             batch = FrameBatch.concatenate([])
         if len(batch):
             now = Now(int(batch.t_ns[-1]), (int(batch.t_ns[-1]) - START_NS) * 1e-9)
-        recorder.step(batch, NO_LOSSES, now)
+        recorder.store(batch, NO_LOSSES)
+        recorder.look(now)
         if not armed and len(batch):
             recorder.carry_out(Arm(Until.COMPLETE), "test", now)
             armed = True
