@@ -45,6 +45,10 @@ _MOST_GAPS = 0.1
 """Share of frames behind a gap from which on the clock may have been taken twice too fast."""
 _FOLLOWED_SHARE = 0.25
 """Lateness, in cycles, below which some of any frames in a row show that the clock is followed."""
+_NO_FRAME_MISSING = 1.5
+"""Median gaps below which no frame is missing between two."""
+_SHORTEST_DELAY_S = 1e-6
+"""Mean lateness that no stamp resolves, s."""
 _UNSURE_END = 2
 """Frames at the end of a run that are late rather than behind its only gap: none follows them."""
 _BELIEVED_RATE = (0.8, 1.25)
@@ -132,21 +136,56 @@ def even_times(t_ns: NDArray[np.int64], t0_ns: int) -> SensorTimes:
     if len(t_ns) < _FEWEST:
         return arrival_times(t_ns, t0_ns)
     arrival: NDArray[np.float64] = np.asarray((t_ns - t0_ns) * 1e-9, dtype=np.float64)
-    found = _punctual_ticks(arrival) or _all_ticks(arrival)
+    found = min(_possible_ticks(arrival), key=_unlikeliness, default=None)
     if found is None:
         return arrival_times(t_ns, t0_ns)
-    index, cycle_s = found
-    step = np.concatenate([[1], np.diff(index)]).astype(np.int64)
-    return SensorTimes(_increasing(_fitted(index, arrival, cycle_s)), step)
+    step = np.concatenate([[1], np.diff(found.index)]).astype(np.int64)
+    return SensorTimes(_increasing(_fitted(found.index, arrival, found.cycle_s)), step)
 
 
-def _punctual_ticks(
-    arrival: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], float] | None:
-    """Return the tick of each frame and the cycle, if frames come less than a cycle late."""
-    cycle_s = float(np.median(np.diff(arrival)))
-    if not cycle_s > 0.0:
-        return None
+@dataclass(frozen=True, slots=True)
+class _Ticks:
+    """An even clock that may have sent the frames of a run."""
+
+    index: NDArray[np.float64]
+    """Number of the tick of each frame, shape (n,)."""
+    late_s: NDArray[np.float64]
+    """How long after its tick each frame came, shape (n,), s."""
+    cycle_s: float
+    """Time between two ticks, s."""
+
+
+def _possible_ticks(arrival: NDArray[np.float64]) -> list[_Ticks]:
+    """Return the clocks that explain the arrivals of a run.
+
+    Where the frame of another sensor is in the way, the median gap may be that of a clock that is
+    a sixteenth too fast and of which each sixteenth frame is missing; the mean gap is not.
+    """
+    gap = np.diff(arrival)
+    median_s = float(np.median(gap))
+    if not median_s > 0.0:
+        return []
+    mean_s = float(np.mean(gap[gap < _NO_FRAME_MISSING * median_s]))
+    tried = (_punctual_ticks(arrival, median_s), _punctual_ticks(arrival, mean_s))
+    return [found for found in (*tried, _all_ticks(arrival)) if found is not None]
+
+
+def _unlikeliness(found: _Ticks) -> float:
+    """Return how much speaks against a clock: late frames, and each gap with its place.
+
+    For delays that are exponential it is the negative logarithm of the likelihood, up to a
+    constant.
+    """
+    n = len(found.index)
+    mean_s = max(float(np.mean(found.late_s)), _SHORTEST_DELAY_S)
+    return float(n * np.log(mean_s) + np.sum(np.diff(found.index) > 1) * np.log(n))
+
+
+def _punctual_ticks(arrival: NDArray[np.float64], cycle_s: float) -> _Ticks | None:
+    """Return the tick of each frame, if frames come less than a cycle late.
+
+    `cycle_s`: the cycle of the first frames, roughly.
+    """
     index, late_s, cycle_s = _ticks(arrival, cycle_s)
     late = np.quantile(late_s, 0.95) > _LATEST_SHARE * cycle_s
     gaps = np.flatnonzero(np.diff(index) > 1)
@@ -155,7 +194,7 @@ def _punctual_ticks(
         return None
     if len(gaps) and gaps[0] >= len(index) - 1 - _UNSURE_END:
         index = np.arange(len(index), dtype=np.float64)  # late rather than behind the only gap
-    return index, cycle_s
+    return _Ticks(index, late_s, cycle_s)
 
 
 def _ticks(
@@ -184,7 +223,7 @@ def _ticks(
         n += n // 4
 
 
-def _all_ticks(arrival: NDArray[np.float64]) -> tuple[NDArray[np.float64], float] | None:
+def _all_ticks(arrival: NDArray[np.float64]) -> _Ticks | None:
     """Return the tick of each frame and the cycle, if a frame for each tick explains the arrivals.
 
     Then some of any 20 to 40 frames in a row are punctual.  Behind a frame that is missing all
@@ -199,7 +238,9 @@ def _all_ticks(arrival: NDArray[np.float64]) -> tuple[NDArray[np.float64], float
     k = index - index.mean()
     start, cycle_s = lower_line(k, arrival - arrival[0], rough_s, LARGEST_TOLERANCE)
     late_s = arrival - arrival[0] - start - cycle_s * k
-    return (index, cycle_s) if _latest_stretch_s(late_s) < _PUNCTUAL_SHARE * cycle_s else None
+    if _latest_stretch_s(late_s) >= _PUNCTUAL_SHARE * cycle_s:
+        return None
+    return _Ticks(index, late_s, cycle_s)
 
 
 def _latest_stretch_s(late_s: NDArray[np.float64]) -> float:

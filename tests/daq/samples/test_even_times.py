@@ -143,3 +143,17 @@ def test_a_clock_that_is_not_followed_is_none(late_share: float, is_found: bool)
     late_s = np.zeros(240)
     late_s[96:144] += late_share * CYCLE_S
     assert (np.std(errors(late_s)) < 0.01) == is_found
+
+
+@pytest.mark.parametrize("missing", [None, 350])
+def test_a_faster_clock_of_which_each_tenth_frame_is_missing_is_none(missing: int | None) -> None:
+    """Frames of other sensors in the way make most gaps shorter than the cycle, and some longer."""
+    beat = np.resize([0.08, 0.045, 0.1, 0.02, 0.14], 700)
+    kept = np.arange(700) != missing
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        tick_s = 0.0013 + CYCLE_S * np.arange(700)
+        arrival_s = tick_s + CYCLE_S * (beat + rng.exponential(0.012, 700))
+        found = even_times(np.rint(arrival_s[kept] * 1e9).astype(np.int64), 0)
+        assert np.max(np.abs(found.time_s - tick_s[kept])) < 0.2 * CYCLE_S, seed
+        assert np.flatnonzero(found.step > 1).tolist() == ([] if missing is None else [missing])
