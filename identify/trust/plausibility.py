@@ -12,8 +12,11 @@ from ..fit.uncertainty import estimates
 from ..model.derived import derived_quantities, whole_vehicle_indices
 from .contradiction import contradiction_findings
 
-DOUBTFUL_SHARE = 0.025
+_WIDE_SHARE = 0.025
 """Beyond this one the 95 % interval is wider than 5 % to either side."""
+_WIDE_SHARE_NONLINEAR = 0.05 / 3.0
+"""The same where elements were chosen, too: three standard deviations are 5 % then.  With 13
+parameters of which each may have two to 5 %, one car in four would be off by more."""
 _PLAUSIBLE = {
     "front_ride_damping_ratio": (0.03, 1.2),
     "rear_ride_damping_ratio": (0.03, 1.2),
@@ -63,10 +66,11 @@ def parameter_findings(estimation: Estimation) -> tuple[Finding, ...]:
 
 def _wide(estimation: Estimation) -> tuple[Finding, ...]:
     found = estimates(estimation.box, estimation.fit)
+    share = _WIDE_SHARE if estimation.nonlinear is None else _WIDE_SHARE_NONLINEAR
     wide = {
         name: e.std / abs(e.value)
         for name, e in found.items()
-        if name not in SIGNED and e.std > DOUBTFUL_SHARE * abs(e.value)
+        if name not in SIGNED and e.std > share * abs(e.value)
     }
     if not wide:
         return ()

@@ -79,6 +79,17 @@ def test_two_and_a_half_and_25_per_cent(linear: Estimation, std: float, gates: l
     assert [f.code for f in parameter_findings(wide)] == gates
 
 
+@pytest.mark.parametrize(("std", "gates"), [(0.0166, []), (0.0168, ["wide"])])
+def test_three_standard_deviations_of_5_per_cent_with_elements(
+    linear: Estimation, std: float, gates: list[str]
+) -> None:
+    covariance = linear.fit.covariance.copy()
+    i = linear.box.parameters.index("k_tr")
+    covariance[i, i] = std**2
+    wide = replace(linear, fit=replace(linear.fit, covariance=covariance), nonlinear=linear.engine)
+    assert [f.code for f in parameter_findings(wide)] == gates
+
+
 FRONT_KG, REAR_KG = 1380.0 * 1.51 / 2.76 / 2.0, 1380.0 * 1.25 / 2.76 / 2.0
 """Of the body on one wheel."""
 
