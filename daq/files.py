@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,7 +13,8 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Replace a file by one that holds `data`.
 
     The data are on the disk before the name changes, and the name is when this returns.  A part
-    that a killed process has left is overwritten by the next write.
+    that a killed process has left is overwritten by the next write.  Who may read the file before
+    may read it afterwards, and nobody else.
 
     Raises OSError if that failed; the file is as it was then.
     """
@@ -83,6 +85,8 @@ def _moved(parts: Sequence[Path], targets: Sequence[Path]) -> Iterator[None]:
         for part in parts:
             _sync(part, os.O_RDWR)
         for part, target in zip(parts, targets, strict=True):
+            with suppress(OSError):  # of a new file, as the umask says
+                part.chmod(stat.S_IMODE(target.stat().st_mode))
             part.replace(target)
         for folder in {target.parent for target in targets}:
             sync_folder(folder)

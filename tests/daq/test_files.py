@@ -30,6 +30,15 @@ def test_a_new_file_has_the_rights_that_the_process_gives(tmp_path: Path) -> Non
     assert (tmp_path / "b.csv").stat().st_mode & 0o777 == 0o640
 
 
+@pytest.mark.parametrize("mode", [0o640, 0o604])
+def test_a_file_that_is_replaced_keeps_its_rights(tmp_path: Path, mode: int) -> None:
+    path = tmp_path / "a"
+    write_bytes(path, b"old")
+    path.chmod(mode)
+    write_bytes(path, b"new")
+    assert path.stat().st_mode & 0o777 == mode
+
+
 def test_data_are_synced_before_the_name_and_the_folder_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
