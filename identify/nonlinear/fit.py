@@ -29,6 +29,10 @@ _PROMISED, _LEAST_THERE = 2.0, 0.05
 """Fall of the cost, over chi2/n, that a full step may still promise where every step is refused,
 and the least that one has to gain where no more than that is promised."""
 
+_STILL, _STILL_PROMISED = 0.3, 10.0
+"""Standard deviations by which a full step may still move a parameter of the car, and the fall of
+the cost, over chi2/n, that it may promise, if only shapes of elements are not at rest."""
+
 
 @dataclass(frozen=True)
 class Optimum:
@@ -183,6 +187,13 @@ def _solve(
     return np.clip(step, low, high)
 
 
+def _stands_still(problem: Problem, full: _Step, information: NDArray[np.float64]) -> bool:
+    """Return whether a full step would hardly move the parameters of the car."""
+    car = problem.free < len(problem.model.box.parameters)
+    std = np.sqrt(np.diag(inverse(information)))[car]
+    return bool((np.abs(full.shared[car]) <= _STILL * std).all())
+
+
 def fit(
     problem: Problem,
     eta: NDArray[np.float64],
@@ -198,7 +209,8 @@ def fit(
     Converged is a fit whose cost a full step would lower by less than `tolerance` times chi2/n:
     then no combination of unknowns is further off than the root of that, in standard deviations.
     Converged is also one from which no step, damped more and more, lowers the cost itself: the laws
-    have corners, at which the tangents promise what the paths do not keep.
+    have corners, at which the tangents promise what the paths do not keep.  So is one that creeps
+    along the gap of a stop or the knees of a curve, while the car's parameters stand still.
     """
     at = point(problem, eta, owns, grade)
     if at is None:
@@ -211,12 +223,14 @@ def fit(
         return None
     while True:
         now = at.eta[problem.free]
-        decrement = _step(equations, at.owns, 1e-12, low - now, high - now).fall
+        full = _step(equations, at.owns, 1e-12, low - now, high - now)
+        decrement = full.fall
         unit = max(1.0, at.cost / n)
         small = slow or decrement < max(tolerance * unit, rough * at.cost)
         if small or iterations >= max_iterations or refused >= _REFUSED:
-            settled = small or (refused >= _REFUSED and decrement < _PROMISED * unit)
             matrix, _, _ = reduced(equations, 0.0)
+            settled = small or (refused >= _REFUSED and decrement < _PROMISED * unit)
+            settled |= decrement < _STILL_PROMISED * unit and _stands_still(problem, full, matrix)
             return Optimum(at, equations, matrix, iterations, decrement, settled)
         ahead: tuple[Point, Normal] | None = None
         near, ends = decrement < unit, decrement < _PROMISED * unit

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
-from identify.nonlinear.fit import _step, inverse, unit_size
+from identify.nonlinear.fit import _stands_still, _Step, _step, inverse, unit_size
 from identify.nonlinear.path import Own
 from identify.nonlinear.problem import Normal
 from identify.nonlinear.run import Block
@@ -64,3 +67,12 @@ def test_an_unknown_without_information_stays_and_spoils_nothing(left_over: floa
     information = np.array([[4.0, 1e-9], [1e-9, left_over]])
     np.testing.assert_allclose(inverse(information), [[0.25, 0.0], [0.0, 0.0]], atol=1e-6)
     np.testing.assert_array_equal(unit_size(information), [2.0, 1.0])
+
+
+@pytest.mark.parametrize(("mass", "still"), [(0.029, True), (-0.031, False)])
+def test_a_fit_stands_still_if_only_elements_would_move(mass: float, still: bool) -> None:
+    """The mass has a standard deviation of 0.1; the gap beside it would move by 5 of its own."""
+    model = SimpleNamespace(box=SimpleNamespace(parameters=("m_s",)))
+    problem = cast(Any, SimpleNamespace(free=np.array([0, 40]), model=model))
+    full = _Step(np.array([mass, 5.0]), (), 9.0)
+    assert _stands_still(problem, full, np.diag([100.0, 1.0])) is still
