@@ -190,6 +190,8 @@ def _solve(
 def _stands_still(problem: Problem, full: _Step, information: NDArray[np.float64]) -> bool:
     """Return whether a full step would hardly move the parameters of the car."""
     car = problem.free < len(problem.model.box.parameters)
+    if not car.any():
+        return True  # they are held
     std = np.sqrt(np.diag(inverse(information)))[car]
     return bool((np.abs(full.shared[car]) <= _STILL * std).all())
 
