@@ -165,6 +165,8 @@ class Document(TypedDict):
     """By run and channel."""
     parameters: dict[str, EstimateEntry]
     derived: dict[str, EstimateEntry]
+    motion_ratios: dict[str, EstimateEntry]
+    """By channel, where one is stated with a sigma: as fitted."""
     correlation: CorrelationEntry
     covariance: CorrelationEntry
     """The same in units of the parameters; null for those that are not determined."""

@@ -49,6 +49,8 @@ class Identification:
     derived: Mapping[str, Estimate] = field(default_factory=dict)
     """Quantities that follow from them: loads, radii of gyration, damping ratios
     (`identify.model.derived`)."""
+    motion_ratios: Mapping[str, Estimate] = field(default_factory=dict)
+    """Motion ratio of each travel of which one is stated with a sigma, as fitted."""
     correlation: Correlation = field(default_factory=lambda: Correlation((), np.zeros((0, 0))))
     """Correlation of the errors of the parameters."""
     drivers: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -95,6 +97,7 @@ class Identification:
             "chi2_by_run": {run: dict(row) for run, row in quality.chi2_by_run.items()},
             "parameters": estimate_entries(self.parameters),
             "derived": estimate_entries(self.derived),
+            "motion_ratios": estimate_entries(self.motion_ratios),
             "correlation": correlation_entry(self.correlation),
             "covariance": covariance_entry(self.correlation, self.parameters),
             "drivers": {

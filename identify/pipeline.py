@@ -25,6 +25,7 @@ from .fit.uncertainty import (
     drivers,
     estimates,
     mode_estimates,
+    motion_ratio_estimates,
 )
 from .identification import Identification
 from .model.matrices import loaded_model
@@ -149,6 +150,7 @@ def identify_parameters(
         provenance=session.provenance,
         parameters=parameters,
         derived=derived,
+        motion_ratios=motion_ratio_estimates(box, fit),
         correlation=related,
         drivers=precision,
         modal=modal,

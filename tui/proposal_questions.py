@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
+import textwrap
 import tomllib
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -13,6 +15,8 @@ from .diagnostics import say
 if TYPE_CHECKING:
     from daq.check import Answers, Proposal
 
+_ANSWER_WIDTH = 12
+"""Columns that a question leaves for its answer."""
 _TO_FILL_IN = re.compile(r"(\w+) = (\S.*?)  # FILL IN(?:: (.*))?")
 
 
@@ -82,6 +86,7 @@ def _typed(question: str) -> str:
     """Return what is typed to a question; empty at the end of the input."""
     from dbc.errors import printable
 
-    sys.stderr.write(f"? {printable(question)}: ")
+    width = max(shutil.get_terminal_size().columns - _ANSWER_WIDTH, _ANSWER_WIDTH)
+    sys.stderr.write(textwrap.fill(f"? {printable(question)}: ", width) + " ")
     sys.stderr.flush()
     return printable(sys.stdin.readline().strip(), 200)

@@ -38,6 +38,9 @@ def print_identification(document: Document, truth: Mapping[str, float]) -> None
             _print_estimates("Parameters", "parameter", document["parameters"], rests_on)
             print_line()
             _print_estimates("Derived", "quantity", document["derived"], {})
+        if document["motion_ratios"]:
+            print_line()
+            _print_estimates("Motion ratios", "channel", document["motion_ratios"], {})
         print_line()
         _print_modes(document)
         print_line()

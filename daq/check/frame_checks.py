@@ -228,7 +228,7 @@ def _rate_lines(
     jitter_s = _jitter_s(arrivals)
     if message.counter is None and not has_time and jitter_s > message.cycle_s / 2:
         reason = f"frames arrive up to {1e3 * jitter_s:.2f} ms off their beat"
-        advice = "without counter or time stamp these are errors of the sample times"
+        advice = "its clock rests on its punctual frames: a counter or hardware stamps are surer"
         found.append(warn("jitter", reason, advice))
     return found
 

@@ -133,7 +133,11 @@ def _question(found: FoundSensor) -> Question:
 def _ours(found: Sequence[FoundSensor], answers: Answers) -> tuple[FoundSensor, ...]:
     """Return the sensors of this bench, as far as was answered."""
     said = [(each, "" if each.surely else answers.get(_question(each), "")) for each in found]
-    return tuple(replace(f, surely=f.surely or text == YES) for f, text in said if text != NO)
+    return tuple(
+        replace(f, surely=True, why="yours, as you say") if text == YES else f
+        for f, text in said
+        if text != NO
+    )
 
 
 def _without_sensor(message: MessageLayout) -> MessageLayout:

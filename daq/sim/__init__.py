@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from .fleet import fleet_car as fleet_car
     from .nonlinear_truth import TrueElements as TrueElements
     from .nonlinear_truth import true_elements as true_elements
+    from .pushes import PUSHES_S as PUSHES_S
+    from .pushes import push_frames as push_frames
     from .reported import present_parameters as present_parameters
     from .reported import true_parameters as true_parameters
     from .spoils import Fault as Fault

@@ -33,6 +33,8 @@ SWING_S = 6.0
 """After so long a car with a damping of 0.15 at 1 Hz is at rest to a three-hundredth."""
 PUSH_N, PUSH_S = 400.0, 1.2
 """A person on a corner, who lets go gently."""
+KICK_M, KICK_S = 0.001, 0.04
+"""How far and how long a kick against the tyre lifts the wheel: 12 m/s2 on its hub."""
 _MARGIN_S = 0.2
 """An act ends with the piece that is being sampled."""
 _SEEN_S = 1e-3
@@ -74,6 +76,13 @@ class Acts:
         """Return a push on a corner."""
         push = pushed(self._rig.plants[mass_state], corner, PUSH_N, PUSH_S)
         return Act(scene_of(self._rig, push, 0.0, PUSH_S), PUSH_S, np.inf)
+
+    def kick(self, mass_state: str, corner: Corner) -> Act:
+        """Return a kick against a tyre, which the body does not feel."""
+        lift = np.zeros((7, 1))
+        lift[3 + corner.position] = KICK_M
+        kick = Push(static_pose(self._rig.plants[mass_state]), lift, KICK_S)
+        return Act(scene_of(self._rig, kick, 0.0, KICK_S), KICK_S, np.inf)
 
     def prepare(self, step: Step, fault: Fault | None) -> Future[Act]:
         """Begin to compute a bump, if that has not been done, and return what it will be."""
@@ -149,7 +158,10 @@ class Acts:
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """A hand that presses the body down, so slowly that every spring follows, and lets go again."""
+    """A hand that presses the body down or kicks a wheel up, and lets go again.
+
+    A press is so slow that every spring follows.
+    """
 
     rest: Array
     """(7, 1) The pose before and after."""

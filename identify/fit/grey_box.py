@@ -151,6 +151,12 @@ class GreyBox:
             *(f"{_OFF[figure]}weight {i + 1} of state {s}" for s, i, figure in self._weights),
         )
 
+    @property
+    def geared(self) -> dict[int, Channel]:
+        """Return the channels whose motion ratio is fitted, by the place of the unknown."""
+        channels = {c.name: c for c in self._channels}
+        return {self._first_ratio + i: channels[name] for i, name in enumerate(self._geared)}
+
     def pulls(self, eta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far each of `corrections` lies from what is stated, in its sigmas."""
         stated = slice(len(self.parameters), len(self.parameters) + len(self.corrections))

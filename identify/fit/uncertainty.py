@@ -97,6 +97,18 @@ def derived_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     }
 
 
+def motion_ratio_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
+    """Return the motion ratios that are fitted, by channel: those that are stated with a sigma."""
+    return {
+        channel.name: _estimate(
+            channel.motion_ratio * (1.0 + float(fit.eta[i])),
+            channel.motion_ratio * float(np.sqrt(fit.covariance[i, i])),
+            "1",
+        )
+        for i, channel in box.geared.items()
+    }
+
+
 def mode_estimates(box: GreyBox, fit: Fit, mass_state: str) -> tuple[ModeEstimate, ...]:
     """Return frequency and damping of each oscillating mode of a mass state, by frequency.
 

@@ -21,6 +21,8 @@ def parameter_section(document: Document) -> Section:
     blocks: list[Block] = []
     if document["parameters"]:
         blocks += [_intervals(document), _parameters(document), _derived(document)]
+    if document["motion_ratios"]:
+        blocks.append(_motion_ratios(document))
     return Section(
         "parameters",
         "Parameters",
@@ -31,7 +33,7 @@ def parameter_section(document: Document) -> Section:
 
 
 def _estimate_cells(
-    document: Document, part: Literal["parameters", "derived"], name: str
+    document: Document, part: Literal["parameters", "derived", "motion_ratios"], name: str
 ) -> tuple[Cell, ...]:
     """Return value, both ends of the interval, its relative half width, and unit."""
     e = document[part][name]
@@ -129,3 +131,16 @@ def _first_named(document: Document, kinds: set[str]) -> tuple[str, ...]:
     labels = [run.rpartition("_")[0] for run in document["chi2_by_run"]]
     runs = [kind for kind in dict.fromkeys(labels) if kind in kinds]
     return (*runs, *sorted(kinds - set(runs)))
+
+
+def _motion_ratios(document: Document) -> Table:
+    rows = [
+        (Cell(name), *_estimate_cells(document, "motion_ratios", name))
+        for name in document["motion_ratios"]
+    ]
+    return Table(
+        "Motion ratios as fitted",
+        ("channel", "#estimate", "#from", "#to", "#±", "unit"),
+        tuple(rows),
+        "Travel of the sensor over that of the wheel, where bench.toml states it with a sigma.",
+    )

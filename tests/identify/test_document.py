@@ -22,7 +22,8 @@ from identify.trust.survival import Loss, Survival
 
 KEYS = (
     "source", "verdict", "reasons", "findings", "surviving", "lost", "chi2_per_n", "chi2_by_run",
-    "parameters", "derived", "correlation", "covariance", "drivers", "modes", "shapes", "matrices",
+    "parameters", "derived", "motion_ratios", "correlation", "covariance", "drivers", "modes",
+    "shapes", "matrices",
     "paired", "swapped", "snr_db", "sensed_modes", "closed_form", "closed_form_damping",
     "noise", "forces",
 )  # fmt: skip

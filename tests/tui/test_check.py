@@ -10,7 +10,7 @@ import can
 import numpy as np
 import pytest
 
-from daq.bench.config import bench_codec, load_bench
+from daq.bench.config import BusConfig, bench_codec, load_bench
 from daq.bus.source import SourceLosses
 from daq.sim.car import SimulatedCar
 from daq.sim.ecu import campaign_frames
@@ -130,6 +130,43 @@ def test_a_live_bus(
     assert source.closed
 
 
+def test_a_proposal_does_not_go_on_without_a_frame(
+    rest: FrameBatch,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One of two buses, then both, are silent; the bit rate is the one that is named."""
+    sources = {"can0": _Replay(rest), "can1": _Replay(FrameBatch.empty())}
+    opened = []
+
+    def open_source(bus: BusConfig, _: int) -> _Replay:
+        opened.append(bus)
+        return sources[bus.channel]
+
+    monkeypatch.setattr("daq.bus.interfaces.open_source", open_source)
+    target = tmp_path / "bench.toml"
+    words = ["check", "--propose", str(target), "--interface", "socketcan", "--seconds", "0.1"]
+    words += ["--channel", "can0,can1"]
+    assert run(words) == 2
+    assert capsys.readouterr().err.endswith(
+        "has no database (name those of the sensors with --dbc)\n"
+    )
+    words += ["--dbc", str(Path(__file__).parents[2] / "dbc" / "bumpbench.dbc")]
+    assert run([*words, "--bitrate", "250000"]) in (0, 1)
+    err = capsys.readouterr().err
+    assert "bumpbench: can1: no frame in 0.1 s (check power, plugs and bit rate)\n" in err
+    assert [bus.bitrate for bus in opened] == [250_000, 250_000]
+    assert target.read_text("utf-8").count("bitrate = 250000\n") == 2
+    target.unlink()
+    sources["can0"] = _Replay(FrameBatch.empty())
+    assert run([*words, "--push", "5"]) == 4
+    silent = "can0, can1: no frame in 0.1 s (check power, plugs and bit rate)"
+    assert capsys.readouterr().err == f"bumpbench: error: {silent}\n"
+    assert [bus.bitrate for bus in opened[2:]] == [500_000, 500_000]
+    assert not target.exists()
+
+
 def test_no_bus_is_exit_4(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["check", "--interface", "slcan", "--channel", "/nosuch", "--seconds", "0.1"]) == 4
     assert capsys.readouterr().err.count("\n") == 1
@@ -181,6 +218,7 @@ def test_a_proposal_from_a_dbc_alone(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--log", "nosuch.log"], "nosuch.log"),
         (["nosuch.toml"], "nosuch.toml"),
         ([], "virtual"),
+        (["--bitrate", "250000"], "--bitrate: is for --propose"),
         (["--propose", "/nosuch/new.toml"], "/nosuch/new.toml"),
     ],
 )
@@ -226,7 +264,8 @@ def test_at_a_terminal_a_proposal_asks(
             return True
 
         def readline(self) -> str:
-            question = capsys.readouterr().err.splitlines()[-1]
+            shown = capsys.readouterr().err
+            question = " ".join(f"\n{shown}".rpartition("\n? ")[2].split())
             typed.append(question)
             found = next((lines for key, lines in answers.items() if key in question), [])
             return f"{found.pop(0) if found else ''}\n"

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from dbc import FrameBatch
 
 
+_USUAL_BITRATE = 500_000
+"""Bit rate of most buses in vehicles, bit/s."""
+
+
 def check(
     bench: BenchFile = None,
     log: Annotated[Path | None, typer.Argument(help="A bus log instead of a live bus.")] = None,
@@ -53,7 +57,14 @@ def check(
         bool, typer.Option("--layouts", help="List the ready-made channel maps.")
     ] = False,
     interface: Annotated[str | None, typer.Option(help="python-can interface.")] = None,
-    channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
+    channel: Annotated[
+        str | None,
+        typer.Option(help="Channel of that interface; with --propose several, as can0,can1."),
+    ] = None,
+    bitrate: Annotated[
+        int | None,
+        typer.Option(help="Bit rate of the buses of --propose, bit/s.", min=1, max=1_000_000),
+    ] = None,
     sensor: Sensors = None,
     bus: Buses = None,
 ) -> int:
@@ -74,14 +85,15 @@ def check(
     bench, log = bench_and_log(bench, named_once(log, old_log, "the log"))
     if layout and propose is None and len(layout) > 1:
         raise InputError("--layout", "is named twice", "name one, or propose with --propose")
-    if push and propose is None:
-        raise InputError("--push", "is for --propose", "leave it out")
+    for option, value in (("--push", push), ("--bitrate", bitrate)):
+        if value and propose is None:
+            raise InputError(option, "is for --propose", "leave it out")
     if layout and bench is not None:
         raise InputError("--layout", "and a bench.toml exclude each other", "name one of them")
     if dbc and propose is None:
         raise InputError("--dbc", "is for --propose", "name the DBC in bench.toml as dbc")
     if propose is not None:
-        source = _Source(log, seconds, push, interface, channel)
+        source = _Source(log, seconds, push, interface, channel, bitrate)
         proposed = _proposed(propose, bench, layout or [], dbc or [], source)
         if proposed is None:
             return ExitCode.OK
@@ -138,6 +150,8 @@ class _Source:
     """python-can's interface."""
     channel: str | None
     """Its channels, with commas between them."""
+    bitrate: int | None
+    """Bit rate of all of them, bit/s; None: not stated."""
 
     def buses(self, known: Bench) -> tuple[BusConfig, ...]:
         """Return the buses that are named, else those of a bench."""
@@ -147,7 +161,13 @@ class _Source:
             return ()
         first = known.bus
         return tuple(
-            replace(first, interface=self.interface or first.interface, channel=channel, name="")
+            replace(
+                first,
+                interface=self.interface or first.interface,
+                channel=channel,
+                bitrate=self.bitrate or _USUAL_BITRATE,
+                name="",
+            )
             for channel in (self.channel or first.channel).split(",")
         )
 
@@ -163,7 +183,7 @@ def _proposed(
     from dataclasses import replace
     from functools import partial
 
-    from daq import load_bench
+    from daq import InputError, load_bench
     from daq.bench import parse_bench, stored_text
     from daq.check import ON_HUB, ORDER, propose_sensors, spoken
 
@@ -174,19 +194,23 @@ def _proposed(
     known = load_bench(config)
     databases = _databases(target, config, known, layouts, dbcs)
     buses = source.buses(known)
+    if len(buses) > 1 and not databases[0].name:
+        raise InputError("--propose", "has no database", "name those of the sensors with --dbc")
     listened = replace(known, buses=buses or known.buses)
     frames = pushes = None
     if source.log is not None or source.interface is not None:
         if source.log is None:
             reachable(listened, "--interface")
         frames = _frames(listened, source.log, 0.0, source.seconds)
+        if source.log is None:
+            _refuse_silence(listened.buses, frames, source.seconds)
         if source.push_s:
-            order = ", ".join(map(spoken, ORDER))
             if source.log is None:
                 at_rest = propose_sensors(databases, buses, frames, None)
                 kick = any(ON_HUB in line for line in at_rest.questions)
-                then = "let go, then kick its tyre" if kick else "let go"
-                say(f"push DOWN at each corner and {then}: {order}; {source.push_s:.0f} s")
+                then = ", let go, then kick its tyre" if kick else " and let go"
+                say(f"now push each corner DOWN{then}, with a second of rest between:")
+                say(f"{', '.join(map(spoken, ORDER))}; you have {source.push_s:.0f} s")
             pushes = _frames(listened, source.log, source.seconds, source.push_s)
     proposal = completed(partial(propose_sensors, databases, buses, frames, pushes))
     write_proposal(proposal, target)
@@ -194,6 +218,18 @@ def _proposed(
         return None
     stored = stored_text(databases)
     return parse_bench(proposal.text, str(target), target.parent, stored), frames
+
+
+def _refuse_silence(buses: Sequence[BusConfig], frames: FrameBatch, seconds: float) -> None:
+    """Report each bus of which nothing came; raise BusError if nothing came at all."""
+    from daq import BusError
+
+    silent = [bus.label for number, bus in enumerate(buses) if not (frames.bus == number).any()]
+    what, advice = f"no frame in {seconds:g} s", "check power, plugs and bit rate"
+    if len(silent) == len(buses):
+        raise BusError(", ".join(silent), what, advice)
+    for name in silent:
+        say(f"{name}: {what} ({advice})")
 
 
 def _databases(

@@ -1,12 +1,16 @@
-"""`bumpbench simulate`: the simulated car plays a campaign on any bus."""
+"""`bumpbench simulate`: the simulated car plays a campaign on any bus, or is pushed by hand."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..options import BenchFile, CarName
+
+if TYPE_CHECKING:
+    from daq import Bench
+    from daq.sim import SimulatedCar
 
 
 def simulate(
@@ -15,6 +19,15 @@ def simulate(
     channel: Annotated[str | None, typer.Option(help="Channel of that interface.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise and sensor errors.")] = 1,
     fast: Annotated[bool, typer.Option(help="Send as fast as the bus takes the frames.")] = False,
+    push: Annotated[
+        float | None,
+        typer.Option(
+            help="No campaign: stand still for so many seconds, then be pushed down at each corner"
+            " and kicked against its tyre; then stand still until Ctrl-C.",
+            min=0,
+            max=600,
+        ),
+    ] = None,
     car: CarName = "granada",
     json: Annotated[bool, typer.Option("--json", help="Print the truth as JSON.")] = False,
 ) -> None:
@@ -23,7 +36,7 @@ def simulate(
     from bisect import bisect_right
     from itertools import accumulate
 
-    from daq import bench_codec
+    from daq import InputError, bench_codec
     from daq.bus import open_buses
     from daq.replay import play
     from daq.sim import campaign_frames, named_car, present_parameters
@@ -32,9 +45,13 @@ def simulate(
     from ..bench import shared_bench
     from ..output import print_json, print_table, progress
 
+    if push is not None and (fast or json):
+        raise InputError("--push", "goes on until Ctrl-C, in real time", "leave out the rest")
     # On a busy host the frames of a bump arrive late, and the rest after it must still be seen.
     simulated = named_car(car).simulated(tail_s=3.5)
     described = shared_bench(bench, interface, channel)
+    if push is not None:
+        _push(described, simulated, seed, push)
     codec = bench_codec(described)
     steps = described.campaign.steps
     with open_buses(described.buses) as (bus, *more), progress("simulate") as stage:
@@ -54,3 +71,28 @@ def simulate(
     else:
         rows = [[name, number(value)] for name, value in truth.items()]
         print_table(f"Simulated {sent} frames of this car", ["parameter", "truth"], rows)
+
+
+def _push(bench: Bench, car: SimulatedCar, seed: int, rest_s: float) -> None:
+    """Play rest and pushes until the command is interrupted."""
+    import time
+
+    from daq import bench_codec
+    from daq.bus import open_buses
+    from daq.replay import play
+    from daq.sim import PUSHES_S, push_frames
+
+    from ..output import progress
+
+    frames = push_frames(bench, bench_codec(bench), car, seed, time.time_ns(), rest_s)
+    begun_s = time.monotonic()
+    with open_buses(bench.buses) as (bus, *more), progress("simulate") as stage:
+        for _ in play(frames, bus, 1.0, *more):
+            left_s = begun_s + rest_s - time.monotonic()
+            share = -left_s / PUSHES_S
+            if left_s > 0:
+                stage(0.0, f"at rest, pushed in {left_s:.0f} s")
+            elif share < 1:
+                stage(share, "pushed at each corner, each tyre kicked")
+            else:
+                stage(1.0, "at rest: Ctrl-C ends it")

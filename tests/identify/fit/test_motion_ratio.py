@@ -9,6 +9,7 @@ import numpy as np
 from identify.decays.decay import ChannelGroup, Record
 from identify.fit.grey_box import GreyBox
 from identify.fit.likelihood import fit
+from identify.fit.uncertainty import motion_ratio_estimates
 
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
 
@@ -27,7 +28,7 @@ def _off(record: Record, factor: float, group: ChannelGroup) -> Record:
 def test_a_ratio_that_is_off_moves_the_car_unless_it_is_uncertain() -> None:
     records = paper_records(200.0, 80.0, 9)
     noise = noise_of(records, 200.0)
-    far, pulls = {}, {}
+    far, pulls, ratios = {}, {}, {}
     for sigma in (0.0, 0.014):
         channels = tuple(
             replace(c, motion_ratio=0.7, motion_ratio_sigma=sigma) if c.name == NAME else c
@@ -40,10 +41,14 @@ def test_a_ratio_that_is_off_moves_the_car_unless_it_is_uncertain() -> None:
         std = np.sqrt(np.diag(best.covariance))
         far[sigma] = np.max(np.abs(best.eta[:15] - np.log(TRUTH)) / std[:15])
         pulls[sigma] = box.pulls(best.eta)
+        ratios[sigma] = motion_ratio_estimates(box, best)
     assert far[0.0] > 6.0
     assert far[0.014] < 3.5
     assert box.corrections == (f"ratio of {NAME}",)
     np.testing.assert_allclose(pulls[0.014], [1.5], atol=0.1)  # 3 % off, 2 % stated
+    assert ratios[0.0] == {}
+    found = ratios[0.014][NAME]
+    assert 0.719 < found.low < 0.721 < found.high < 0.723  # 0.7 times 1.03, at 80 dB
 
 
 def test_the_slope_of_a_row_by_its_ratio_is_the_row() -> None:

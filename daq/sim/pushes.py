@@ -1,0 +1,57 @@
+"""A simulated car whose corners are pushed by hand one after the other, for `check --propose`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from dbc import Codec, FrameBatch
+
+from ..bench.config import Bench
+from ..check.push_test import ORDER
+from ..runs import BASELINE
+from .acts import KICK_S, PUSH_S, Act, Acts
+from .car import SimulatedCar
+from .ecu import on_the_buses, rig_of, sample
+
+_PAUSE_S = 0.8
+"""Rest after a push and after a kick, s."""
+PUSHES_S = len(ORDER) * (PUSH_S + KICK_S + 2 * _PAUSE_S)
+"""How long all pushes and kicks take, s."""
+_PIECE_S = 0.5
+"""Length of the blocks, s."""
+
+
+def push_frames(
+    bench: Bench, codec: Codec, car: SimulatedCar, seed: int, start_ns: int, rest_s: float
+) -> Iterator[FrameBatch]:
+    """Yield the frames of a car that stands still, is pushed at each corner, and stands still.
+
+    After each push its tyre is kicked.  The car then stands still for good: the caller ends the
+    iteration.  Arguments and errors are those of `daq.sim.ecu.campaign_frames`; `rest_s`: time
+    before the first push, s.  A block is half a second.
+    """
+    rig = rig_of(bench, codec, car, seed)
+    acts = Acts(bench, rig)
+    rest = acts.rest(BASELINE)
+    plan: list[tuple[Act, float]] = [(rest, rest_s)]
+    for corner in ORDER:
+        kick = acts.kick(BASELINE, corner)
+        plan += [(acts.push(BASELINE, corner), PUSH_S), (rest, _PAUSE_S)]
+        plan += [(kick, kick.length_s), (rest, _PAUSE_S)]
+    acts.close()
+    plan.append((rest, np.inf))
+    rng = np.random.default_rng([seed, 2])
+    free_ns = [start_ns] * len(bench.buses)
+    done_s = begun_s = 0.0
+    for act, length_s in plan:
+        scene = replace(act.scene, begins_s=begun_s)
+        end_s = begun_s + length_s
+        while done_s < end_s:
+            span_s = (done_s, min(done_s + _PIECE_S, end_s))
+            bursts = [sample(rig, sender, scene, span_s, rng) for sender in rig.senders]
+            yield on_the_buses(bursts, bench.buses, start_ns, free_ns)
+            done_s = span_s[1]
+        begun_s = end_s

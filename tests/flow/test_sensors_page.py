@@ -1,0 +1,165 @@
+"""The page for unknown sensors, followed as it stands: its commands in a shell, its answers typed.
+
+What the page runs in a second terminal, `simulate`, runs beside the rest.  The multicast groups are
+others than the page's, so that nobody else who follows it at the moment is heard.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from daq.bench.config import load_bench
+from daq.channels import Quantity
+from daq.sim.car import SimulatedCar
+
+from ..daq.wild_bench import NODES
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "sensors.md").read_text("utf-8")
+PATIENCE_S = 300.0
+GROUP = f"239.74.{64 + os.getpid() % 128}.2"
+_BLOCK = re.compile(r"(?:^    .*\n|^\n(?=    ))+", re.MULTILINE)
+_QUESTION = re.compile(r"^\? (.*): (\S+)$", re.MULTILINE)
+_LISTENS_S = 8.0
+
+
+def steps() -> list[str]:
+    """Return the scripts of the numbered sections, in the page's order."""
+    walk = PAGE[PAGE.index("\n## 1. ") : PAGE.index("\n## What bench.toml says")]
+    blocks = [re.sub(r"^    ", "", each, flags=re.MULTILINE) for each in _BLOCK.findall(walk)]
+    return [block.strip().replace("239.74.163.2", GROUP) for block in blocks]
+
+
+class Reader:
+    """Somebody who follows the page with two terminals."""
+
+    def __init__(self, folder: Path) -> None:
+        (folder / "docs").symlink_to(ROOT / "docs")
+        self.folder = folder
+        self.second: subprocess.Popen[str] | None = None
+        tools = Path(sys.executable).parent
+        self.environment = {**os.environ, "PATH": f"{tools}:{os.environ['PATH']}", "COLUMNS": "80"}
+
+    def runs(self, script: str) -> subprocess.Popen[str]:
+        """Start a script of the page."""
+        return subprocess.Popen(
+            ["bash", "-e", "-c", script],
+            cwd=self.folder,
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+
+    def done(self, script: str) -> str:
+        """Run a script of the page to its end and return what it showed."""
+        process = self.runs(script)
+        shown, _ = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0, shown
+        return shown
+
+    def in_second_terminal(self, script: str) -> None:
+        """Start a script beside the others, in place of the one before."""
+        self.leave()
+        script = script.replace("car.toml", "played.toml")
+        car = (self.folder / "car.toml").read_text("utf-8")
+        (self.folder / "played.toml").write_text(car.replace("239.74.163.2", GROUP), "utf-8")
+        self.second = self.runs(script)
+
+    def leave(self) -> None:
+        """End what runs in the second terminal."""
+        if self.second is not None:
+            with suppress(ProcessLookupError):
+                os.killpg(self.second.pid, signal.SIGINT)
+            self.second.communicate(timeout=PATIENCE_S)
+            self.second = None
+
+    def asked(self, script: str, answers: Sequence[str]) -> tuple[str, list[str]]:
+        """Run a script at a terminal; return what it showed and what it asked, a line each."""
+        child, fd = pty.fork()
+        if child == 0:  # pragma: no cover: another process
+            os.chdir(self.folder)
+            os.execvpe("bash", ["bash", "-e", "-c", script], self.environment)
+        shown, asked, left = "", list[str](), list(answers)
+        try:
+            until_s = time.monotonic() + PATIENCE_S
+            while time.monotonic() < until_s:
+                if select.select([fd], [], [], 0.5)[0]:
+                    try:
+                        shown += os.read(fd, 65536).decode()
+                    except OSError:  # Linux: the terminal has no other end any more
+                        break
+                line = shown[shown.rfind("\n? ") + 3 :]
+                if line.endswith(": ") and shown.count("\n? ") == len(asked) + 1:
+                    asked.append(" ".join(line[:-2].split()))
+                    os.write(fd, f"{left.pop(0) if left else ''}\n".encode())
+        finally:
+            os.close(fd)
+            _, status = os.waitpid(child, 0)
+        assert os.waitstatus_to_exitcode(status) == 0, shown
+        return shown, asked
+
+
+@pytest.fixture
+def reader(tmp_path: Path) -> Iterator[Reader]:
+    made = Reader(tmp_path)
+    yield made
+    made.leave()
+
+
+def until_checked(reader: Reader) -> list[str]:
+    """Follow the page as far as the check, and return the steps behind it."""
+    folder, push, propose, weights, check, *rest = steps()
+    reader.done(folder)
+    reader.folder = reader.folder / "first"
+    reader.in_second_terminal(push)
+    typed = _QUESTION.findall(PAGE)
+    shown, asked = reader.asked(propose, [answer for _, answer in typed])
+    assert asked == [question for question, _ in typed], shown
+    assert "0 FAIL" in shown
+    reader.done(weights)
+    assert "0 FAIL" in reader.done(check)
+    return rest
+
+
+def test_the_page_leads_from_an_empty_folder_to_a_bench_that_is_right(reader: Reader) -> None:
+    until_checked(reader)
+    text = (reader.folder / "bench.toml").read_text("utf-8")
+    assert re.findall(r"^[^#\n].*(?:FILL IN|ASK: ).*$", text, re.MULTILINE) == []
+    bench = load_bench(reader.folder / "bench.toml")
+    travels = [c for c in bench.channels if c.quantity is Quantity.SUSPENSION_TRAVEL]
+    corners = {channel.signal: channel.corner for channel in travels}
+    assert corners == {f"pot_{i}.TPDO1.Position_Value": corner for i, corner in NODES.items()}
+    (added,) = (state for state in bench.mass_states if state.name == "added")
+    assert sum(weight.mass_kg for weight in added.added.weights) == 148.0
+
+
+@pytest.mark.long
+def test_the_page_leads_on_to_an_identified_campaign(reader: Reader) -> None:
+    record, play, identify = until_checked(reader)
+    recorder = reader.runs(record)
+    time.sleep(_LISTENS_S)
+    reader.in_second_terminal(play)
+    shown, _ = recorder.communicate(timeout=PATIENCE_S)
+    assert recorder.returncode == 0, shown
+    shown = reader.done(identify)
+    assert "verdict: ok" in shown
+    found = json.loads(reader.done("bumpbench identify today/session_0001.h5 --json"))["parameters"]
+    truth = asdict(SimulatedCar().parameters)
+    inside = [n for n, v in truth.items() if found[n]["low"] <= v <= found[n]["high"]]
+    assert len(inside) >= 13
