@@ -11,7 +11,8 @@ from math import nan
 
 import numpy as np
 
-from daq.runs import RunStatus
+from daq.check import opposed_signs
+from daq.runs import Run, RunStatus
 from daq.sessions import Session
 from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
@@ -122,7 +123,8 @@ def identify_parameters(
     box = grey_box(session, records)
     estimation = first_estimate(box, records, generic_vehicles())
     forces = None
-    if not estimation.holds:
+    signs = () if estimation.holds else opposed_signs(_accepted(session), session.channels)
+    if not estimation.holds and not signs:  # else no car explains the decays
         from .real_car import explained_by_elements  # with Numba: a third of a second to import
 
         stage = partial(progress, 0.2)
@@ -146,7 +148,7 @@ def identify_parameters(
     modes = {name: mode_estimates(box, fit, name) for name in modal}
     progress(0.7, "judging")
     return Identification(
-        quality=judge(session, estimation),
+        quality=judge(session, estimation, signs),
         provenance=session.provenance,
         parameters=parameters,
         derived=derived,
@@ -181,9 +183,12 @@ def _begun(
 
 def usable_records(session: Session) -> tuple[Record, ...]:
     """Return what the accepted runs of a session hold for the identification."""
-    accepted = (run for run in session.runs if run.status is RunStatus.ACCEPTED)
-    records = (record_of(run, session.channels) for run in accepted)
+    records = (record_of(run, session.channels) for run in _accepted(session))
     return tuple(record for record in records if record.recordings)
+
+
+def _accepted(session: Session) -> tuple[Run, ...]:
+    return tuple(run for run in session.runs if run.status is RunStatus.ACCEPTED)
 
 
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:

@@ -112,7 +112,8 @@ def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
 def with_sensors(bench: Bench, sensors: Sequence[str], buses: frozenset[int]) -> Bench:
     """Return the bench with the channels of some sensors and some buses alone.
 
-    Empty sets keep all.  Raises InputError if the bench has no such sensor.
+    Empty sets keep all.  Raises InputError if the bench has no such sensor, or none of them on
+    these buses.
     """
     from dataclasses import replace
 
@@ -129,6 +130,9 @@ def with_sensors(bench: Bench, sensors: Sequence[str], buses: frozenset[int]) ->
         for name, sensor in known.items()
         if (not sensors or name in sensors) and (not buses or sensor.bus in buses)
     }
+    if sensors and not wanted:
+        own = ", ".join(dict.fromkeys(bench.buses[known[name].bus].label for name in sensors))
+        raise InputError(f"--sensor {', '.join(sensors)}", "not on that bus", f"but on {own}")
     if wanted == known.keys():
         return bench
     channels = tuple(c for c in bench.channels if sensor_of_signal(c.signal) in wanted)

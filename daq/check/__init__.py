@@ -25,5 +25,6 @@ if TYPE_CHECKING:
     from .push_test import shows_push as shows_push
     from .push_test import spoken as spoken
     from .result import WORDS as WORDS
+    from .signs import opposed_signs as opposed_signs
 else:
     __all__, __dir__, __getattr__ = lazy(__name__)

@@ -44,6 +44,13 @@ class _Times:
     """Its unit; empty if no unit gives a sensible rate."""
     ask: str
     """Question, because the unit is not stated; empty if it is."""
+    is_named: bool
+    """True if it is called so."""
+
+    @property
+    def is_sure(self) -> bool:
+        """True if name and unit say so."""
+        return self.is_named and not self.ask
 
 
 def propose_map(file: Columns, answers: Answers = NO_ANSWERS) -> Proposal:
@@ -55,19 +62,24 @@ def propose_map(file: Columns, answers: Answers = NO_ANSWERS) -> Proposal:
     by_clock: dict[str, list[Column]] = {}
     for column in file.columns.values():
         by_clock.setdefault(column.clock, []).append(column)
-    times = {clock: _times(own) for clock, own in by_clock.items() if clock not in file.times_s}
-    used = {id(each.column) for each in times.values() if each is not None}
+    times = {
+        name: each
+        for clock, own in by_clock.items()
+        if clock not in file.times_s
+        for name, each in _times_by_column(own).items()
+    }
+    used = {id(each.column) for each in times.values()}
     messages, columns = _layouts([c for c in file.columns.values() if id(c) not in used])
     seen = _seen(messages, columns)
     guesses = guess_bench(messages, {}, seen, None, stated_forward(answers))
-    common = {each.column.name: each for each in times.values() if each is not None}
+    common = {each.column.name: each for each in times.values()}
     usual = next(iter(common.values())) if len(common) == 1 else None
     usual = _in_unit(usual, answers) if usual is not None else None
     lines = [
         f"# Proposed by bumpbench import from {printable(file.where, 200)}.  Read it, and use it:",
         "# bumpbench import FILE --channels MAP.  Fill in what is marked FILL IN; it cannot be",
         "# guessed.  ASK marks what is not sure.",
-        *_time_table(usual, bool(file.times_s)),
+        *_time_table(usual, bool(file.times_s) or len(common) > 1),
         *REST,
         "",
         "# Runs are found by the trigger.  Where their times are known, give each a table.",
@@ -88,9 +100,8 @@ def propose_map(file: Columns, answers: Answers = NO_ANSWERS) -> Proposal:
         question = Question(f"{subject}: {guess.ask}", guess.asked)
         guess = answered(guess, answers[question]) if question in answers else guess
         lines += channel_table(name, column.name, guess, _LATE)
-        own = times.get(column.clock)
         if usual is None and column.clock not in file.times_s:
-            lines += _own_clock(own)
+            lines += _own_clock(times.get(column.name))
         if guess.ask and question not in questions:
             questions.append(question)
     if not names:
@@ -99,21 +110,36 @@ def propose_map(file: Columns, answers: Answers = NO_ANSWERS) -> Proposal:
     return Proposal("\n".join(lines) + "\n", tuple(questions))
 
 
-def _times(columns: Sequence[Column]) -> _Times | None:
-    """Return the column of times of a clock: one that increases, and is named or in units so."""
-    found = [c for c in columns if _is_second(c.unit) or words(_last(c)) & _TIME]
-    found.sort(key=lambda c: (not _is_second(c.unit), not words(_last(c)) & _TIME))
-    for column in found:
-        steps = np.diff(column.values.astype(np.float64))
-        if not len(steps) or not np.all(steps > 0.0):
-            continue
-        if _is_second(column.unit):
-            return _Times(column, column.unit, "")
-        step = float(np.median(steps))
-        fits = (u for u in _UNITS if _SLOWEST_HZ < 1.0 / (step * to_si(u).factor) < _FASTEST_HZ)
-        unit = next(fits, "")
-        return _Times(column, unit, f"are the times {column.name} in {unit or 'which unit'}?")
-    return None
+def _times_by_column(columns: Sequence[Column]) -> dict[str, _Times]:
+    """Return the times of each column of a clock: those nearest on its left, else the first.
+
+    A file may have a column of times before each group of channels.
+    """
+    found = {column.name: each for column in columns if (each := _times(column)) is not None}
+    if any(each.is_sure for each in found.values()):
+        found = {name: each for name, each in found.items() if each.is_sure}
+    nearest = next(iter(found.values()), None)
+    of_column = {}
+    for column in columns:
+        nearest = found.get(column.name, nearest)
+        if nearest is not None:
+            of_column[column.name] = nearest
+    return of_column
+
+
+def _times(column: Column) -> _Times | None:
+    """Return a column as times if it increases, and is named or in units so."""
+    is_second, is_named = _is_second(column.unit), bool(words(_last(column)) & _TIME)
+    values = column.values.astype(np.float64)
+    steps = np.diff(values[np.isfinite(values)])  # a shorter table of the same file ends before
+    if not (is_second or is_named) or not len(steps) or not np.all(steps > 0.0):
+        return None
+    if is_second:
+        return _Times(column, column.unit, "", is_named)
+    step = float(np.median(steps))
+    fits = (u for u in _UNITS if _SLOWEST_HZ < 1.0 / (step * to_si(u).factor) < _FASTEST_HZ)
+    unit = next(fits, "")
+    return _Times(column, unit, f"are the times {column.name} in {unit or 'which unit'}?", True)
 
 
 def _unit_of(times: _Times) -> Question:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import inf
 
 from daq.sessions import Session
+from dbc.finding import Finding
 
 from ..fit.estimation import Estimation
 from .cause_ranking import rank_causes
@@ -28,25 +30,30 @@ from .whiteness import whiteness_findings
 _NON_LINEAR = {"friction_in_the_suspension", "dampers_stronger_in_rebound_than_in_compression"}
 
 
-def judge(session: Session, estimation: Estimation) -> Quality:
+def judge(session: Session, estimation: Estimation, signs: Sequence[Finding] = ()) -> Quality:
     """Judge an estimation by everything that is known of it.
 
     Of a nonlinear fit no cause is sought that a linear model lacks: its elements are there.
+
+    `signs`: channels whose sign is wrong (`daq.check.opposed_signs`), the cause if there are any.
     """
     linear, holds = estimation.nonlinear is None, estimation.holds
     determined = not undetermined(estimation)
     snr_db = mode_snr_db(estimation)
-    causes = _causes(estimation) if linear and (determined or not holds) else Causes()
+    causes = Causes(tuple(map(_wrong_sign, signs)))
+    if linear and not signs and (determined or not holds):
+        causes = _causes(estimation)
     explained = _explains(estimation, causes)
     parameters = parameter_findings(estimation)
     findings = [
+        *(causes.findings if signs else ()),
         *misfit_findings(estimation),
         *(f for f in parameters if not (explained and f.code == "contradiction")),
         *(scale_findings(estimation.box) if determined else ()),
         *sampling_findings(session, estimation.records),
         *saturation_findings(session, estimation.records),
         *excitation_findings(estimation, snr_db),
-        *causes.findings,
+        *(() if signs else causes.findings),
     ]
     if determined and holds:
         findings += whiteness_findings(estimation)
@@ -59,6 +66,11 @@ def judge(session: Session, estimation: Estimation) -> Quality:
         snr_db,
         survival(estimation, hypotheses),
     )
+
+
+def _wrong_sign(finding: Finding) -> Finding:
+    text = f"likely cause: wrong signs, {finding.text}: {finding.advice}"
+    return replace(finding, text=text)
 
 
 def _causes(estimation: Estimation) -> Causes:

@@ -64,6 +64,25 @@ def test_a_recording_of_many_runs(recorded: Path, capsys: pytest.CaptureFixture[
     assert session.channels[0].signal == "acc_fl"
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_travel_against_its_hub_is_named(
+    sign: int, recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    swing = np.zeros(4000)
+    since_s = np.arange(1300) / 500.0
+    swing[700:2000] = 0.01 * np.exp(-4.0 * since_s) * np.sin(2 * np.pi * 10.0 * since_s)
+    with h5py.File(recorded / "drive.h5", "a") as file:
+        file["pot"] = swing
+        file["pot"].attrs["unit"] = "m"
+        file["acc_fl"][...] = -((2 * np.pi * 10.0) ** 2) * swing
+    pot = '[[channel]]\nname = "pot"\nsignal = "pot"\nquantity = "suspension_travel"\n'
+    (recorded / "map.toml").write_text(f'{MAP}{pot}corner = "FL"\nsign = {sign}\n')
+    one = ["--run", f"baseline:bounce:{recorded / 'drive.h5'}", "--out", str(recorded / "s.h5")]
+    assert run(["import", *one, "--channels", str(recorded / "map.toml")]) == 0
+    remark = "pot moves against the hub accelerometers (turn the sign of these channels)\n"
+    assert (f"bumpbench: {remark}" in capsys.readouterr().err) == (sign < 0)
+
+
 def test_a_file_a_run(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
     one = ["--run", f"added:roll:{recorded / 'drive.h5'}", "--channels", str(recorded / "map.toml")]
     assert run(["import", *one, "--out", str(recorded / "s.h5"), "--json"]) == 0

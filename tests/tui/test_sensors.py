@@ -132,6 +132,7 @@ def test_import_says_that_two_sensors_are_read_as_one(
     ("words", "reason"),
     [
         (["--sensor", "imu_c"], "--sensor imu_c: is not on the bench"),
+        (["--sensor", "pot_rl", "--bus", "can0"], "--sensor pot_rl: not on that bus (but on rear)"),
         (["--bus", "can9"], "--bus can9: is no bus of the bench (name one of can0, rear)"),
         (["--bus", "2"], "--bus 2: is no bus of the bench (name one of can0, rear)"),
     ],

@@ -76,7 +76,7 @@ def import_(
     from ..bench import bench_with_dbc, bus_numbers, named_once, with_sensors
     from ..diagnostics import say, say_left_out
     from ..output import print_json, progress
-    from ..recorders.decoded import import_channels, propose_channel_map
+    from ..recorders.decoded import import_channels, propose_channel_map, sign_remarks
     from ..recorders.recording import print_summary, summary
 
     benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]
@@ -146,7 +146,7 @@ def import_(
         print_json({**summary(out, session), **extra})
     else:
         print_summary(out, session)
-    for text in _remarks(sources, session, bumps, len(steps)):
+    for text in (*_remarks(sources, session, bumps, len(steps)), *sign_remarks(session)):
         say(text)
     mixed = mixed_messages(codec.messages, session.runs[0].frames)
     if mixed:

@@ -84,7 +84,17 @@ def import_channels(
         say(f"{bumps - found} of {bumps} bumps were left out (see --runs and --skip)")
     if not known.runs and found < len(steps):
         say(f"{found} of {len(steps)} planned runs were found")
+    for remark in sign_remarks(session):
+        say(remark)
     return ExitCode.OK
+
+
+def sign_remarks(session: Session) -> list[str]:
+    """Name the channels of imported runs whose sign is wrong, with what to do."""
+    from daq.check import opposed_signs
+
+    found = opposed_signs(session.runs, session.channels)
+    return [f"{finding.text} ({finding.advice})" for finding in found]
 
 
 def _session(

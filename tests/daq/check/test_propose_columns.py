@@ -88,6 +88,33 @@ def test_times_of_the_file_need_no_column() -> None:
     assert "[time]" not in proposal.text
 
 
+def test_each_group_of_columns_has_the_times_before_it() -> None:
+    """A table that is shorter than another ends in empty cells."""
+    short = np.where(np.arange(N) < N // 2, 2 * T, np.nan)
+    proposal = proposed(
+        ("t fast", "s", T),
+        ("Accel FL", "g", around(1.0)),
+        ("Accel FR", "g", around(1.0)),
+        ("t slow", "ms", 1000 * short),
+        ("Damper FL", "mm", np.where(np.isnan(short), np.nan, around(12.0))),
+    )
+    assert "time" not in tomllib.loads(proposal.text)
+    found = {n: (t["time_column"], t["time_unit"]) for n, t in tables(proposal).items()}
+    assert found == {
+        "Accel FL": ("t fast", "s"),
+        "Accel FR": ("t fast", "s"),
+        "Damper FL": ("t slow", "ms"),
+    }
+
+
+def test_a_time_of_another_kind_is_no_clock_of_its_own() -> None:
+    """One column is called a time and is in seconds; another one is in seconds alone."""
+    columns = (("Accel FL", "g", around(1.0)), ("lap", "s", T + 5.0), ("hub_rr", "g", around(1.0)))
+    proposal = proposed(("Time", "s", T), *columns)
+    assert tomllib.loads(proposal.text)["time"] == {"column": "Time", "unit": "s"}
+    assert "time_column" not in tables(proposal)["hub_rr"]
+
+
 def test_without_any_times_the_rate_is_to_be_filled_in() -> None:
     assert "# rate_hz = 1000.0  # FILL IN" in proposed(("acc_fl", "g", around(1.0))).text
 

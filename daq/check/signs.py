@@ -1,0 +1,151 @@
+"""Travels and rates whose sign is wrong, shown by what moves with them while the car swings.
+
+What a wheel's accelerometer and its travel show above 5 Hz is one motion, and what travels and
+gyroscopes show below 4 Hz is another: no parameter of the car changes their direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dbc.finding import Finding, Severity
+
+from ..channels import Channel, Quantity
+from ..runs import Run
+from ..vehicle import Corner
+
+_RATE_HZ = 250.0
+_WHEEL_HZ = (5.0, 15.0)
+"""Where wheels swing and the body hardly does."""
+_BODY_HZ = (0.7, 2.5)
+"""Where the body swings and the wheels hardly do."""
+_AGAINST = -0.5
+"""Correlation from which on two channels move against each other."""
+_LAG_S = 0.06
+"""Lateness that turns a sign at 8 Hz: a correlation must be strongest without any."""
+
+_TILTS = {
+    Quantity.ROLL_RATE: {corner: -corner.side for corner in Corner},
+    Quantity.PITCH_RATE: {corner: 1 if corner.front else -1 for corner in Corner},
+}
+"""How travels change while a rate is positive: the left side extends, the front is compressed."""
+
+Spectrum = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class _Spectra:
+    """What the channels of a run show, on one grid of times."""
+
+    hz: NDArray[np.float64]
+    """Frequencies, shape (m,)."""
+    of: Mapping[str, Spectrum]
+    """By name of the channel, shape (m,)."""
+
+    def displacement(self, acceleration: str) -> Spectrum:
+        """Return an acceleration, twice integrated."""
+        return np.asarray(-self.of[acceleration] / (2 * np.pi * np.maximum(self.hz, 0.1)) ** 2)
+
+    def sum(self, signs: Mapping[str, int]) -> Spectrum:
+        """Return the sum of channels with these signs."""
+        return np.asarray(np.sum([n * self.of[name] for name, n in signs.items()], axis=0))
+
+    def rate(self, displacement: Spectrum) -> Spectrum:
+        """Return the time derivative of a displacement."""
+        return np.asarray(2j * np.pi * self.hz * displacement)
+
+
+def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Finding, ...]:
+    """Name the travels that move against their hubs, and the rates that turn against the travels.
+
+    `runs`: with their samples, SI, signs applied.  `channels`: of the session.  Travels are held
+    against the hub accelerometers; then rates of pitch and roll against the travels or,
+    if not every wheel has one, against the first rate of their kind.  A channel with nothing beside
+    it to be held against is not judged.
+    """
+    moved = [each for run in runs if (each := _spectra(run)) is not None]
+    travels = {c.corner: c.name for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL}
+    hubs = {c.corner: c.name for c in channels if c.quantity is Quantity.HUB_ACCELERATION}
+    against = []
+    for corner in Corner:
+        travel, hub = travels.get(corner, ""), hubs.get(corner, "")
+        pairs = [
+            (s, s.of[travel], s.displacement(hub)) for s in moved if {travel, hub} <= set(s.of)
+        ]
+        if _is_opposed(pairs, _WHEEL_HZ):
+            against.append(travel)
+    found = _finding(against, "against the hub accelerometers")
+    for quantity, senses in _TILTS.items():
+        rates = [c.name for c in channels if c.quantity is quantity]
+        signs = {
+            travels.get(c, ""): -n if travels.get(c) in against else n for c, n in senses.items()
+        }
+        by_travels = len(signs) == len(Corner)
+        first = rates[0] if rates and not by_travels else ""
+        turned = [
+            name
+            for name in rates
+            if _is_opposed(
+                [
+                    (s, s.of[name], s.rate(s.sum(signs)) if by_travels else s.of[first])
+                    for s in moved
+                    if {name, *(signs if by_travels else [first])} <= set(s.of)
+                ],
+                _BODY_HZ,
+            )
+        ]
+        found += _finding(turned, "against the travels" if by_travels else f"against {first}")
+    return found
+
+
+def _finding(names: Sequence[str], whom: str) -> tuple[Finding, ...]:
+    if not names:
+        return ()
+    advice = "turn the sign of these channels"
+    if not whom.startswith("against the"):
+        advice = "turn the sign of one side: a corner that is pushed down shows which"
+    subject = ", ".join(names)
+    text = f"{subject} {'moves' if len(names) == 1 else 'move'} {whom}"
+    return (Finding("opposed_sign", Severity.ERROR, text, subject, advice),)
+
+
+def _spectra(run: Run) -> _Spectra | None:
+    """Return what the channels of a run show; None if they have no time in common."""
+    known = [(g, v) for g in run.groups for v in g.values if np.isfinite(g.values[v]).sum() > 1]
+    if not known:
+        return None
+    start_s = max(float(group.time_s[0]) for group, _ in known)
+    end_s = min(float(group.time_s[-1]) for group, _ in known)
+    n = int((end_s - start_s) * _RATE_HZ)
+    if n < _RATE_HZ:
+        return None
+    time_s = start_s + np.arange(n) / _RATE_HZ
+    of = {}
+    for group, name in known:
+        value = group.values[name]
+        good = np.isfinite(value)
+        even = np.interp(time_s, group.time_s[good], value[good])
+        of[name] = np.asarray(np.fft.rfft(even - even.mean(), 2 * n), np.complex128)
+    return _Spectra(np.asarray(np.fft.rfftfreq(2 * n, 1 / _RATE_HZ), np.float64), of)
+
+
+def _is_opposed(
+    pairs: Sequence[tuple[_Spectra, Spectrum, Spectrum]], band_hz: tuple[float, float]
+) -> bool:
+    """Return whether two signals, the same in each run, have opposite signs in a band."""
+    lags_s = np.linspace(-_LAG_S, _LAG_S, 25)
+    together, size = np.zeros(len(lags_s)), np.zeros(2)
+    for s, a, b in pairs:
+        chosen = (s.hz >= band_hz[0]) & (s.hz < band_hz[1])
+        shift = np.exp(2j * np.pi * np.outer(lags_s, s.hz[chosen]))
+        together += (shift @ (a[chosen].conj() * b[chosen])).real
+        size += np.sum(np.abs(a[chosen]) ** 2), np.sum(np.abs(b[chosen]) ** 2)
+    if not size.all():
+        return False
+    correlation = together / np.sqrt(size[0] * size[1])
+    at_once = float(correlation[len(lags_s) // 2])
+    return at_once < _AGAINST and -at_once >= float(np.max(correlation))
