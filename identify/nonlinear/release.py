@@ -60,11 +60,11 @@ and lift-off are gone from it (7.3 in place of 16.9, and the latter was near the
 _WORSE = 1.1
 """Rise of chi2/n by the beginnings from which they stay left out: the model does not hold there."""
 _FOUND, _HOPELESS = 1.2, 10.0
-"""chi2/n of the last stage between which the next best attempt is followed as well: a first stage
-that ends lower is not always nearer (10.6 of a late start ended at 2.1, 41 of the first at 1.0;
-7.9 of a late start at 5.9, 19 of the first at 1.0).  Where the best one ends higher, a sensor is
-wrong and not the start, unless it ends higher than its own first stage: it has gone astray (8.2 of
-a late start ended at 17, 17 of the first at 1.0)."""
+"""chi2/n of the last stage between which its curves begin anew, and the next best attempt is then
+followed as well: a first stage that ends lower is not always nearer (10.6 of a late start ended at
+2.1, 41 of the first at 1.0; 7.9 of a late start at 5.9, 19 of the first at 1.0).  Where the best
+one ends higher, a sensor is wrong and not the start, unless it ends higher than its own first
+stage: it has gone astray (8.2 of a late start ended at 17, 17 of the first at 1.0)."""
 _FOLLOWED_MOST = 3
 """Attempts that are followed through the later stages at most."""
 _SETTLED = 50.0
@@ -192,7 +192,7 @@ def _stages(
                 best, chosen, problem = found, groups, found.point.problem
                 model = problem.model
                 break
-    if best.cost > _FOUND * n or best.decrement > _SETTLED:
+    if best.cost < _HOPELESS * n and (best.cost > _FOUND * n or best.decrement > _SETTLED):
         best = _anew(best, n, log)
     if taken.late_s > 0.0:
         best, taken = _with_beginnings(best, taken, first, log)
