@@ -50,6 +50,8 @@ def completed(propose: Callable[[Answers], Proposal]) -> Proposal:
         if answer:
             answers[question] = answer
             proposal = propose(answers)
+            if question in proposal.asked:
+                say(f"{typed!r} contradicts what the sensors show: the question stays in the file")
     return replace(proposal, text=_filled_in(proposal.text))
 
 

@@ -19,11 +19,15 @@ _CORNERS = " ".join(Corner)
 HINTS = {
     Asked.RIGHT: "y",
     Asked.CORNER: f"y, {_CORNERS} or body",
+    Asked.WHEEL: f"y, {_CORNERS}, or n if it is no travel",
+    Asked.WHERE: f"{_CORNERS}, or n if it is no travel",
     Asked.FORWARD: "y or an axis as -x",
     Asked.UNIT: "y or a unit",
     Asked.OURS: "y or n",
 }
 """Answers that are understood."""
+AT_WHEEL = frozenset({Asked.CORNER, Asked.WHEEL, Asked.WHERE})
+"""Questions about one channel, whatever sensor it is of."""
 _AXIS = re.compile(r"[+-]?[xyz]")
 
 
@@ -42,17 +46,19 @@ class Question:
         """Return an answer in the form that a proposal takes; empty if it is none."""
         text = typed.strip()
         lower = text.lower()
-        if lower in ("y", "yes"):
+        if lower in ("y", "yes") and self.asked is not Asked.WHERE:
             return YES
         match self.asked:
+            case Asked.WHEEL | Asked.WHERE | Asked.OURS if lower in ("n", "no"):
+                return NO
+            case Asked.WHEEL | Asked.WHERE:
+                return text.upper() * (text.upper() in set(Corner))
             case Asked.CORNER:
                 return lower if lower == BODY else text.upper() * (text.upper() in set(Corner))
             case Asked.FORWARD if _AXIS.fullmatch(lower):
                 return lower if len(lower) == 2 else f"+{lower}"
             case Asked.UNIT:
                 return text * _is_unit(text)
-            case Asked.OURS if lower in ("n", "no"):
-                return NO
         return ""
 
 
@@ -87,10 +93,12 @@ def answered(guess: Guess, answer: str) -> Guess:
         if tare is not None:  # as it was read, in the unit that was guessed
             tare *= to_si(answer).factor / to_si(guess.unit).factor
         return replace(sure, unit=answer, tare=tare)
-    if guess.asked is not Asked.CORNER:
+    if guess.asked not in AT_WHEEL:
         return guess
     if answer == BODY:
         return replace(sure, quantity=Quantity.BODY_ACCELERATION, corner=None)
-    is_travel = guess.quantity in (Quantity.SUSPENSION_TRAVEL, Quantity.UNUSED)
+    if answer == NO:
+        return replace(sure, quantity=Quantity.UNUSED, corner=None)
+    is_travel = guess.asked is not Asked.CORNER
     quantity = Quantity.SUSPENSION_TRAVEL if is_travel else Quantity.HUB_ACCELERATION
     return replace(sure, quantity=quantity, corner=Corner(answer))

@@ -55,7 +55,9 @@ class Asked(StrEnum):
     """Kind of the answer to a question of a proposal."""
 
     RIGHT = "whether it is right"
-    CORNER = "corner"
+    CORNER = "corner of an acceleration, or body"
+    WHEEL = "wheel of a travel, which is guessed"
+    WHERE = "wheel of a travel, which nothing shows"
     FORWARD = "axis that points forward"
     UNIT = "unit"
     OURS = "whether the sensor is one of this bench"
@@ -134,7 +136,7 @@ def guess_quantity(
         return Guess(Quantity.SUSPENSION_TRAVEL, corner[0], 1, f"{unit}, corner by its {corner[1]}")
     if words(signal.name) & _TRAVEL:
         why, ask = f"{unit}, a travel by its name", "at which corner?"
-        return Guess(Quantity.UNUSED, None, 1, why, ask, Asked.CORNER)
+        return Guess(Quantity.UNUSED, None, 1, why, ask, Asked.WHERE)
     return None
 
 

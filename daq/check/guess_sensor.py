@@ -224,11 +224,11 @@ def _travels(
                 why=f"unit {unit}, moved most by the push on {place[0]}",
                 is_proven=True,
             )
-            if guess.asked is Asked.CORNER:
+            if guess.asked is Asked.WHERE:
                 guess = replace(guess, ask="")
             if said is not None and said is not place[0]:
                 ask = f"its name says {said}: are plugs swapped?"
-                guess = replace(guess, ask=ask, asked=Asked.CORNER)
+                guess = replace(guess, ask=ask, asked=Asked.WHEEL)
             found[signal.full] = guess
     open_ = [s for s in lengths if s.full not in found and guesses[s.full].corner is None]
     if len(open_) == len(ORDER) and not found:
@@ -236,7 +236,7 @@ def _travels(
             ask = "its corner is by the order of sensors: push the car there, and see"
             why = f"unit {signal.layout.unit}, a travel by its name"
             travel = Quantity.SUSPENSION_TRAVEL
-            found[signal.full] = Guess(travel, corner, 1, why, ask, Asked.CORNER)
+            found[signal.full] = Guess(travel, corner, 1, why, ask, Asked.WHEEL)
     found |= {s.full: guesses[s.full] for s in lengths if s.full not in found}
     return {s.full: _with_tare(found[s.full], s) for s in lengths}
 

@@ -21,7 +21,7 @@ from ..bench.ready_maps import PREFIX
 from ..bench.sensor_maps import sensor_map
 from ..bench.sensors import Sensor, sensors_codec
 from ..signal_names import sensor_of, signal_of
-from .answers import NO, NO_ANSWERS, YES, Answers, Question, answered, stated_forward
+from .answers import AT_WHEEL, NO, NO_ANSWERS, YES, Answers, Question, answered, stated_forward
 from .candidates import shows_push_by_unit
 from .find_sensors import FoundSensor, find_sensors, traffic_of
 from .frame_checks import frame_table
@@ -239,7 +239,7 @@ def _message(
         name = unique_name(signal.name, message.name, sensor, used)
         subject = f"sensor {sensor}" if sensor else "the IMU"
         # One answer is for all of a sensor, but for a corner.
-        if guess.asked is Asked.CORNER or not (sensor or guess.asked is Asked.FORWARD):
+        if guess.asked in AT_WHEEL or not (sensor or guess.asked is Asked.FORWARD):
             subject = f"channel {name}"
         question = Question(f"{subject}: {guess.ask}", guess.asked, sensor)
         guess = answered(guess, answers[question]) if question in answers else guess

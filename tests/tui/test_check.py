@@ -284,3 +284,24 @@ def test_at_a_terminal_a_proposal_asks(
     assert channels["acc_z"].x_m == -1.05
     assert "# ASK" not in text
     assert "y_m = 0.0  # FILL IN" in text  # an empty answer leaves the mark
+
+
+def test_an_answer_that_gravity_contradicts_is_said_so(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    typed = iter(["+z\n"])
+
+    class Terminal:
+        def isatty(self) -> bool:
+            return True
+
+        def readline(self) -> str:
+            return next(typed, "\n")
+
+    monkeypatch.setattr("sys.stdin", Terminal())
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    target = tmp_path / "asked.toml"
+    assert run(["check", "--propose", str(target), "--log", str(log)]) == 0
+    said = "bumpbench: '+z' contradicts what the sensors show: the question stays in the file\n"
+    assert said in capsys.readouterr().err
+    assert "# ASK: does the sensor's +x axis point forward?" in target.read_text("utf-8")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import pytest
 
+from daq.bench.databases import Database
 from daq.channels import Quantity
 from daq.check.answers import Question
 from daq.check.guess_map import Asked
 from daq.check.propose import Proposal, propose_sensors
 
-from ..wild_bench import DATABASES, rest_and_pushes, wild_bench
+from ..wild_bench import DATABASES, POT, rest_and_pushes, wild_bench
 from .test_propose_sensors import bench_of, by_signal, proposal
 
 
@@ -64,6 +67,13 @@ def test_a_vertical_axis_is_not_taken_for_forward() -> None:
         (Asked.CORNER, "rl", "RL"),
         (Asked.CORNER, "Body", "body"),
         (Asked.CORNER, "front", ""),
+        (Asked.WHEEL, "y", "y"),
+        (Asked.WHEEL, "fr", "FR"),
+        (Asked.WHEEL, "No", "n"),
+        (Asked.WHEEL, "body", ""),
+        (Asked.WHERE, "y", ""),
+        (Asked.WHERE, "rr", "RR"),
+        (Asked.WHERE, "n", "n"),
         (Asked.FORWARD, "X", "+x"),
         (Asked.FORWARD, "-y", "-y"),
         (Asked.FORWARD, "--y", ""),
@@ -75,3 +85,23 @@ def test_a_vertical_axis_is_not_taken_for_forward() -> None:
 )
 def test_answers_that_are_understood(asked: Asked, typed: str, answer: str) -> None:
     assert Question("?", asked).understood(typed) == answer
+
+
+@pytest.mark.parametrize(
+    ("answer", "quantity", "corner"),
+    [("RL", "suspension_travel", "RL"), ("n", "unused", None)],
+)
+def test_a_pot_of_which_nothing_shows_the_wheel(
+    answer: str, quantity: str, corner: str | None
+) -> None:
+    """Alone and without a bus: yes is no answer to where it is, and it may be no travel."""
+    database = (Database("pot.dbc", POT),)
+    (question,) = propose_sensors(database, (), None, None).asked
+    assert (question.line, question.asked) == (
+        "channel Position_Value: at which corner?",
+        Asked.WHERE,
+    )
+    found = propose_sensors(database, (), None, None, {question: answer})
+    assert found.asked == ()
+    (table,) = tomllib.loads(found.text)["channel"]
+    assert (table["quantity"], table.get("corner")) == (quantity, corner)
