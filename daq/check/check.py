@@ -26,7 +26,7 @@ from ..signal_names import sensor_of, sensor_of_signal
 from .bus_checks import check_traffic
 from .channel_checks import check_channel
 from .frame_checks import check_messages, frame_table
-from .open_questions import open_questions
+from .marks import open_questions
 from .result import WORDS, about, judged, ok, warn
 
 _INCOMPLETE_SHARE = 0.01

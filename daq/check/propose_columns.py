@@ -19,7 +19,7 @@ from .answers import NO_ANSWERS, YES, Answers, Question, answered, stated_forwar
 from .frame_checks import Arrivals
 from .guess_map import Asked, words
 from .guess_sensor import guess_bench
-from .open_questions import ASK
+from .marks import ASK
 from .propose import Proposal
 from .propose_channel import REST, channel_table, unique_name
 from .propose_message import Seen

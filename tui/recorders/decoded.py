@@ -54,6 +54,7 @@ def import_channels(
     """
     from daq import InputError, write_session
     from daq.bench import load_channel_map
+    from daq.check import open_questions
     from daq.derive import numbered, parse_runs, with_steps
 
     if bool(singles) == bool(files):
@@ -84,7 +85,8 @@ def import_channels(
         say(f"{bumps - found} of {bumps} bumps were left out (see --runs and --skip)")
     if not known.runs and found < len(steps):
         say(f"{found} of {len(steps)} planned runs were found")
-    for remark in sign_remarks(session):
+    asked = open_questions(session.provenance["channel_map"], str(channel_map))
+    for remark in (*(f"{f.subject}: {f.text} ({f.advice})" for f in asked), *sign_remarks(session)):
         say(remark)
     return ExitCode.OK
 

@@ -9,15 +9,15 @@ ASK = "# ASK: "
 """Begins a mark of `daq.check.propose` in a line of its own, or behind a value."""
 
 
-def open_questions(text: str) -> list[Finding]:
-    """Return a warning for each mark that is still in the text of a bench.toml."""
+def open_questions(text: str, name: str = "bench.toml") -> list[Finding]:
+    """Return a warning for each mark that is still in a bench.toml or channel map of this name."""
     advice = "find out, correct the lines beside it if need be, and delete the mark"
     return [
         Finding(
             "ask",
             Severity.WARNING,
             f"asks: {printable(line.partition(ASK)[2], 160)}",
-            f"bench.toml:{number}",
+            f"{name}:{number}",
             advice,
         )
         for number, line in enumerate(text.splitlines(), start=1)
