@@ -28,11 +28,10 @@ _FIRST_FRICTION_N = 15.0
 _LATE = {"damper_mounts": 0.3, "static_friction": 0.2}
 """Groups that join where they pay, and the unknowns that their sizes begin with: a compliance of
 0.3e-6 m/N, beyond the trap at zero; static friction a fifth above the sliding one."""
-_DAMPERS, _SPRINGS = ("h_",), ("k_2", "k_3")
-"""Unknowns of the curves that had taken the place of mounts, and of stops.  When these join, the
-curves begin again straight: from a damper curve bent, or a spring stiffened, as far as the missing
-element asked, the search did not find back in 40 steps, and from straight ones in 4 to 8.  A spring
-stays stiffened until there are stops."""
+_STOOD_IN = ("k_2", "k_3")
+"""Unknowns that took the place of an axle's stop.  They begin again at rest when it joins: from a
+spring stiffened as far as the missing stop asked, the search did not find back in 40 steps, and
+from rest in 4 to 8."""
 _GAPS_M = (0.012, 0.018, 0.025, 0.033, 0.042)
 """Gaps at which a bump stop is tried: a stop that is not touched yet has no slope by its gap."""
 _LARGEST_RATE = 1.5
@@ -60,15 +59,13 @@ and lift-off are gone from it (7.3 in place of 16.9, and the latter was near the
 _WORSE = 1.1
 """Rise of chi2/n by the beginnings from which they stay left out: the model does not hold there."""
 _FOUND, _HOPELESS = 1.2, 10.0
-"""chi2/n of the last stage between which its curves begin anew, and the next best attempt is then
-followed as well: a first stage that ends lower is not always nearer (10.6 of a late start ended at
-2.1, 41 of the first at 1.0; 7.9 of a late start at 5.9, 19 of the first at 1.0).  Where the best
-one ends higher, a sensor is wrong and not the start, unless it ends higher than its own first
-stage: it has gone astray (8.2 of a late start ended at 17, 17 of the first at 1.0)."""
+"""chi2/n of the last stage between which the next best attempt is followed as well: a first stage
+that ends lower is not always nearer (10.6 of a late start ended at 2.1, 41 of the first at 1.0; 7.9
+of a late start at 5.9, 19 of the first at 1.0).  Where the best one ends higher, a sensor is wrong
+and not the start, unless it ends higher than its own first stage: it has gone astray (8.2 of a late
+start ended at 17, 17 of the first at 1.0)."""
 _FOLLOWED_MOST = 3
 """Attempts that are followed through the later stages at most."""
-_SETTLED = 50.0
-"""Decrement of the last stage from which on it has not arrived: elsewhere 0.1 to 3 is left."""
 _LAST_STEPS = 40
 _POLISH_STEPS = 25
 _CONVERGED = 0.05
@@ -163,19 +160,17 @@ def _stages(
     `taken`: the attempt that led there; `first`: the one that leaves nothing out.  Returns the
     optimum, what is fitted then, and the groups in it.
     """
-    model = best.point.problem.model
     n = taken.freedom
     problem = best.point.problem
     for k, stage in enumerate(STAGES[1:], start=1):
         more = chosen + tuple(name for name in stage if allowed(name))
         starts = [(more, best.eta)]
-        if k == CORRECTIONS_FROM and _pays("damper_mounts", problem, best, allowed, log):
-            joined = _straight(model, _joined(model, best.eta, "damper_mounts"), _DAMPERS)
-            starts.insert(0, ((*more, "damper_mounts"), joined))
-        begun = _begin_stops(problem, best, log) if "bump_stops" in more else best.eta
-        if not np.array_equal(begun, best.eta):
+        if "bump_stops" in more and (begun := _begin_stops(problem, best, log)) is not None:
             starts.insert(0, (more, begun))
         last = k == len(STAGES) - 1
+        if last and _promises("damper_mounts", problem, best, allowed, log):
+            joined = _joined(problem.model, starts[0][1], "damper_mounts")
+            starts.insert(0, ((*more, "damper_mounts"), joined))
         refine = last and "damper_knees" in more
         for groups, eta in starts:
             within, start = refined(problem, eta, KNOTS[_LAST_KNOTS]) if refine else (problem, eta)
@@ -190,47 +185,34 @@ def _stages(
             log(f"{', '.join(stage)}: chi2/n {found.cost / n:.3f} after {found.iterations} steps")
             if found.cost < best.cost:  # else what began anew has led it astray
                 best, chosen, problem = found, groups, found.point.problem
-                model = problem.model
                 break
-    if best.cost < _HOPELESS * n and (best.cost > _FOUND * n or best.decrement > _SETTLED):
-        best = _anew(best, n, log)
+    best, chosen = _with_late(best, n, chosen, allowed, log)
     if taken.late_s > 0.0:
         best, taken = _with_beginnings(best, taken, first, log)
-    problem = best.point.problem
-    model = problem.model
-    for name in _LATE:
-        if name in chosen or not _pays(name, problem, best, allowed, log):
-            continue
-        more, eta = (*chosen, name), _joined(model, best.eta, name)
-        if name == "damper_mounts":
-            eta = _straight(model, eta, (*_DAMPERS, *_SPRINGS))
-        found = fit(
-            problem.releasing(positions(model, more, True)), eta, best.point.owns, ROUGH,
-            tolerance=_CONVERGED, max_iterations=_LAST_STEPS,
-        )  # fmt: skip
-        if found is not None and found.cost < best.cost:
-            best, chosen, problem = found, more, found.point.problem
+        best, chosen = _with_late(best, taken.freedom, chosen, allowed, log)
     return best, taken, chosen
 
 
-def _anew(best: Optimum, n: float, log: Log) -> Optimum:
-    """Return the optimum that is found from the same vehicle with its damper curves straight.
-
-    Curves that were bent before mounts and stops were there hold them where they are: chi2/n 1.39
-    and 1.61 became 1.01 and 1.00 in 11 and 16 steps.
-    """
-    problem = best.point.problem
-    eta = _straight(problem.model, best.eta, _DAMPERS)
-    sizes = np.intersect1d(_sizes(problem.model, "damper_mounts"), problem.free)
-    eta[sizes] = _LATE["damper_mounts"]
-    found = fit(
-        problem, eta, best.point.owns, ROUGH, tolerance=_CONVERGED, rough=0.1 * _ROUGH_SHARE,
-        max_iterations=_LAST_STEPS,
-    )  # fmt: skip
-    if found is None or found.cost >= best.cost:
-        return best
-    log(f"damper curves anew: chi2/n {found.cost / n:.3f} after {found.iterations} steps")
-    return found
+def _with_late(
+    best: Optimum, n: float, chosen: tuple[str, ...], allowed: Callable[[str], bool], log: Log
+) -> tuple[Optimum, tuple[str, ...]]:
+    """Return the optimum with the groups that join where they pay, and the groups in it."""
+    for name in _LATE:
+        problem = best.point.problem
+        if name in chosen or not _promises(name, problem, best, allowed, log):
+            continue
+        more = (*chosen, name)
+        found = fit(
+            problem.releasing(positions(problem.model, more, True)),
+            _joined(problem.model, best.eta, name), best.point.owns, ROUGH,
+            tolerance=_CONVERGED, max_iterations=_LAST_STEPS,
+        )  # fmt: skip
+        if found is None:
+            continue
+        log(f"{name}: chi2/n {found.cost / n:.3f} after {found.iterations} steps")
+        if found.cost < best.cost:
+            best, chosen = found, more
+    return best, chosen
 
 
 def _with_beginnings(
@@ -282,7 +264,7 @@ def _first(model: Model, attempt: Attempt, chosen: tuple[str, ...]) -> Optimum |
     )  # fmt: skip
 
 
-def _pays(
+def _promises(
     name: str, problem: Problem, best: Optimum, allowed: Callable[[str], bool], log: Log
 ) -> bool:
     """Return whether a group would lower the cost by much more than chance."""
@@ -295,7 +277,8 @@ def _pays(
     gain = sum(g for g, size in zip(*found, strict=True) if size > 0.0)
     gain /= max(1.0, best.cost / n)
     log(f"{name}: would lower the cost by {gain:.0f}")
-    return bool(gain > (_MOUNTS_PAY * np.log(n) if name == "damper_mounts" else _STATIC_PAYS))
+    pays = _MOUNTS_PAY * float(np.log(n)) if name == "damper_mounts" else _STATIC_PAYS
+    return bool(gain > pays)
 
 
 def _sizes(model: Model, name: str) -> NDArray[np.intp]:
@@ -311,18 +294,11 @@ def _joined(model: Model, eta: NDArray[np.float64], name: str) -> NDArray[np.flo
     return result
 
 
-def _straight(
-    model: Model, eta: NDArray[np.float64], kinds: tuple[str, ...], axles: str = "fr"
-) -> NDArray[np.float64]:
-    """Return the unknowns with curves that begin again straight."""
-    result = eta.copy()
-    bent = tuple(f"{kind}{axle}" for kind in kinds for axle in axles)
-    result[[i for i, name in enumerate(model.names) if name.startswith(bent)]] = 0.0
-    return result
+def _begin_stops(problem: Problem, best: Optimum, log: Log) -> NDArray[np.float64] | None:
+    """Return the unknowns with each axle's bump stop where it would lower the cost most.
 
-
-def _begin_stops(problem: Problem, best: Optimum, log: Log) -> NDArray[np.float64]:
-    """Return the unknowns with each axle's bump stop where it would lower the cost most."""
+    None where none would.
+    """
     model = problem.model
     n = sum(run.freedom for run in problem.runs)
     rates = np.array([model.names.index(f"k_b{axle}") for axle in "fr"], dtype=np.intp)
@@ -338,8 +314,9 @@ def _begin_stops(problem: Problem, best: Optimum, log: Log) -> NDArray[np.float6
                 most[axle] = gains[axle]
                 result[gaps[axle]] = np.log(gap)
                 result[rates[axle]] = min(sizes[axle], _LARGEST_RATE)
-                result = _straight(model, result, _SPRINGS, "fr"[axle])
+                stood_in = [model.names.index(f"{kind}{'fr'[axle]}") for kind in _STOOD_IN]
+                result[stood_in] = 0.0
     begun = [f"{1e3 * np.exp(result[g]):.0f} mm" for g, r in zip(gaps, rates, strict=True)
              if result[r] != 0.0]  # fmt: skip
     log(f"bump_stops: begin at {', '.join(begun) or 'nothing'}")
-    return result
+    return result if begun else None
