@@ -29,7 +29,7 @@ _PROMISED, _LEAST_THERE = 2.0, 0.05
 """Fall of the cost, over chi2/n, that a full step may still promise where every step is refused,
 and the least that one has to gain where no more than that is promised."""
 
-_STILL, _STILL_PROMISED = 0.3, 10.0
+_STILL, _STILL_PROMISED = 0.2, 5.0
 """Standard deviations by which a full step may still move a parameter of the car, and the fall of
 the cost, over chi2/n, that it may promise, if only shapes of elements are not at rest."""
 
