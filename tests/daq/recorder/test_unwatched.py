@@ -74,7 +74,7 @@ def test_every_block_is_looked_at_while_somebody_watches_and_else_every_third(
     quick: Bench, codec: Codec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made, watched = calls(monkeypatch), threading.Event()
-    frames = bumps(codec, 20)
+    frames = bumps(codec, 6)
     script = Script(blocks(frames, 10), pause_s=0.01)
     with Running(quick, tmp_path, sources(script), watched.is_set) as running:
         running.until(lambda s: "sssl" in "".join(made))
