@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple, replace
+
 import numpy as np
 import pytest
 
+from daq.sim import fleet_car
+from daq.sim.car import Spread
 from daq.vehicle import FORD_GRANADA
 from identify.decays.decay import ChannelGroup, FreeDecay, Recording
 from identify.decays.onset import decay_start_s
@@ -19,6 +23,7 @@ from identify.nonlinear.priors import weak_priors
 from identify.nonlinear.problem import Problem, point
 from identify.nonlinear.run import run_of
 from identify.nonlinear.unknowns import KNOTS
+from identify.pipeline import identify
 
 from .cars import RICH, bent, model_of, moving
 from .truth import BASELINE, NOISE, Truth, campaign, channels, drive, records
@@ -47,6 +52,15 @@ def test_friction_that_acts_in_full_moves_no_parameter() -> None:
     assert best is not None
     off = (best.eta - truth)[problem.free] / np.sqrt(np.diag(inverse(best.information)))
     assert np.abs(off).max() < 0.06
+
+
+@pytest.mark.long
+def test_curves_between_knees_leave_little_at_a_tenth_of_the_noise() -> None:
+    """A front damper printed with a kink at 0.054 m/s, a rear one of soft knees: 21 left 1.126."""
+    drawn = fleet_car(8, 1, facts=True)
+    noise = Spread(*(0.1 * sigma for sigma in astuple(drawn.car.noise)))
+    quiet = replace(drawn, car=replace(drawn.car, noise=noise))
+    assert identify(quiet.simulate().session).quality.chi2_per_n < 1.05
 
 
 @pytest.mark.parametrize("share", [-1.0, 1.0])
