@@ -109,9 +109,16 @@ class Channel:
     """Day of its last calibration, ISO 8601; empty if it is not known."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "quantity", Quantity(self.quantity))
-        if self.corner is not None:
-            object.__setattr__(self, "corner", Corner(self.corner))
+        for name, kind in (("quantity", Quantity), ("corner", Corner)):
+            value = getattr(self, name)
+            if value is None and name == "corner":
+                continue
+            if value not in set(kind):
+                known = ", ".join(kind)
+                raise ValueError(
+                    f"channel {self.name}: no {name} is {value!r} (it is one of {known})"
+                )
+            object.__setattr__(self, name, kind(value))
         unit = SI_UNITS.get(self.quantity, self.unit)
         if self.unit not in ("", unit):
             raise ValueError(f"channel {self.name}: {self.quantity} is in {unit}, not {self.unit}")

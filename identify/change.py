@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from daq.vehicle import parameter_unit
 
+from .alike import alike
+from .document import unit_text
 from .fit.estimation import Estimation
 from .fit.grey_box import SIGNED
 from .fit.uncertainty import COVERAGE_95, Estimate
@@ -27,6 +29,7 @@ from .model.chi_squared import chance_of_more, exceeded_by_chance
 from .nonlinear.forces import element_in_words
 from .nonlinear.unknowns import elements
 from .numbers import plus_minus
+from .wider import wider_shares
 
 LEVEL = 0.05
 """Chance of naming any parameter where nothing differs."""
@@ -54,9 +57,11 @@ class NamedChange:
     """The difference from the first session in SI units: one for two sessions, the step from one
     session to the next of a drift, or one for each further session."""
     shares: tuple[float, ...]
-    """The same as shares of the value in the first session; NaN if that is zero."""
+    """The same as shares of the value in the first session; NaN of what may be zero there."""
     p: float
     """Chance of as much where the parameter is the same in all sessions."""
+    instead: tuple[str, ...] = ()
+    """Others that explain nearly as much in its place: not separated from it at 95 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +82,7 @@ class Change:
     rest_p: float = 1.0
     """`rest_chi2`, `rest_freedom`, `rest_p`: test that nothing differs but what is named."""
     apart: tuple[str, ...] = ()
-    """Elements that some sessions need and others do not: they are not compared."""
+    """Elements that some sessions need and others were explained without."""
 
     @property
     def sentence(self) -> str:
@@ -85,16 +90,19 @@ class Change:
         if not self.apart:
             return self._found
         some = ", ".join(self.apart)
-        return f"{self._found} Not every session needs these elements: {some}; not compared."
+        return f"{self._found} Some of the sessions need {some}, others do not: this has changed."
 
     @property
     def _found(self) -> str:
         match self.outcome:
+            case "nothing" if self.apart:
+                return "No parameter differs beyond chance."
             case "nothing":
                 return "Nothing differs beyond chance."
             case "parameters":
-                names = [f"{c.name} ({_amount(c)})" for c in self.named]
-                return f"Changed: {', '.join(names)}; all else is unchanged."
+                names = [f"{c.name} ({_amount(c)}){_or_instead(c)}" for c in self.named]
+                rest = "" if self.apart else "; all else is unchanged"
+                return f"Changed: {', '.join(names)}{rest}."
             case "other":
                 return (
                     "Something changed, and it is none of the parameters alone: look for friction,"
@@ -121,23 +129,37 @@ class _Unknown:
 
 
 def _amount(change: NamedChange) -> str:
-    text = ", ".join(
-        plus_minus(100.0 * share, 100.0 * COVERAGE_95 * abs(e.std / e.value * share)) + " %"
-        if e.value
-        else f"{100.0 * share:+.2f} %"
-        for e, share in zip(change.changes[:3], change.shares[:3], strict=True)
-    )
+    pairs = zip(change.changes[:3], change.shares[:3], strict=True)
+    text = ", ".join(_one_amount(e, share) for e, share in pairs)
     each = {"differs": "", "drifts": " a session", "varies": " from the first"}[change.kind]
     return text + (" .." if len(change.changes) > 3 else "") + each
 
 
-def change_of(estimations: Sequence[Estimation]) -> Change:
-    """Find what differs between two or more sessions, in their order."""
+def _one_amount(e: Estimate, share: float) -> str:
+    """Write a change in percent, or in its unit where there may be nothing to compare it with."""
+    if not np.isfinite(share):
+        return f"{plus_minus(e.value, e.value - e.low)} {unit_text(e.unit)}"
+    if not e.value:
+        return f"{100.0 * share:+.2f} %"
+    return plus_minus(100.0 * share, 100.0 * COVERAGE_95 * abs(e.std / e.value * share)) + " %"
+
+
+def _or_instead(change: NamedChange) -> str:
+    if not change.instead:
+        return ""
+    others = " or ".join(change.instead)
+    return f", or in its place {others} (these runs do not separate them)"
+
+
+def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) -> Change:
+    """Find what differs between two or more sessions, in their order.
+
+    `apart`: elements that some sessions need and others were explained without.
+    """
+    estimations = alike(estimations)
     names = estimations[0].box.parameters
     every = [list(e.engine.elements) for e in estimations]
     shared = [name for name in every[0] if all(name in own for own in every)]
-    several = dict.fromkeys(name for own in every for name in own if name not in shared)
-    apart = tuple(element_in_words(name) for name in several)
     if any(e.box.parameters != names for e in estimations):
         return Change("not compared", apart=apart)
     unknowns = _unknowns(names, shared)
@@ -146,6 +168,7 @@ def change_of(estimations: Sequence[Estimation]) -> Change:
     shares = tuple(first_share(e, shared) for e in estimations)
     n_values = sum(d.n_values for e in estimations for d in e.decays)
     chosen: tuple[int, ...] = ()
+    points: list[NDArray[np.float64]] = []
     for last in range(_ROUNDS):
         found = differences(shares, candidates)
         groups = _groups(candidates)
@@ -156,11 +179,13 @@ def change_of(estimations: Sequence[Estimation]) -> Change:
         common, by, _ = found.best(which)
         step = np.zeros(len(found.target))
         step[which] = by
+        points = [common + candidates.columns(i, p) @ step for i in range(len(shares))]
         shares = tuple(
-            share_at(e, common + candidates.columns(i, p) @ step, share.own, shared)
-            for i, (e, share) in enumerate(zip(estimations, shares, strict=True))
+            share_at(e, at, share.own, shared)
+            for e, at, share in zip(estimations, points, shares, strict=True)
         )
-    answer = _answer(differences(shares, candidates), candidates, chosen, unknowns, shares)
+    tests = _tests(wider_shares(estimations, points, shares), candidates, chosen)
+    answer = _answer(differences(shares, candidates), candidates, chosen, unknowns, tests)
     # A rich model leaves some misfit of its own, which the height of the bumps alone may change.
     if not any(every) and _explained_worse(estimations) > answer.chi2:
         answer = replace(answer, outcome="other", named=())
@@ -236,28 +261,40 @@ def _price(k: int, chance: float, n_values: int) -> float:
     return max(exceeded_by_chance(k, chance), k * log(n_values) if n_values else 0.0)
 
 
+_Tests = tuple[float, int, float, float, int, float]
+"""Fields of a `Change` from `chi2` to `rest_p`."""
+
+
+def _tests(shares: tuple[Share, ...], model: Model, chosen: tuple[int, ...]) -> _Tests:
+    """Return the test that nothing differs, and that nothing does but the chosen."""
+    q = len(shares[0].target)
+    every = differences(shares, Model(tuple(range(q)), (np.eye(len(shares))[:, 1:],) * q))
+    everything = np.flatnonzero(every.shown)
+    chi2, freedom = every.gain(everything), len(everything)
+    parameters = tuple(model.parameters[i] for i in chosen)
+    named = differences(shares, Model(parameters, tuple(model.designs[i] for i in chosen)))
+    which = np.arange(len(named.target))
+    rest, rest_freedom = max(chi2 - named.gain(which), 0.0), freedom - len(which)
+    rest_p = chance_of_more(rest_freedom, rest) if rest_freedom else 1.0
+    return chi2, freedom, chance_of_more(freedom, chi2), rest, rest_freedom, rest_p
+
+
 def _answer(
     found: Differences,
     model: Model,
     chosen: tuple[int, ...],
     unknowns: tuple[_Unknown, ...],
-    shares: tuple[Share, ...],
+    tests: _Tests,
 ) -> Change:
-    groups = _groups(model)
-    p = len(unknowns)
-    free = [groups[i] for i in range(len(groups)) if groups[i].size == len(shares) - 1][-p:]
-    everything = np.concatenate(free)
-    everything = everything[found.shown[everything]]
-    chi2, freedom = found.gain(everything), len(everything)
-    which = np.concatenate([np.zeros(0, np.intp), *(groups[i] for i in chosen)])
-    explained = found.gain(which) if chosen else 0.0
-    rest, rest_freedom = max(chi2 - explained, 0.0), freedom - len(which)
-    rest_p = chance_of_more(rest_freedom, rest) if rest_freedom else 1.0
-    tests = (chi2, freedom, chance_of_more(freedom, chi2), rest, rest_freedom, rest_p)
-    if rest_p < _REST_LEVEL:
-        return Change("other", (), *tests)
+    answer = Change("nothing", (), *tests)
+    if answer.rest_p < _REST_LEVEL:
+        return replace(answer, outcome="other")
     if not chosen:
-        return Change("nothing", (), *tests)
+        return answer
+    groups = _groups(model)
+    p, two = len(unknowns), len(model.designs[0]) == 2
+    which = np.concatenate([groups[i] for i in chosen])
+    explained = found.gain(which)
     common, by, covariance = found.best(which)
     named = []
     for i in chosen:
@@ -265,7 +302,7 @@ def _answer(
         others = np.setdiff1d(which, groups[i])
         gain = explained - (found.gain(others) if others.size else 0.0)
         one = unknowns[model.parameters[i]]
-        kind = "differs" if len(shares) == 2 else ("drifts" if i < p else "varies")
+        kind = "differs" if two else ("drifts" if i < p else "varies")
         first, slope = one.value(float(common[model.parameters[i]]))
         changes, parts = [], []
         for number in mine.tolist():
@@ -277,8 +314,35 @@ def _answer(
             )
             half = COVERAGE_95 * after * std
             changes.append(Estimate(value, after * std, value - half, value + half, one.unit))
-            parts.append(value / first if first else float("nan"))
+            parts.append(float("nan") if np.isfinite(one.scale) else value / first)
         chance = chance_of_more(len(mine), gain)
-        named.append(NamedChange(one.name, kind, tuple(changes), tuple(parts), chance))
+        others_too = tuple(
+            unknowns[j].name for j in _instead(found, groups, model, chosen, i, explained)
+        )
+        named.append(NamedChange(one.name, kind, tuple(changes), tuple(parts), chance, others_too))
     named.sort(key=lambda change: change.p)
-    return Change("parameters", tuple(named), *tests)
+    return replace(answer, outcome="parameters", named=tuple(named))
+
+
+def _instead(
+    found: Differences,
+    groups: Sequence[NDArray[np.intp]],
+    model: Model,
+    chosen: tuple[int, ...],
+    one: int,
+    explained: float,
+) -> tuple[int, ...]:
+    """Return the parameters that would explain nearly as much in place of a chosen one.
+
+    The true one and the chosen one together gain over the true one alone what chance alone gives:
+    more than this limit in one of twenty cases.
+    """
+    kept = [groups[i] for i in chosen if i != one]
+    taken = {model.parameters[i] for i in chosen}
+    limit = explained - exceeded_by_chance(len(groups[one]), LEVEL)
+    gains = [
+        (found.gain(np.concatenate([*kept, groups[j]])), model.parameters[j])
+        for j in range(len(groups))
+        if model.parameters[j] not in taken and len(groups[j]) == len(groups[one])
+    ]
+    return tuple(parameter for gain, parameter in sorted(gains, reverse=True) if gain > limit)

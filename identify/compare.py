@@ -23,6 +23,7 @@ from .fit.uncertainty import COVERAGE_95, Estimate
 from .identification import Identification
 from .model.chi_squared import chance_of_more
 from .nonlinear.at_speeds import force_quantities
+from .nonlinear.groups import AS_PARAMETERS
 
 LEVEL = 0.05
 """Chance of even one false alarm among all tests of a kind."""
@@ -165,7 +166,18 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
 
 def _change(results: Sequence[Identification]) -> Change | None:
     estimations = [r.estimation for r in results if r.estimation is not None]
-    return change_of(estimations) if len(estimations) == len(results) else None
+    return change_of(estimations, _apart(results)) if len(estimations) == len(results) else None
+
+
+def _apart(results: Sequence[Identification]) -> tuple[str, ...]:
+    """Name the elements that one session needs and another was explained without."""
+    tried = [{c.name: c for c in r.forces.choices} if r.forces else {} for r in results]
+    needed = dict.fromkeys(n for own in tried for n, choice in own.items() if choice.kept)
+    return tuple(
+        name.replace("_", " ")
+        for name in needed
+        if name not in AS_PARAMETERS and not all(name in own for own in tried)
+    )
 
 
 def _parameters(result: Identification) -> dict[str, Estimate]:

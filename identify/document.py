@@ -21,7 +21,6 @@ from .nonlinear.forces import DamperCurve, Forces
 from .trust.finding import Verdict
 from .trust.survival import Loss
 
-NOT_DETERMINED = "not determined"
 """Printed in the place of a number that the data do not determine, in every form of a result."""
 
 
@@ -212,10 +211,10 @@ def survival_lines(document: Document) -> list[str]:
     for name, loss in document["lost"].items():
         size = f" {loss['shift'] * 100:+.0f} %" if isfinite(loss["shift"]) else ""
         by_cause.setdefault(loss["cause"], []).append(f"{name}{size}")
-    kept = ", ".join(document["surviving"]) or "none"
+    kept = ", ".join(document["surviving"])
     word = "usable all the same" if document["verdict"] == Verdict.REFUSED else "usable"
     return [
-        f"{word}, moved by no cause that was sized: {kept}",
+        f"{word}, moved by no cause that was sized: {kept}" if kept else "usable: none",
         *(f"lost, {cause}: {', '.join(names)}" for cause, names in by_cause.items()),
     ]
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import floor, isfinite, log10
 
-from .document import NOT_DETERMINED
-
+NOT_DETERMINED = "not determined"
+"""In the place of a number that the runs do not determine."""
 _SMALLEST_PLACE = 7
 """Decimal place beyond which a number is written with a power of ten."""
+
+LARGEST_PERCENT = 100.0
+"""Half of an interval, % of its value, beyond which the value may be zero."""
 
 
 def number(value: float) -> str:
@@ -42,12 +45,17 @@ def half_width(value: float, high: float) -> str:
     return _to_place(half, _place(half)) if isfinite(half) and half > 0.0 else ""
 
 
+def with_half(value: float, half: float) -> str:
+    """Write a value and half of its interval, both to the same place."""
+    text, _, _ = rounded(value, value - half, value + half)
+    width = half_width(0.0, half)
+    return f"{text} ± {width}" if width else text
+
+
 def plus_minus(value: float, half: float) -> str:
     """Write a difference with its sign and half of its interval, both to the same place."""
-    text, _, _ = rounded(value, value - half, value + half)
-    signed = text if text.startswith("-") or not isfinite(value) else f"+{text}"
-    width = half_width(0.0, half)
-    return f"{signed} ± {width}" if width else signed
+    text = with_half(value, half)
+    return text if text.startswith("-") or not isfinite(value) else f"+{text}"
 
 
 def plus_minus_percent(value: float, half: float, of: float) -> str:
@@ -56,9 +64,12 @@ def plus_minus_percent(value: float, half: float, of: float) -> str:
 
 
 def half_width_percent(value: float, low: float, high: float) -> str:
-    """Write half of an interval as a share of the value; nothing where that says nothing."""
+    """Write half of an interval as a share of the value; nothing where that says nothing.
+
+    Of a value that is less than half of its interval no share says anything: it may be zero.
+    """
     share = (high - low) / 2.0 / abs(value) * 100.0 if value and isfinite(value) else 0.0
-    return f"{_to_place(share, _place(share))} %" if isfinite(share) and share > 0.0 else ""
+    return f"{_to_place(share, _place(share))} %" if 0.0 < share <= LARGEST_PERCENT else ""
 
 
 def interval(value: float, low: float, high: float) -> str:

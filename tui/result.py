@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from daq.vehicle import parameter_unit
-from identify.document import NOT_DETERMINED, survival_lines
+from identify.document import survival_lines
+from identify.numbers import NOT_DETERMINED
 from identify.report import (
     damper_columns,
     damper_rows,

@@ -66,6 +66,8 @@ GROUPS = (
     Group("bump_stops", ("k_b", "g_b"), positive=True),
 )
 BY_NAME = {group.name: group for group in GROUPS}
+AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
+"""Those of which the linear model has parameters, too."""
 
 STAGES = (
     (

@@ -64,7 +64,7 @@ def _citation(session: Session, document: Document, source: Source) -> Table:
         ("session", stated["session"]),
         ("file", source.name),
         ("sha256 of the file", source.sha256),
-        ("sha256 of the raw frames", stated["frames_sha256"]),
+        ("sha256 of the raw frames", stated["frames_sha256"] or "no raw frames"),
         ("software", f"bumpbench {source.version}"),
         ("sha256 of the software", stated["software_sha256"]),
         ("report issued", source.issued),

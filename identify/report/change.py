@@ -19,6 +19,8 @@ def unchanged_line(change: Change) -> str:
     if change.outcome == "not compared":
         return "Compared is each quantity by itself."
     what = "all else" if change.outcome == "parameters" else "everything"
+    if change.apart:
+        what = f"{what} that all sessions have"
     return (
         f"Test that {what} is unchanged: chi2 {change.rest_chi2:.1f} on {change.rest_freedom},"
         f" chance {change.rest_p:.2g}."
@@ -32,9 +34,10 @@ def change_table(change: Change, document: Mapping[str, Any]) -> Table:
         for k, estimate in enumerate(one.changes):
             here = ("change", "named", i, "changes", k)
             part = one.shares[k]
+            name = ", or in its place ".join((one.name, *one.instead))
             rows.append(
                 (
-                    Cell(one.name if len(one.changes) == 1 else f"{one.name}, session {k + 2}"),
+                    Cell(name if len(one.changes) == 1 else f"{name}, session {k + 2}"),
                     Cell(one.kind),
                     cited(document, *here, form=_amount_text),
                     cited(document, *here, form=low_text),

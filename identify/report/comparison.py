@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..compare import Compared, Comparison
-from ..document import NOT_DETERMINED, unit_text
+from ..document import unit_text
 from ..fit.estimation import Estimation
 from ..fit.uncertainty import COVERAGE_95
-from ..numbers import half_width, plus_minus
+from ..numbers import NOT_DETERMINED, half_width, plus_minus
 from .blocks import Block, Cell, Gallery, Picture, Section, Table, cited
 from .change import change_table
 from .overlay import overlay_gallery

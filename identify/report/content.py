@@ -9,10 +9,11 @@ from daq.runs import RunStatus
 from daq.sessions import Session
 
 from ..cross_checks import CrossChecks
-from ..document import NOT_DETERMINED, Document, survival_lines, unit_text
+from ..document import Document, survival_lines, unit_text
 from ..fit.cross_validation import Prediction
 from ..fit.grey_box import SIGNED
 from ..identification import Identification
+from ..numbers import NOT_DETERMINED
 from ..trust.finding import Verdict
 from .blocks import Cell, Report, Section, Source, cited
 from .certificate import REFUSED, certificate_section, marked

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from daq.vehicle import VehicleGeometry
 
-from ..document import NOT_DETERMINED, Document
+from ..document import Document, SensedModeEntry
 from ..fit.uncertainty import ModeEstimate
 from ..identification import Identification
 from ..modes.stabilisation import StabilisationDiagram
-from ..numbers import rounded
+from ..numbers import NOT_DETERMINED, rounded, with_half
 from .blocks import Block, Cell, Gallery, MovingCars, Picture, Section, Table, cited
 from .panels import StabilisationPanel
 from .shapes import shape_of
-
-_WITH_STD = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_ratio_std")
 
 
 def modes_section(
@@ -107,9 +105,9 @@ def _sensed(document: Document, state: str) -> Table:
     rows = [
         (
             Cell(f"{i + 1}"),
-            *(cited(document, "sensed_modes", state, i, key) for key in _WITH_STD),
+            *(Cell(text, f"sensed_modes/{state}/{i}") for text in _with_sigma(mode)),
         )
-        for i in range(len(document["sensed_modes"][state]))
+        for i, mode in enumerate(document["sensed_modes"][state])
     ]
     return Table(
         f"Mass state {state} without a model of the car: State Variable Method",
@@ -117,6 +115,16 @@ def _sensed(document: Document, state: str) -> Table:
         tuple(rows),
         "Found in the decays alone; sigma is the standard deviation.",
     )
+
+
+def _with_sigma(mode: SensedModeEntry) -> Iterator[str]:
+    """Yield frequency, its standard deviation, damping ratio and its own, as digits allow."""
+    for value, sigma in (
+        (mode["frequency_hz"], mode["frequency_std_hz"]),
+        (mode["damping_ratio"], mode["damping_ratio_std"]),
+    ):
+        text, _, width = with_half(value, sigma).partition(" ± ")
+        yield from (text, width)
 
 
 def _cars(result: Identification, state: str) -> MovingCars:

@@ -33,8 +33,9 @@ def overlay_gallery(labels: Sequence[str], estimations: Sequence[Estimation]) ->
     if not pictures:
         return None
     return Gallery(
-        "The same run of each session, as measured",
-        "The channel that stands out most from its noise, from the start of its free decay on; "
+        "The same run of each session",
+        "The channel that stands out most from its noise, from the start of its free decay on, "
+        "as measured but for a constant (where a sensor's zero lies says nothing of the car); "
         "grey is the first session. Bumps of another height change the size and not the course.",
         tuple(pictures),
     )
@@ -51,8 +52,16 @@ def _panel(
     unit = next(
         c.unit for r in decays[0].recordings for c in r.group.channels if c.name == name
     ).replace("2", "²")
-    curves = tuple(envelope(*column[name], _BINS) for column in columns)
+    first = columns[0][name]
+    curves = tuple(envelope(*_settled(column[name], first), _BINS) for column in columns)
     return OverlayPanel(name, unit, tuple(labels[: len(curves)]), curves)
+
+
+def _settled(column: tuple[Floats, Floats], first: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Return a curve with the mean of the first: each fit has a constant of its own for it."""
+    time_s, values = column
+    beside = np.interp(time_s, *first)
+    return time_s, values - np.mean(values - beside)
 
 
 def _columns(decay: FreeDecay) -> dict[str, tuple[Floats, Floats]]:

@@ -92,7 +92,9 @@ def provenance_section(session: Session, document: Document, source: Source) -> 
 
 
 def frames_sha256(runs: tuple[Run, ...]) -> str:
-    """Return a hash of the raw frames of all runs, time stamps included."""
+    """Return a hash of the raw frames of all runs, time stamps included; "" without frames."""
+    if not any(len(run.frames.t_ns) for run in runs):
+        return ""
     digest = hashlib.sha256()
     for run in runs:
         frames = run.frames
@@ -105,7 +107,7 @@ def _trace(session: Session, source: Source) -> Table:
     rows = [
         ("session file", source.name),
         ("sha256 of the file", source.sha256),
-        ("sha256 of the raw frames of its runs", frames_sha256(session.runs)),
+        ("sha256 of the raw frames of its runs", frames_sha256(session.runs) or "no raw frames"),
         ("identified by", f"bumpbench {source.version}"),
         ("with", ", ".join(f"{name} {version}" for name, version in source.libraries.items())),
     ]

@@ -40,8 +40,8 @@ HEADLINE: Mapping[Verdict, str] = MappingProxyType(
 )
 MEANING: Mapping[Verdict, str] = MappingProxyType(
     {
-        Verdict.OK: "The linear seven-degree-of-freedom model explains the decays down to the "
-        "noise of the sensors, and the intervals hold.",
+        Verdict.OK: "The model of the car explains the decays down to the noise of the "
+        "sensors, and the intervals hold.",
         Verdict.DOUBTFUL: "They may be wrong by more than their intervals say, or the intervals "
         "are wide. The findings say where, and what to do.",
         Verdict.REFUSED: "The recordings do not carry a result. The findings say why, and what "

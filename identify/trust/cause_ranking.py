@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fit.estimation import Estimation
+from ..fit.uncertainty import COVERAGE_95
 from ..model.chi_squared import exceeded_by_chance
+from ..numbers import with_half
 from .linear_effects import Effect, gains, lateness, structural
 from .nonlinear_effects import suspension_forces
 from .refit import largest_shift
@@ -46,10 +48,11 @@ class Suspect:
 
     @property
     def sizes(self) -> str:
-        """The size of the surest parts with their standard deviations, for people."""
+        """The size of the surest parts with their 95 % intervals, for people."""
         rows = [
-            (abs(size / std), f"{effect.label} {size * effect.factor:.3g} ± "
-             f"{std * abs(effect.factor):.1g} {effect.unit}")
+            (abs(size / std), f"{effect.label} "
+             f"{with_half(size * effect.factor, COVERAGE_95 * std * abs(effect.factor))} "
+             f"{effect.unit}")
             for effect, size, std in zip(
                 self.effects, self.score.sizes, self.score.stds, strict=True
             )

@@ -8,8 +8,9 @@ from dbc.finding import Finding, Severity
 
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED
-from ..fit.uncertainty import estimates
+from ..fit.uncertainty import COVERAGE_95, estimates
 from ..model.derived import derived_quantities, whole_vehicle_indices
+from ..numbers import half_width_percent
 from .contradiction import contradiction_findings
 
 _WIDE_SHARE = 0.025
@@ -64,6 +65,12 @@ def parameter_findings(estimation: Estimation) -> tuple[Finding, ...]:
     return (*_wide(estimation), *_implausible(estimation), *contradiction_findings(estimation))
 
 
+def _percent(std: float) -> str:
+    """Write half of the 95 % interval of a relative standard deviation."""
+    half = COVERAGE_95 * std
+    return half_width_percent(1.0, 1.0 - half, 1.0 + half)
+
+
 def _wide(estimation: Estimation) -> tuple[Finding, ...]:
     found = estimates(estimation.box, estimation.fit)
     share = _WIDE_SHARE if estimation.nonlinear is None else _WIDE_SHARE_NONLINEAR
@@ -76,7 +83,7 @@ def _wide(estimation: Estimation) -> tuple[Finding, ...]:
         return ()
     worst = max(wide, key=lambda name: wide[name])
     text = (
-        f"wide intervals: {', '.join(wide)} (worst {worst} ± {196 * wide[worst]:.0f} %): add "
+        f"wide intervals: {', '.join(wide)} (worst {worst} ± {_percent(wide[worst])}): add "
         "runs, a warp run first, weights on the hubs, or scales as facts"
     )
     return (Finding("wide", Severity.WARNING, text),)

@@ -1,7 +1,7 @@
 """How surely `compare` names what changed: null pairs, single changes, pairs, changes outside.
 
-Simulated sessions of six runs (the paper's car, 30 dB, 100 Hz). `python -m tests.benchmarks.compare
-[NULLS [TRIALS]]`: 400 null pairs and 10 of each change by default.
+Simulated sessions of six runs (the paper's car, 30 dB). `python -m tests.benchmarks.compare
+[NULLS [TRIALS [RATE_HZ]]]`: 400 null pairs and 10 of each change at 100 Hz by default.
 """
 
 from __future__ import annotations
@@ -14,38 +14,43 @@ import numpy as np
 from daq.vehicle import PARAMETER_NAMES
 from identify.change import Change, change_of
 
-from ..identify.changes import session
+from ..identify.changes import RATE_HZ, session
 
 STRAYS_N_M = (1e3, 3e3, 1e4, 3e4)
 """Springs between the front wheels that no parameter describes, N/m."""
 
 
-def main(nulls: int, trials: int) -> None:
+def main(nulls: int = 400, trials: int = 10, rate_hz: float = RATE_HZ) -> None:
     """Print how often which answer was given."""
     seeds = iter(range(10**9))
-    alarms = sum(_pair(seeds, {}).outcome != "nothing" for _ in range(nulls))
+    alarms = sum(_pair(seeds, {}, rate_hz).outcome != "nothing" for _ in range(nulls))
     print(f"{nulls} null pairs: {alarms} alarms, {100 * alarms / max(nulls, 1):.1f} %", flush=True)
     for percent in (1.0, 3.0, 5.0):
-        right, each = 0, []
+        right, held, each = 0, 0, []
         for name in PARAMETER_NAMES:
-            found = [_pair(seeds, {name: percent / 100.0}) for _ in range(trials)]
-            named = sum({c.name for c in one.named} == {name} for one in found)
+            found = [_pair(seeds, {name: percent / 100.0}, rate_hz) for _ in range(trials)]
+            named = sum(_names(one) == {name} for one in found)
             each.append(f"{name} {named}")
             right += named
-        share = 100.0 * right / (trials * len(PARAMETER_NAMES))
+            held += sum(_holds(one, {name}) for one in found)
+        n = trials * len(PARAMETER_NAMES)
         print(
-            f"+{percent:g} % alone: {share:.1f} % right; of {trials}: {', '.join(each)}", flush=True
+            f"+{percent:g} % alone: {100 * right / n:.1f} % right, {100 * held / n:.1f} % with what"
+            f" is said to be possible in its place; of {trials}: {', '.join(each)}",
+            flush=True,
         )
     rng = np.random.default_rng(1)
     for percent in (1.0, 3.0):
-        right = 0
+        right = held = 0
         for _ in range(3 * trials):
             two = rng.choice(PARAMETER_NAMES, 2, replace=False).tolist()
-            found_pair = _pair(seeds, dict.fromkeys(two, percent / 100.0))
-            right += {c.name for c in found_pair.named} == set(two)
-        print(f"+{percent:g} % in two: {right} of {3 * trials} right", flush=True)
+            answer = _pair(seeds, dict.fromkeys(two, percent / 100.0), rate_hz)
+            right += _names(answer) == set(two)
+            held += _holds(answer, set(two))
+        print(f"+{percent:g} % in two: {right} right, {held} with those in place", end="")
+        print(f", of {3 * trials}", flush=True)
     for stray in STRAYS_N_M:
-        answers = [_pair(seeds, {}, stray) for _ in range(3 * trials)]
+        answers = [_pair(seeds, {}, rate_hz, stray) for _ in range(3 * trials)]
         named = sum(one.outcome == "parameters" for one in answers)
         other = sum(one.outcome == "other" for one in answers)
         print(
@@ -53,10 +58,22 @@ def main(nulls: int, trials: int) -> None:
         )
 
 
-def _pair(seeds: Iterable[int], changed: dict[str, float], stray: float = 0.0) -> Change:
+def _names(change: Change) -> set[str]:
+    return {one.name for one in change.named}
+
+
+def _holds(change: Change, changed: set[str]) -> bool:
+    """Return whether the answer leaves open what changed, and names as many."""
+    possible = set().union(*({one.name, *one.instead} for one in change.named))
+    return len(change.named) == len(changed) and changed <= possible
+
+
+def _pair(
+    seeds: Iterable[int], changed: dict[str, float], rate_hz: float, stray: float = 0.0
+) -> Change:
     one, other = next(iter(seeds)), next(iter(seeds))
-    return change_of([session({}, one), session(changed, other, stray)])
+    return change_of([session({}, one, rate_hz=rate_hz), session(changed, other, stray, rate_hz)])
 
 
 if __name__ == "__main__":
-    main(*map(int, [*sys.argv[1:], *("400", "10")[len(sys.argv) - 1 :]]))
+    main(*map(int, sys.argv[1:3]), *map(float, sys.argv[3:]))

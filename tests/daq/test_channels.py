@@ -29,8 +29,10 @@ def test_corners_and_quantities_may_be_texts() -> None:
 
 
 def test_a_corner_that_does_not_fit_is_refused() -> None:
-    with pytest.raises(ValueError, match="'FM' is not a valid Corner"):
+    with pytest.raises(ValueError, match=r"channel fl: no corner is 'FM' .* FL, FR, RL, RR"):
         Channel(**TEXT | {"corner": "FM"})
+    with pytest.raises(ValueError, match=r"channel fl: no quantity is 'speed' .*hub_acceleration"):
+        Channel(**TEXT | {"quantity": "speed"})
     with pytest.raises(ValueError, match="channel fl: hub_acceleration needs a corner"):
         Channel("fl", Quantity.HUB_ACCELERATION)
     with pytest.raises(ValueError, match="channel p: pitch_rate has no corner"):

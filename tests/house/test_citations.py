@@ -58,6 +58,46 @@ def test_what_a_page_names_exists(path: Path) -> None:
     assert not list(_wrong_in_page(path))
 
 
+def _steps(page: Path) -> Iterator[Path]:
+    """Yield the files and folders of the repository to which a page leads."""
+    text = page.read_text("utf-8")
+    for target in LINK.findall(text):
+        if ":" not in target:
+            yield (page.parent / target.partition("#")[0]).resolve()
+    yield from (ROOT / name for name in NAMED_FILE.findall(text))
+
+
+def _unreachable(start: Path, wanted: set[Path]) -> set[Path]:
+    """Return the files to which no chain of links leads, by pages and folders."""
+    seen: set[Path] = set()
+    ahead = [start.resolve()]
+    while ahead:
+        here = ahead.pop()
+        if here not in seen:
+            seen.add(here)
+            if here.suffix == ".md":
+                ahead += _steps(here)
+            elif here.is_dir():
+                ahead += here.glob("*.md")
+    return {path for path in wanted if not seen & {path, *path.parents}}
+
+
+def test_every_page_and_example_is_reached_from_the_readme() -> None:
+    wanted = {path for path in ROOT.glob("docs/**/*") if path.is_file()}
+    wanted = {path for path in wanted if "__pycache__" not in path.parts}
+    assert len(wanted) > 20
+    assert not {_name(path) for path in _unreachable(ROOT / "README.md", wanted)}
+
+
+def test_a_page_without_a_link_is_seen(tmp_path: Path) -> None:
+    for name in ("README.md", "a.md", "b.md", "lost.md"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "README.md").write_text("[a](a.md) and [away](https://example.org)")
+    (tmp_path / "a.md").write_text("[b](b.md#part)")
+    found = _unreachable(tmp_path / "README.md", set(tmp_path.glob("*.md")))
+    assert {path.name for path in found} == {"lost.md"}
+
+
 def test_what_the_code_cites_exists() -> None:
     wrong = {_name(path): list(_wrong_in_code(path.read_text("utf-8"))) for path in CODE}
     assert not {name: cited for name, cited in wrong.items() if cited}

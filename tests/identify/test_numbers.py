@@ -51,6 +51,8 @@ def test_half_widths_have_two_digits() -> None:
     assert half_width_percent(200.0, 198.9, 201.1) == "0.55 %"
     assert half_width_percent(200.0, 175.0, 225.0) == "12 %"  # half to even
     assert half_width_percent(0.0, -1.0, 1.0) == ""
+    assert half_width_percent(1.0, 0.01, 1.99) == "99 %"
+    assert half_width_percent(1.0, -0.01, 2.01) == ""  # it may be zero
 
 
 def test_a_difference_has_its_sign_and_the_digits_of_its_interval() -> None:

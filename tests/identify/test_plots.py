@@ -13,6 +13,7 @@ from matplotlib.text import Text
 
 from dbc.errors import InputError
 from identify import Identification, StabilisationDiagram, identify, plots
+from identify.numbers import half_width_percent
 from tests.tui.batches import paper_session, refused_session
 
 
@@ -47,7 +48,7 @@ def test_parameters_name_each_with_its_interval(result: Identification) -> None:
     texts = _texts(plots.parameters(result))
     for name, e in result.parameters.items():
         assert name in texts
-        assert f"±{(e.high - e.low) / 2 / abs(e.value) * 100:.2f} %" in texts
+        assert f"±{half_width_percent(e.value, e.low, e.high)}" in texts
 
 
 @pytest.mark.parametrize("state", ["baseline", "added"])

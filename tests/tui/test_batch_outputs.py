@@ -8,6 +8,7 @@ import re
 import signal
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import fsspec
 import numpy as np
@@ -146,6 +147,31 @@ def test_sessions_are_read_at_addresses(tmp_path: Path) -> None:
     gone = job_of("memory://bench7/gone.h5")
     assert gone.sha256 == ""
     assert "gone.h5" in str(row_of(gone)["reasons"])
+
+
+def test_a_session_in_an_archive_or_through_a_cache_keeps_its_whole_address(tmp_path: Path) -> None:
+    (file,) = write_all(tmp_path, refused_session, 1)
+    archive = tmp_path / "all.zip"
+    with ZipFile(archive, "w") as packed:
+        packed.write(file, "monday/a.h5")
+    inside = session_files([f"zip://*/*.h5::file://{archive}"])
+    assert inside == [f"zip://monday/a.h5::file://{archive}"]
+    cached = session_files([f"simplecache::file://{tmp_path}"])
+    assert cached == [f"simplecache::file://{file}"]
+    for address in (*inside, *cached):
+        job = job_of(address)
+        assert job.sha256 == job_of(str(file)).sha256
+        assert row_of(job)["verdict"] == "refused"
+
+
+def test_a_file_that_is_no_session_is_named_once(tmp_path: Path) -> None:
+    """Of an address the reason named the copy, which is gone."""
+    broken = tmp_path / "broken.h5"
+    broken.write_text("no HDF5")
+    for name in (str(broken), f"file://{broken}"):
+        row = row_of(job_of(name))
+        assert row["verdict"] == "failed"
+        assert str(row["reasons"]).startswith("is not an HDF5 file")
 
 
 @pytest.mark.parametrize("name", ["memory://none/", "nosuch://x/y.h5", "memory://none/*.h5"])

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 import daq
+from identify import identify_parameters
 from tui.cli import run
+from tui.jobs.comparing import identified
 
 from ..identify.stress import stress_session
 
@@ -84,6 +86,17 @@ def test_a_session_does_not_differ_from_itself(
     assert len(rows) == 15 + 2 * 7 * 2
     assert all(row["differences"][0]["value"] == 0.0 for row in rows)
     assert "2 sessions compared" in page.read_text("utf-8")
+
+
+def test_compare_keeps_what_says_how_well_a_session_is_explained(session: Path) -> None:
+    """Residuals stay in the process that identifies; their number is asked of the fit."""
+    whole = identify_parameters(daq.read_session(session)).estimation
+    (result,) = identified([str(session)], lambda done, text="": None)
+    assert whole is not None
+    assert result.estimation is not None
+    assert result.estimation.freedom == whole.freedom > 1000.0
+    assert 0.0 < result.estimation.chi2_std == whole.chi2_std
+    assert not any(left.values for left in result.estimation.residuals)
 
 
 def test_compare_needs_two(session: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -25,12 +25,12 @@ def identified(paths: Sequence[str], stage: Stage) -> list[Identification]:
 
 
 def _results(path: str) -> Identification:
-    """Return the results with the decays alone: with all, a trend would fill the memory."""
+    """Return the results without residuals: with all, a trend would fill the memory."""
     result = identify_parameters(read_foreign_session(path))
     if result.estimation is None:
         return result
-    fit = replace(result.estimation, records=(), residuals=())
-    return replace(result, estimation=fit, residuals=())
+    left = tuple(replace(one, values={}) for one in result.estimation.residuals)
+    return replace(result, estimation=replace(result.estimation, residuals=left), residuals=())
 
 
 def print_comparison(comparison: Comparison) -> None:

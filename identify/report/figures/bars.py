@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
+from ...numbers import LARGEST_PERCENT, half_width_percent
 from ..panels import ClosedFormPanel, IntervalPanel, PredictionPanel
 from .style import FAINT, INK, PALETTE, height_in
 
@@ -26,12 +27,15 @@ def draw_intervals(panel: IntervalPanel, figure: FigureBase) -> None:
     """Draw the relative intervals to the left, what they rest on to the right."""
     n = len(panel.names)
     left, right = line_axes(figure, n, (0.075, 0.5))
-    _interval_bars(left, panel.half_percent)
+    # A bar of 2,000 % of a value near zero would leave nothing of the others.
+    shown = np.where(panel.half_percent <= LARGEST_PERCENT, panel.half_percent, np.nan)
+    _interval_bars(left, shown)
     left.set_yticks(range(n), panel.names)
     for i, half in enumerate(panel.half_percent):
-        text = f" ±{half:.2f} %" if np.isfinite(half) else " not determined"
-        left.text(max(half, 0.0) if np.isfinite(half) else 0.0, i, text, va="center", fontsize=7.5)
-    left.set_xlim(*_about_zero(panel.half_percent, 1.9))
+        text = half_width_percent(100.0, 100.0 - half, 100.0 + half)
+        text = f" ±{text}" if text else (" may be zero" if half > 0.0 else " not determined")
+        left.text(half if half <= LARGEST_PERCENT else 0.0, i, text, va="center", fontsize=7.5)
+    left.set_xlim(*_about_zero(shown, 1.9))
     left.set_xlabel("95 % interval about the estimate, %")
     left.set_title("How well each is known")
     start = np.zeros(n)

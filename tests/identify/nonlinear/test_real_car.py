@@ -9,10 +9,12 @@ import pytest
 from daq.arrays import session_from_arrays
 from daq.vehicle import Vehicle
 from identify.change import change_of
+from identify.compare import compare
 from identify.identification import Identification
 from identify.pipeline import identify
 from identify.trust.finding import Verdict
 
+from ..report.sessions import made
 from .truth import BUMP_S, WEIGHTS, Truth, campaign, drive, records
 
 
@@ -108,3 +110,16 @@ def test_its_elements_are_part_of_a_joint_fit() -> None:
     assert (change.outcome, change.apart) == ("nothing", ())
     assert change.freedom >= 17
     assert change.chi2 < 1e-6
+
+
+def test_elements_that_only_one_session_needs_are_named_as_a_change() -> None:
+    """Bars are parameters, and friction that both need is compared: neither is among them."""
+    _, before = made("linear")
+    change = compare(["before", "after"], [before, result()]).change
+    assert change is not None
+    assert change.freedom == 20
+    assert {"friction", "one sided dampers", "damper knees"} <= set(change.apart)
+    assert not {"anti roll bars", "bump stops"} & set(change.apart)
+    both = compare(["before", "after"], [result(), result()]).change
+    assert both is not None
+    assert both.apart == ()

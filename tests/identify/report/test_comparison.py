@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from identify import Identification, Quality
 from identify.compare import Comparison, compare
@@ -42,7 +45,7 @@ def test_the_table_and_the_document_name_the_change(fits: list[Estimation]) -> N
     assert (name.text, kind.text, share.text) == ("c_sf", "differs", "+2.85 %")
     assert by.source == "change/named/0/changes/0"
     assert document["change"]["named"][0]["changes"][0]["value"] == pytest.approx(43.865, abs=1e-2)
-    assert "all else is unchanged: chi2 19.6 on 14" in table.note
+    assert "all else is unchanged: chi2 35.6 on 27" in table.note
     assert "c_sf (+2.85 ± 0.30 %)" in comparison_html(comparison)
 
 
@@ -63,10 +66,38 @@ def test_each_run_of_both_is_drawn_over_the_other(fits: list[Estimation]) -> Non
     names = [c.name for c in fits[0].decays[0].recordings[0].group.channels]
     for fit, curve in zip(fits, panel.curves, strict=True):
         recording = fit.decays[0].recordings[0]
-        measured = recording.values[:, names.index(panel.channel)]
-        np.testing.assert_array_equal(curve[1], measured[recording.time_s < 1.5])
+        early = recording.time_s < 1.5
+        measured = recording.values[early, names.index(panel.channel)]
+        apart = curve[1] - measured  # a constant, of the first session none
+        np.testing.assert_allclose(apart, apart[0], atol=1e-12)
+        assert np.mean(curve[1]) == pytest.approx(np.mean(panel.curves[0][1]), abs=1e-9)
+    np.testing.assert_array_equal(panel.curves[0][1], measured_first(fits, panel.channel))
     figure = figure_of(panel)
     assert [line.get_label() for line in figure.axes[0].lines] == ["before", "after"]
+
+
+def measured_first(fits: list[Estimation], channel: str) -> NDArray[np.float64]:
+    """Return what the first session measured in the first 1.5 s of its first decay."""
+    recording = fits[0].decays[0].recordings[0]
+    names = [c.name for c in recording.group.channels]
+    first: NDArray[np.float64] = recording.values[recording.time_s < 1.5, names.index(channel)]
+    return first
+
+
+def test_a_sensor_whose_zero_lies_elsewhere_is_drawn_over_the_other(
+    fits: list[Estimation],
+) -> None:
+    """5 mm of a travel's zero are no change of the car, and the fit has a constant for them."""
+    decay = fits[1].decays[0]
+    moved = tuple(replace(r, values=r.values + 0.5) for r in decay.recordings)
+    other = replace(fits[1], decays=(replace(decay, recordings=moved), *fits[1].decays[1:]))
+    plain, shifted = (overlay_gallery(["a", "b"], [fits[0], one]) for one in (fits[1], other))
+    assert plain is not None
+    assert shifted is not None
+    curves = [one.pictures[0].panel for one in (plain, shifted)]
+    assert isinstance(curves[0], OverlayPanel)
+    assert isinstance(curves[1], OverlayPanel)
+    np.testing.assert_allclose(curves[1].curves[1][1], curves[0].curves[1][1], atol=1e-9)
 
 
 def test_sessions_without_a_run_in_common_have_no_gallery(fits: list[Estimation]) -> None:

@@ -4,14 +4,15 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
+from matplotlib.patches import Rectangle
 from pypdf import PdfReader
 from pypdf.generic import Destination
 
 from daq.vehicle import FORD_GRANADA
 from identify.report.blocks import Table
 from identify.report.envelope import envelope
-from identify.report.figures.panels import panel_png, panel_svg
-from identify.report.panels import CorrelationPanel
+from identify.report.figures.panels import figure_of, panel_png, panel_svg
+from identify.report.panels import CorrelationPanel, IntervalPanel
 from identify.report.pdf import pdf_of
 from identify.report.shapes import at_rest, outline, shape_of
 
@@ -27,6 +28,17 @@ def test_no_spike_is_hidden() -> None:
     assert np.all(np.diff(thin[0]) > 0)
     assert (31.234, 40.0) in set(zip(*thin.tolist(), strict=True))
     assert thin[1].min() == -30.0
+
+
+def test_a_parameter_that_may_be_zero_leaves_the_others_their_bars() -> None:
+    """2,500 % of a value near zero on the axis of the others left nothing of theirs."""
+    half = np.array([0.53, 99.0, 101.0])
+    panel = IntervalPanel(("m_s", "k_af", "y_s"), half, ("bounce",), np.ones((3, 1)))
+    bars, _ = figure_of(panel).axes
+    assert [text.get_text() for text in bars.texts] == [" ±0.53 %", " ±99 %", " may be zero"]
+    widths = [patch.get_width() for patch in bars.patches if isinstance(patch, Rectangle)]
+    assert widths == [1.06, 198.0, 0.0]
+    assert bars.get_xlim()[1] < 200.0
 
 
 def test_a_short_curve_is_kept() -> None:

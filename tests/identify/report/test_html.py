@@ -70,6 +70,12 @@ def _estimate_forms(entry: dict[str, Any]) -> Iterator[str]:
     if "frequency_hz" in entry:
         kinds = [(f"{q}{u}", f"{q}_low{u}", f"{q}_high{u}")
                  for q, u in (("frequency", "_hz"), ("damping_ratio", ""))]  # fmt: skip
+    if "frequency_std_hz" in entry and "frequency_low_hz" not in entry:
+        for q, u in (("frequency", "_hz"), ("damping_ratio", "")):
+            sigma = f"{entry[f'{q}_std{u}']:.1e}"
+            digits = 1 - int(sigma[-3:])
+            yield from (f"{entry[f'{q}{u}']:.{digits}f}", f"{float(sigma):.{digits}f}")
+        return
     for names in kinds:
         value, low, high = (entry[name] for name in names)
         half = f"{(high - low) / 2:.1e}"

@@ -233,7 +233,7 @@ def test_a_cause_is_as_bad_as_what_it_moves(
     (finding,) = causes_of(linear, [_suspect(shift=shift)]).findings
     assert (finding.code, finding.severity) == ("anti-roll_bars", severity)
     assert f"moves k_sf by about {shift * 100:.1f} %" in finding.text
-    assert "k_af 1 ± 0.1 N/m" in finding.text
+    assert "(k_af 1.00 ± 0.20 N/m;" in finding.text
 
 
 def test_a_cause_must_be_stronger_than_chance(linear: Estimation) -> None:

@@ -60,7 +60,7 @@ def test_an_interval_wider_than_5_per_cent_is_doubtful(linear: Estimation) -> No
     (finding,) = parameter_findings(_with_std(linear, "k_sf", 0.03))
     assert finding.code == "wide"
     assert finding.severity is Severity.WARNING
-    assert "k_sf ± 6 %" in finding.text
+    assert "worst k_sf ± 5.9 %)" in finding.text
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ def outcome(session: str = "/bench/session_0001.h5") -> Outcome:
         (),
         "ok",
         "The parameters may be used.",
-        "The linear seven-degree-of-freedom model explains the decays down to the noise of the "
+        "The model of the car explains the decays down to the noise of the "
         "sensors, and the intervals hold.",
         1.016,
         (),

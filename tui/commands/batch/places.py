@@ -98,13 +98,23 @@ def _remote(name: str) -> list[str]:
                 files = sorted(file for file in system.find(path) if file.endswith(".h5"))
             else:
                 files = [path] if system.exists(path) else []
-            found = [str(system.unstrip_protocol(file)) for file in files]
+            found = [_address(name, str(system.unstrip_protocol(file))) for file in files]
     except OSError as error:
         advice = "check the address, its rights, and whether fsspec's library for it is installed"
         raise InputError(name, printable(f"cannot be reached: {error}", 300), advice) from None
     if not found:
         raise InputError(name, "no session file there", _ADVICE)
     return found
+
+
+def _address(name: str, file: str) -> str:
+    """Return the address of a file that was found under a name: through the same chain.
+
+    ``zip://*.h5::s3://bench/all.zip`` lies in an archive; ``simplecache::s3://bench/`` is kept.
+    """
+    parts = name.split("::")
+    caches = next(i for i, part in enumerate(parts) if "://" in part)
+    return "::".join([*parts[:caches], file, *parts[caches + 1 :]])
 
 
 @contextmanager

@@ -55,9 +55,10 @@ def row_of(job: Job) -> dict[str, Cell]:
     began_s = perf_counter()
     try:
         with at_hand(job.file) as path:
-            row = session_row(read_session(path))
-    except BumpbenchError as error:
-        row = _failed(str(error))
+            try:
+                row = session_row(read_session(path))
+            except BumpbenchError as error:
+                row = _failed(str(error).removeprefix(f"{path}: "))  # the row names the file
     except Exception as error:  # one strange session of thousands must not cost the others
         last = extract_tb(error.__traceback__)[-1]
         where = f"{Path(last.filename).name}:{last.lineno}"
