@@ -1,5 +1,18 @@
-"""`python -m tui` is `bumpbench`."""
+"""`bumpbench`, and `python -m tui`, which is the same."""
 
-from .cli import main
+import signal
 
-main()
+
+def main() -> None:
+    """Load the command line and run it; Ctrl-C while it is loaded ends it without a traceback."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:  # not where a shell has it ignored
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from .cli import main as run
+
+    signal.signal(signal.SIGINT, before)
+    run()
+
+
+if __name__ == "__main__":
+    main()

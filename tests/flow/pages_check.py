@@ -57,10 +57,31 @@ async def _check(tab: Tab, page: Path) -> None:
             sys.stdout.write(f"{where}: nothing serious\n")
 
 
+NUMBERS = {
+    "measured(16682.4, 50.8)": "16,680 ± 100",
+    "measured(-0.00412, 0.0158)": "-0.004 ± 0.031",
+    "measured(1385.47, 2.77)": "1,385.5 ± 5.4",
+    "measured(1234567, 0)": "1,234,600",
+    "number(17000)": "17,000",
+    "number(1.25)": "1.25",
+}
+"""What the script of the batch page writes: as `identify.numbers` does."""
+
+
+async def _check_numbers(tab: Tab, page: Path) -> None:
+    await tab.open(page.as_uri(), WIDTHS_PX["desk"], 900)
+    while await tab.value("document.readyState") != "complete":
+        await asyncio.sleep(0.1)
+    for call, text in NUMBERS.items():
+        written = await tab.value(call)
+        assert written == text, f"{call} is {written}, not {text}"
+
+
 async def _check_all(pages: list[Path]) -> None:
     async with tabs(1) as (tab,):
         for page in pages:
             await _check(tab, page)
+        await _check_numbers(tab, pages[-1])
 
 
 def main() -> None:

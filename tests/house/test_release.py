@@ -48,7 +48,7 @@ def test_the_wheel_says_what_it_is(release: tuple[Path, Path]) -> None:
     assert set(about.get_all("Provides-Extra", [])) == set(PROJECT["optional-dependencies"])
     with ZipFile(release[1]) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("entry_points.txt"))
-        assert "bumpbench = tui.cli:main" in archive.read(name).decode()
+        assert "bumpbench = tui.__main__:main" in archive.read(name).decode()
 
 
 def test_the_changelog_tells_of_this_version() -> None:

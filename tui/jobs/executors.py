@@ -18,7 +18,7 @@ from time import monotonic
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar
 
-from .start import deaf_to_interrupts, end_with_parent, loaded_once
+from .start import deaf_to_interrupts, end_with_parent, loaded_once, terminated_after
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -162,7 +162,7 @@ class Processes:
 
     def _submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
         self._given += 1
-        with deaf_to_interrupts():  # a worker may start here
+        with terminated_after(), deaf_to_interrupts():  # a worker may start here
             return self._pool.submit(function, item)
 
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from multiprocessing import get_all_start_methods, get_context, parent_process
 from multiprocessing.connection import wait
 from multiprocessing.context import BaseContext
-from threading import Thread
+from threading import Thread, current_thread, main_thread
 
 
 def loaded_once(modules: Sequence[str]) -> BaseContext:
@@ -50,6 +50,26 @@ def ended_by_sigterm() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def terminated_after() -> Iterator[None]:
+    """Let SIGTERM wait for the end of the body.
+
+    A process that is started in it is known to its parent only then: ended before, the parent would
+    leave one behind that finds its locks gone, and says so with a traceback.
+    """
+    if current_thread() is not main_thread():  # signals are not its business
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGTERM, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        for number in came[:1]:
+            signal.raise_signal(number)
 
 
 def end_with_parent() -> None:

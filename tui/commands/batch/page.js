@@ -5,11 +5,12 @@ const FILE = 0, REPORT = 1, VEHICLE = 2, CREATED = 3, ORIGIN = 4, VERDICT = 5, C
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f"];
 const PAGE = 100;
 const name = (row) => row[FILE].split(/[\\/]/).pop();
-const number = (x) => x === null ? "" : Number(x.toPrecision(5)).toString();
+const grouped = (text) => text.replace(/^-?\d+/, (whole) => whole.replace(/\B(?=(\d{3})+$)/g, ","));
+const number = (x) => x === null ? "" : grouped(Number(x.toPrecision(5)).toString());
 function measured(value, std) {
   if (value === null || !std) return number(value);
-  const half = 1.96 * std, place = Math.floor(Math.log10(half)) - 1, digits = Math.max(0, -place), unit = 10 ** Math.max(0, place);
-  return [value, half].map((x) => (place > 0 ? Math.round(x / unit) * unit : x).toFixed(digits)).join(" ± ");
+  const half = 1.96 * std, place = Math.floor(Math.log10(Number(half.toPrecision(2)))) - 1, digits = Math.max(0, -place), unit = 10 ** Math.max(0, place);
+  return [value, half].map((x) => grouped((place > 0 ? Math.round(x / unit) * unit : x).toFixed(digits))).join(" ± ");
 }
 
 const apart = new Set(data.outliers.map(([row, parameter]) => row * 1000 + parameter));
@@ -117,7 +118,7 @@ function draw() {
     own.push(k);
     groups.set(data.rows[i][VEHICLE], own);
   });
-  const words = points.length ? `${symbol}${unit ? ", " + unit : ""} of ${points.length} sessions, ${number(low)} to ${number(high)}, by ${dated ? "date" : "order"}` : "No session here has this parameter.";
+  const words = points.length ? `${symbol}${unit ? ", " + unit : ""} of ${number(points.length)} sessions, ${number(low)} to ${number(high)}, by ${dated ? "date" : "order"}` : "No session here has this parameter.";
   at("trend-words").textContent = words;
   canvas.setAttribute("aria-label", words);
   at("legend").replaceChildren(...[...groups].sort().map(([vehicle, own]) => {
@@ -172,7 +173,7 @@ function draw() {
 function begin() {
   const counts = {};
   for (const row of data.rows) counts[row[VERDICT]] = (counts[row[VERDICT]] || 0) + 1;
-  at("summary").textContent = `${data.rows.length} sessions: ` + Object.entries(counts).sort().map(([verdict, n]) => `${n} ${verdict}`).join(", ");
+  at("summary").textContent = `${number(data.rows.length)} sessions: ` + Object.entries(counts).sort().map(([verdict, n]) => `${number(n)} ${verdict}`).join(", ");
   const distinct = (column) => [...new Set(data.rows.map((row) => row[column]))].filter(Boolean).sort().map((v) => [v, v === "real" ? "measured" : v]);
   options("vehicle", distinct(VEHICLE), "all");
   options("verdict", distinct(VERDICT), "all");
