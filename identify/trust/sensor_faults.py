@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq.channels import Channel
+from daq.channels import Channel, Quantity
 
 from ..fit.estimation import Estimation
 from ..fit.likelihood import residuals
@@ -35,6 +35,8 @@ _ALONE = 0.97
 """Share from which on it needs no comparison; below, it may be the slowest of several."""
 _CHOICE = 1.5
 _LATE_SIGMA_S = 0.03
+_ALIKE = 0.2
+"""Share of the largest difference below which a kind of sensors is as early as the earliest."""
 _COARSE_HZ = (15.0, 40.0)
 _FINE_HZ = (8.0, 10.0, 20.0, 28.0, 56.0, 80.0)
 
@@ -112,22 +114,37 @@ def _late(estimation: Estimation, before: Refit) -> Iterator[Explanation]:
         return replace(c, delay_sigma_s=_LATE_SIGMA_S) if c.corner is not None else c
 
     after = refit(estimation, loose, before.fit.eta)
-    late = [
-        delay
-        for delay, group in zip(
-            after.box.delays_s(after.fit.eta).tolist(), after.box.groups, strict=True
-        )
-        if group.channels[0].corner is not None
-    ]
-    mean_ms = float(np.mean(late)) * 1e3
-    who = "sensors at the wheels" if mean_ms > 0 else "body sensors"
+    delays: dict[str, list[float]] = {}
+    for delay, group in zip(
+        after.box.delays_s(after.fit.eta).tolist(), after.box.groups, strict=True
+    ):
+        delays.setdefault(_kind(group.channels[0]), []).append(delay)
+    late_ms = _late_ms({kind: 1e3 * float(np.mean(of)) for kind, of in delays.items()})
     yield Explanation(
-        f"{who} late",
-        f"{abs(mean_ms):.2g} ms",
+        f"{' and '.join(late_ms)} late",
+        ", ".join(f"{kind} {late:#.2g} ms" for kind, late in late_ms.items())
+        if len(late_ms) > 1
+        else f"{max(late_ms.values()):#.2g} ms",
         "state delay_s and delay_sigma_s of these channels, or correct their clock",
         1.0 - after.excess / before.excess,
         *shift_between(before, after),
     )
+
+
+def _kind(channel: Channel) -> str:
+    if channel.corner is None:
+        return "body sensors"
+    return "hub sensors" if channel.quantity is Quantity.HUB_ACCELERATION else "travel sensors"
+
+
+def _late_ms(delays_ms: dict[str, float]) -> dict[str, float]:
+    """Return which kinds of sensors are later than the earliest kind, and by how much, ms.
+
+    The fit knows differences only, and no sensor shows a motion before it is there.
+    """
+    early = min(delays_ms.values())
+    most = max(delays_ms.values()) - early
+    return {k: ms - early for k, ms in delays_ms.items() if ms - early > _ALIKE * most}
 
 
 def _slow(estimation: Estimation, before: Refit) -> Iterator[Explanation]:

@@ -104,6 +104,12 @@ def test_what_can_be_run_runs(
     assert run(shlex.split(line)[1:]) == 0, f"{page}: {line}"
 
 
+def test_no_page_sends_to_a_bus_that_ends_with_its_process() -> None:
+    """`replay --interface virtual` was in the manual, and reaches nobody."""
+    assert len(WRITTEN) > 30
+    assert not [entry for entry in WRITTEN if "--interface virtual" in str(entry)]
+
+
 def test_help_lists_every_command_in_its_group(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["--help"]) == 0
     said = capsys.readouterr().out

@@ -41,6 +41,21 @@ def test_a_session_is_read_identified_and_exported(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_a_report_a_comparison_and_a_batch_are_made(tmp_path: Path) -> None:
+    for name in ("a.h5", "b.h5"):
+        shutil.copy(SESSION, tmp_path / name)
+    report = _bumpbench(tmp_path, "report", "a.h5", "--pdf", "a.pdf")
+    assert report.returncode == 1, report.stderr
+    assert (tmp_path / "a.html").exists()
+    assert (tmp_path / "a.pdf").exists()
+    batch = _bumpbench(tmp_path, "batch", ".", "--out", "t.csv", "--page", "t.html")
+    assert (batch.returncode, batch.stderr) == (1, "")
+    assert "1 session: 1 refused" in batch.stdout  # two of one content
+    compared = _bumpbench(tmp_path, "compare", "a.h5", "b.h5")
+    assert compared.returncode == 2
+    assert compared.stderr.startswith("bumpbench: error: a: not identified: ")
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

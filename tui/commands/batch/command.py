@@ -108,7 +108,8 @@ def _print(tally: Tally, out: Path, seconds: float) -> None:
     from ...output import print_line
 
     counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(tally.verdicts.items()))
-    print_line(f"{tally.sessions} sessions: {counts or 'none'}")
+    many = "session" if tally.sessions == 1 else "sessions"
+    print_line(f"{tally.sessions} {many}: {counts or 'none'}")
     print_line(f"{tally.done_now} of them done now in {seconds:.1f} s: {out}")
     for case in tally.bad[:_SHOWN]:
         print_line(f"  - {case['verdict']}: {case['file']}: {case['reasons']}")
