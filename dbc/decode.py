@@ -72,7 +72,8 @@ def decode_message(reader: MessageReader, frames: MessageFrames) -> tuple[dict[s
         value = field.scale(raw)
         marks = quality if rows is None else quality[rows]
         if signal.sentinels:
-            named = np.isin(raw, np.array(signal.sentinels, raw.dtype.newbyteorder("=")))
+            marked = np.array(signal.sentinels, raw.dtype.newbyteorder("="))
+            named = np.isin(raw, marked, kind="sort")  # NumPy 2.0's table cannot hold 2^64 - 1
             value[named] = np.nan
             marks = _mark(marks, named, Quality.SENTINEL)
         if valid is not None:

@@ -142,7 +142,7 @@ def _moved_body(bench: Bench, seen: tuple[Trace, ...]) -> Body | None:
         rows = np.stack([np.ones(len(points)), middle_m - ahead_m, left_m], axis=1)
         if len(points) < 3 or np.linalg.matrix_rank(rows, tol=0.1) < 3:
             return None
-        heave, pitch, roll = np.linalg.lstsq(rows, values, rcond=None)[0]
+        heave, pitch, roll = np.linalg.lstsq(rows, values)[0]
     speeds = (
         heave,
         length_m * pitch,
@@ -166,7 +166,7 @@ def _turning(
 
 def _speed(trace: Trace, grid: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the speed since rest; of a rate the rate itself."""
-    value = np.interp(grid, trace.time_s, trace.value, left=0.0, right=0.0)
+    value = np.interp(grid, trace.time_s, trace.value, right=0.0)
     if trace.channel.quantity in (Quantity.PITCH_RATE, Quantity.ROLL_RATE):
         return np.asarray(value)
     return np.asarray(np.cumsum(value) * _GRID_S)

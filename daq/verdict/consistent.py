@@ -187,7 +187,7 @@ def _course(usual: _Usual, own: RunMeasure) -> tuple[float, dict[str, float]]:
     here = np.array([own.waves[n] / usual.largest[n] for n in names])
     there = np.array([usual.waves[n] / usual.largest[n] for n in names])
     basis = np.stack([there.ravel(), np.gradient(there, axis=1).ravel()], axis=1)
-    weights, *_ = np.linalg.lstsq(basis, here.ravel(), rcond=None)
+    weights, *_ = np.linalg.lstsq(basis, here.ravel())
     slow = _cosines(here.shape[1])
     rest = (here - (basis @ weights).reshape(here.shape)) @ slow.T @ slow
     size = np.sqrt(np.mean(rest**2, axis=1) / max(1e-12, np.mean(there**2, axis=1).max()))

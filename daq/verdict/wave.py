@@ -90,7 +90,7 @@ def _misfit(
     phase = turn[..., None] * time_s
     ones = np.ones_like(envelope)
     basis = np.stack([envelope * np.cos(phase), envelope * np.sin(phase), ones], axis=-1)
-    normal = np.einsum("fdti,fdtj->fdij", basis, basis) + 1e-12 * np.eye(3)
+    normal = np.einsum("fdti,fdtj->fdij", basis, basis)
     seen = np.einsum("fdti,t->fdi", basis, record[0])
     solution = np.linalg.solve(normal, seen[..., None])[..., 0]
     return np.asarray(np.sum(record**2) - np.einsum("fdi,fdi->fd", seen, solution))

@@ -61,7 +61,7 @@ def realised_modes(
     n_channels = len(size)
     observability = directions[:, :order] * np.sqrt(strength[:order])
     earlier, later = observability[:-n_channels], observability[n_channels:]
-    z, vectors = np.linalg.eig(np.linalg.lstsq(earlier, later, rcond=None)[0])
+    z, vectors = np.linalg.eig(np.linalg.lstsq(earlier, later)[0])
     poles = np.log(np.where(z == 0.0, np.finfo(float).tiny, z).astype(complex)) * rate_hz
     shapes = observability[:n_channels] @ vectors * size[:, None]
     modes = (poles.imag > 0.0) & (poles.real < 0.0)

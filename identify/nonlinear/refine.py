@@ -22,7 +22,7 @@ def refined(
     old = problem.model
     model = Model(old.box, knots)
     grid = np.linspace(-_FASTEST_M_S, _FASTEST_M_S, 321)
-    change = np.linalg.lstsq(_bends(grid, knots), _bends(grid, old.knots), rcond=None)[0]
+    change = np.linalg.lstsq(_bends(grid, knots), _bends(grid, old.knots))[0]
     head = len(old.names) - 2 * len(old.knots)
     front, rear = eta[head : head + len(old.knots)], eta[head + len(old.knots) :]
     moved = np.concatenate([eta[:head], change @ front, change @ rear])

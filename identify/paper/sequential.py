@@ -69,5 +69,5 @@ def _solved(
     for unit in np.eye(n):
         base[unknown] = unit
         columns.append(matrices(base)[which].real[mask] - constant)
-    found = np.linalg.lstsq(np.array(columns).T, identified[mask] - constant, rcond=None)[0]
+    found = np.linalg.lstsq(np.array(columns).T, identified[mask] - constant)[0]
     return np.asarray(found, dtype=np.float64)

@@ -25,8 +25,8 @@ def vehicle_of_geometry(model: PhysicalModel, geometry: VehicleGeometry) -> Vehi
     masses = np.diag(model.M)
     theta[:5] = (*masses[:3], masses[3:5].mean(), masses[5:].mean())
     stiffness, damping = (_slopes(theta, part) for part in (_STIFFNESS, _DAMPING))
-    theta[_STIFFNESS] = np.linalg.lstsq(stiffness[2].T, model.K.ravel(), rcond=None)[0]
-    theta[_DAMPING] = np.linalg.lstsq(damping[1].T, model.C.ravel(), rcond=None)[0]
+    theta[_STIFFNESS] = np.linalg.lstsq(stiffness[2].T, model.K.ravel())[0]
+    theta[_DAMPING] = np.linalg.lstsq(damping[1].T, model.C.ravel())[0]
     return VehicleParameters(*(float(value) for value in theta))
 
 

@@ -202,23 +202,26 @@ def test_a_run_is_compared_with_the_median_of_those_before() -> None:
 
 
 @pytest.mark.parametrize(
-    ("accepted", "unlike", "passes"),
+    ("accepted", "unlike", "like"),
     [
-        ([2.0], [], False),
-        ([2.0], [1.0], True),  # one of each: the accepted one may be the odd one
-        ([2.0, 1.1], [1.0], True),
-        ([2.0, 2.1], [1.0], False),
-        ([2.0, 2.1], [1.0, 1.1], True),
-        ([2.0], [0.1], False),
+        ([2.0], [], None),
+        ([2.0], [1.0], (1, 1)),  # one of each: the accepted one may be the odd one
+        ([2.0, 1.1], [1.0], (2, 1)),
+        ([2.0, 2.1], [1.0], None),
+        ([2.0, 2.1], [1.0, 1.1], (2, 2)),
+        ([2.0], [0.1], None),
     ],
 )
 def test_a_first_run_that_is_odd_does_not_reject_all_others(
-    accepted: list[float], unlike: list[float], passes: bool
+    accepted: list[float], unlike: list[float], like: tuple[int, int] | None
 ) -> None:
+    """`like`: of all others those like this one, and of the accepted ones those unlike it."""
     records = {TRAVEL: np.where(np.isclose(T_S, 0.1), 1.0, 0.0)}
     before, doubted = ([measure(peak) for peak in peaks] for peaks in (accepted, unlike))
     found = list(not_repeatable(seen(records), measure(1.0), before, doubted))
-    assert all(finding.passed for finding in found) is passes
+    assert all(finding.passed for finding in found) is (like is not None)
+    if like:
+        assert (found[0].value, found[0].limit) == like
 
 
 def test_a_course_at_right_angles_is_not_alike() -> None:
