@@ -14,7 +14,7 @@ import typer
 from typer.main import get_command
 from typer.models import CommandInfo
 
-from .diagnostics import ExitCode, report, report_usage
+from .diagnostics import ExitCode, report, report_usage, say
 
 
 @cache
@@ -65,6 +65,12 @@ def invoke(arguments: list[str], commands: typer.Typer) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.OK
     except Exception as error:
+        if isinstance(error, ImportError):
+            from .ownership import foreign_package
+
+            if line := foreign_package():
+                say(f"error: {line}")
+                return ExitCode.BAD_INPUT
         from dbc import BumpbenchError, InputError  # with NumPy behind it: not for --help
 
         if isinstance(error, BumpbenchError):

@@ -1,9 +1,14 @@
 """What is installed is what the tree says."""
 
+import os
 import re
+import subprocess
+import sys
 import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 
@@ -15,6 +20,29 @@ def test_no_other_distribution_owns_our_names() -> None:
         assert set(owners.get(name, ["bumpbench"])) == {"bumpbench"}, (
             f"{owners[name]} share the import name {name}: uninstall the others"
         )
+
+
+@pytest.mark.parametrize("name", ["dbc", "daq", "identify"])
+def test_a_package_of_another_distribution_is_named_in_a_line(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "__init__.py").write_text("")
+    about = tmp_path / f"{name}_of_others-2.6.dist-info"
+    command = [sys.executable, "-m", "tui", "identify", "car.h5"]
+    # What `python -m` adds is the folder: it must not hide what the path says.
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "PYTHONSAFEPATH": "1"}
+    for whose in ("something else", f"the distribution {name}-of-others"):
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+        assert done.returncode == 2
+        assert done.stderr == (
+            f"bumpbench: error: package {name}: {whose} has that name, too"
+            f" ({tmp_path / name / '__init__.py'}) (uninstall or move it, then install bumpbench"
+            " again; each in an environment of its own, and both work)\n"
+        )
+        about.mkdir(exist_ok=True)
+        (about / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {name}-of-others\nVersion: 2.6\n"
+        )
+        (about / "top_level.txt").write_text(f"{name}\n")
 
 
 def _names(requirements: list[str]) -> set[str]:
