@@ -220,8 +220,7 @@ class JournalReader:
         if number == expected:
             self._open.clear()  # the block that was cut off before is this one
         corrupt = sum(lost.blocks_corrupt for lost in self._open)
-        if number > expected + corrupt:
-            self._missing.append((path.name, expected + corrupt, number))
+        self._missing.append((path.name, expected + corrupt, number))  # often none
         self._settle()
 
     def _blocks(self, path: Path) -> Iterator[FrameBlock | EventBlock | CorruptBlock]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+import pytest
+
 from daq.control.address import control_address, is_running
 from daq.control.client import Client
 from daq.journal.folder import segments_in
@@ -15,7 +17,10 @@ LEFT_S = 10.0
 """Seconds without any client after which it ends."""
 
 
-def test_after_a_kill_of_the_last_terminal_the_demonstration_ends(tmp_path: Path) -> None:
+@pytest.mark.parametrize("looks_on_s", [0.5, pytest.param(LEFT_S + 2.0, marks=pytest.mark.long)])
+def test_after_a_kill_of_the_last_terminal_the_demonstration_ends(
+    tmp_path: Path, looks_on_s: float
+) -> None:
     folder = tmp_path / "demo"
     address = control_address(folder)
     terminal = PtyTerminal("--demo", "--out", str(folder))
@@ -23,7 +28,7 @@ def test_after_a_kill_of_the_last_terminal_the_demonstration_ends(tmp_path: Path
         terminal.until(b"]2;")
         onlooker = Client(address, "onlooker", control=False)
         terminal.kill()
-        looks_on_until_s = time.monotonic() + LEFT_S + 2.0
+        looks_on_until_s = time.monotonic() + looks_on_s
         while time.monotonic() < looks_on_until_s:
             assert is_running(address)
             time.sleep(0.2)

@@ -129,6 +129,18 @@ def test_a_controller_is_off_until_a_frame_comes_after_its_report() -> None:
         (after,), counts = advance_buses((watched(),), (LINK,), batch, 1.0)
         assert after.controller is state
         assert counts["bus_off", "can0"].number == int(np.count_nonzero(batch.flags))
+    other = error_frames(ErrorClass.PROTOCOL, bytes(8), T_NS + 20, bus=0)
+    (after,), _ = advance_buses((watched(),), (LINK,), FrameBatch.concatenate([off, other]), 1.0)
+    assert after.controller is ControllerState.BUS_OFF  # another error is no frame
+
+
+def test_error_frames_are_no_load() -> None:
+    good = frames(0x10, [bytes(8)] * 3, T_NS)
+    bad = error_frames(ErrorClass.PROTOCOL, bytes(8), T_NS + 10, bus=0, n=2)
+    (alone,), _ = advance_buses((watched(),), (LINK,), good, 1.0)
+    both = FrameBatch.concatenate([good, bad])
+    (disturbed,), _ = advance_buses((watched(),), (LINK,), both, 1.0)
+    assert disturbed.recent[-1][3] == pytest.approx(alone.recent[-1][3])
 
 
 def symptoms(watch: BusWatch, link: LinkFacts = LINK, now_s: float = 10.0) -> list[Finding]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from daq.alarms.messages import (
     message_symptoms,
 )
 from daq.samples.health import HealthState
-from dbc import FrameBatch, FrameFlag
+from dbc import FrameBatch, FrameFlag, parse_codec
 from dbc.finding import Finding
 
 from ..watched_bench import CODEC, frames
@@ -85,6 +86,9 @@ def test_a_sensor_that_never_came_is_late_after_a_second() -> None:
     (late,) = traffic({}, 12.4, (MESSAGE.name,), (False, True))
     assert late.text == "no frame since the recorder listens (12 s)"
     assert message_symptoms(MessagesWatch(), CODEC, (MESSAGE.name,), (), (True,), 9.0) == []
+    assert traffic({}, 12.4, (MESSAGE.name,), began_s=11.5) == []
+    (late,) = traffic({}, 12.6, (MESSAGE.name,), began_s=11.5)
+    assert late.text == "no frame since the recorder listens (1 s)"
 
 
 @pytest.mark.parametrize(
@@ -121,6 +125,10 @@ def test_six_strangers_are_named_the_most_frequent_first() -> None:
     twin = {(0, MESSAGE.can_id, True): Stranger(1, 1.0, 10.0)}
     found, _ = traffic({MESSAGE.name: message_watch(1e3)}, 10.0, strangers=twin)
     assert found.text.endswith("comes with 29 bits; the DBC has it with 11")
+    wide = 'VERSION ""\n\nBU_: A\n\nBO_ 2147485440 M: 8 A\n SG_ s : 0|8@1+ (1,0) [0|0] "" A\n'
+    watch = MessagesWatch(strangers={(0, 0x700, False): Stranger(1, 1.0, 10.0)})
+    found, _ = message_symptoms(watch, parse_codec(wide, "x.dbc"), (), ("can0",), (True,), 10.0)
+    assert found.text.endswith("comes with 11 bits; the DBC has it with 29")
 
 
 def advanced(watch: MessagesWatch, batch: FrameBatch, now_s: float) -> MessagesWatch:
@@ -141,6 +149,21 @@ def test_strangers_are_counted_with_their_rate_and_forgotten_after_a_minute() ->
     many = FrameBatch.concatenate([frames(0x10000 + n, [b""], T_NS, FrameFlag.EXTENDED)
                                    for n in range(300)])  # fmt: skip
     assert len(advanced(MessagesWatch(), many, 1.0).strangers) == 256
+
+
+def test_identifiers_of_11_and_29_bits_are_two_strangers() -> None:
+    both = [frames(0x123, [bytes(8)], T_NS, flag) for flag in (FrameFlag.EXTENDED, FrameFlag.FD)]
+    watch = advanced(MessagesWatch(), FrameBatch.concatenate(both), 1.0)
+    assert set(watch.strangers) == {(0, 0x123, True), (0, 0x123, False)}
+
+
+def test_what_a_counter_misses_is_counted_once() -> None:
+    watch = MessagesWatch()
+    for total, counted in ((0, {}), (3, {"M": 3}), (3, {}), (5, {"M": 2})):
+        counters: Any = {"M": SimpleNamespace(missing=total)}
+        health = replace(HealthState(), counters=counters)
+        watch, counts = advance_messages(watch, CODEC, NOTHING, None, health, 1.0)
+        assert {name: count.number for (_, name), count in counts.items()} == counted
 
 
 def test_a_frame_of_another_length_is_counted() -> None:

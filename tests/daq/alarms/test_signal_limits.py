@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -124,3 +125,21 @@ def test_samples_that_cannot_be_used_are_counted_by_their_kind() -> None:
     }
     assert channel_turn([1.0, 9.0], int(Quality.CRC_BAD))[1] == {}
     assert channel_turn([1.0, 9.0], int(Quality.CRC_BAD))[0].standing == {}
+
+
+@pytest.mark.parametrize(("steps", "moving"), [(19.0, 0), (21.0, 1)])
+@pytest.mark.parametrize("alike", [True, False])
+def test_another_channel_of_the_kind_moves_by_more_than_twenty_steps(
+    steps: float, moving: int, alike: bool
+) -> None:
+    kinds = [m for m in MAPPED if m.channel.quantity is not Quantity.UNUSED]
+    still, other = next(
+        (one, two)
+        for one, two in combinations(kinds, 2)
+        if (one.channel.quantity is two.channel.quantity) is alike
+    )
+    moved = steps * limits_of(still).step / abs(other.factor * other.channel.scale)
+    decoded = CODEC.decode(NOTHING)
+    found = {still.channel.signal: samples([1.0, 1.0]), other.channel.signal: samples([0.0, moved])}
+    watch, _ = advance_signals(SignalsWatch(), (still, other), replace(decoded, samples=found))
+    assert watch.standing[still.channel.name].moving == moving * alike
