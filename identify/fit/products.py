@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..decays.decay import ChannelGroup, FreeDecay
 from ..model.exponential_sums import Series, series_of, waves
-from ..model.low_pass import LowPass
+from ..model.low_pass import LowPass, low_pass_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +27,13 @@ class Products:
 
 @dataclass(frozen=True, slots=True)
 class Alike:
-    """Recordings of one channel group in one mass state, sampled alike."""
+    """Recordings of sensors with one low-pass in one mass state, sampled alike."""
 
     mass_state: str
-    group: ChannelGroup
-    """`mass_state`, `group`: of all of them."""
+    low_pass: LowPass
+    """`mass_state`, `low_pass`: of all of them."""
+    groups: tuple[ChannelGroup, ...]
+    """Channel group of each."""
     places: tuple[tuple[int, int], ...]
     """Decay and recording within it of each."""
     series: Series
@@ -40,29 +42,33 @@ class Alike:
 
 def laid_out(decays: Sequence[FreeDecay]) -> tuple[Alike, ...]:
     """Lay out the recordings of some decays: once for all points at which products are wanted."""
-    found: dict[tuple[str, ChannelGroup], list[tuple[int, int]]] = {}
+    found: dict[tuple[str, float, int], list[tuple[int, int]]] = {}
     for d, decay in enumerate(decays):
         for r, recording in enumerate(decay.recordings):
-            found.setdefault((decay.mass_state, recording.group), []).append((d, r))
+            first = recording.group.channels[0]
+            key = decay.mass_state, first.low_pass_hz, first.low_pass_order
+            found.setdefault(key, []).append((d, r))
     result = []
-    for (mass_state, group), places in found.items():
+    for (mass_state, _, _), places in found.items():
         recordings = [decays[d].recordings[r] for d, r in places]
+        low_pass = low_pass_of(recordings[0].group.channels[0])
         times, values = [r.time_s for r in recordings], [r.values for r in recordings]
         for series in series_of(times, values):
+            groups = tuple(recordings[member].group for member in series.members)
             mine = tuple(places[member] for member in series.members)
-            result.append(Alike(mass_state, group, mine, series))
+            result.append(Alike(mass_state, low_pass, groups, mine, series))
     return tuple(result)
 
 
 def products(
-    alike: Alike, poles: NDArray[np.complex128], low_pass: LowPass, late_s: float
+    alike: Alike, poles: NDArray[np.complex128], late_s: NDArray[np.float64]
 ) -> list[Products]:
     """Return the products of each of some recordings with the basis of `Evaluated`.
 
-    `poles` (n,): of the vehicle, conjugate pairs adjacent.  `low_pass`: of the channels.
-    `late_s`: lateness beyond the nominal one.
+    `poles` (n,): of the vehicle, conjugate pairs adjacent.  `late_s`: lateness of each recording
+    beyond the nominal one.
     """
-    rates, chosen = _functions(poles, low_pass)
+    rates, chosen = _functions(poles, alike.low_pass)
     wave = waves(alike.series, rates, late_s)
     mixed, plain = wave.grams()
     total, gap = mixed + plain, mixed - plain

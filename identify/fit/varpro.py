@@ -84,11 +84,19 @@ class Evaluated:
 
 
 def evaluate(
-    box: GreyBox, eta: NDArray[np.float64], mass_state: str, sigma: Mapping[str, float]
+    box: GreyBox,
+    eta: NDArray[np.float64],
+    mass_state: str,
+    sigma: Mapping[str, float],
+    modes: Spectrum | None = None,
 ) -> Evaluated:
-    """Evaluate a mass state at the unknowns `eta`; `sigma`: standard deviation of the noise, SI."""
+    """Evaluate a mass state at the unknowns `eta`.
+
+    `sigma`: standard deviation of the noise, SI.  `modes`: of the same state matrix, where another
+    structure gave it and results of both are to be on one basis.
+    """
     system = box.system(eta, mass_state)
-    modes = spectrum(system.A)
+    modes = spectrum(system.A) if modes is None else modes
     change = modes.change(system.dA)
     late_s = box.delays_s(eta).tolist()
     groups = tuple(
@@ -164,8 +172,8 @@ def products_of(
     seen: list[dict[int, Products]] = [{} for _ in decays]
     for alike in layout or laid_out(decays):
         at = points[alike.mass_state]
-        group = at.group(alike.group)
-        found = products(alike, at.modes.poles, group.low_pass, group.late_s)
+        late_s = np.array([at.group(group).late_s for group in alike.groups])
+        found = products(alike, at.modes.poles, late_s)
         for (d, r), one in zip(alike.places, found, strict=True):
             seen[d][r] = one
     return [[one[r] for r in range(len(one))] for one in seen]

@@ -138,9 +138,10 @@ def series_of(times_s: Sequence[_Real], samples: Sequence[_Real]) -> tuple[Serie
     )
 
 
-def waves(series: Series, rates: _Complex, late_s: float = 0.0) -> Waves:
-    """Evaluate ``exp(rate t)`` at the times of some series, less `late_s`."""
-    coarse_s, rest_s = series.coarse_s - late_s, series.rest_s - late_s
+def waves(series: Series, rates: _Complex, late_s: _Real | float = 0.0) -> Waves:
+    """Evaluate ``exp(rate t)`` at the times of some series, less `late_s`, of all or of each."""
+    late = np.broadcast_to(late_s, len(series.members))[:, None]
+    coarse_s, rest_s = series.coarse_s - late, series.rest_s - late
     rest: _Complex = np.exp(np.multiply.outer(rest_s, rates))
     rest *= series.present[..., None]
     return Waves(

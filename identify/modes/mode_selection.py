@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .modal_model import ModalModel
-from .needed import likelihood_at_most
 from .order_selection import likely_modes
-from .shape_fit import ModalFit, fit_modes, gain_by_noise
+from .shape_fit import ModalFit, Projection, project, without_each
 from .stabilisation import Poles, diagram_of, seen_in
 from .state_variable_method import DelaySpace, checked_records, delay_space, layouts, poles_of_rank
 from .waves import even_blocks
@@ -164,14 +163,20 @@ def noisy_start(
     """
     duration_s = max(len(decay) for decay in decays) / rate_hz
     stable = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
-    fits = [
-        fit_modes(decays, rate_hz, poles, shapes, _TRIAL_SWEEPS)
-        for poles, shapes in _worth_trying(stable)
-    ]
-    if not fits:
+    sets = _worth_trying(stable)
+    projected = [project(decays, rate_hz, poles) for poles, _ in sets]
+    best: tuple[Projection, ModalFit] | None = None
+    for number in np.argsort([-one.most_merit for one in projected], kind="stable").tolist():
+        projection, (poles, shapes) = projected[number], sets[number]
+        if best is not None and projection.most_merit <= best[1].merit:
+            break
+        (fit,) = projection.fits(np.arange(len(poles))[None], shapes, _TRIAL_SWEEPS)
+        if best is None or fit.merit > best[1].merit:
+            best = projection, fit
+    if best is None:
         return ModalModel(np.zeros(0, complex), np.zeros((decays[0].shape[1], 0), complex))
-    best = _without_needless(max(fits, key=lambda fit: fit.merit), decays, rate_hz)
-    return ModalModel(best.poles, best.shapes)
+    needed = _without_needless(*best)
+    return ModalModel(needed.poles, needed.shapes)
 
 
 def _worth_trying(sets: Sequence[Poles]) -> list[Poles]:
@@ -193,37 +198,27 @@ def vibrates(poles: NDArray[np.complex128]) -> NDArray[np.bool_]:
     return np.asarray((poles.imag > 0.0) & (-poles.real < _MAX_DAMPING * np.abs(poles)))
 
 
-def _without_needless(
-    fit: ModalFit, decays: Sequence[NDArray[np.float64]], rate_hz: float
-) -> ModalFit:
-    """Take out one pole after the other as long as that raises the merit."""
-    while len(fit.poles):
-        ahead = _best_without_one(fit, decays, rate_hz)
-        if ahead is None:
+def _without_needless(projection: Projection, fit: ModalFit) -> ModalFit:
+    """Take out one pole after the other as long as that raises the merit.
+
+    `fit`: of all poles of the projection.
+    """
+    kept, shapes = np.arange(len(fit.poles)), fit.shapes.copy()
+    while len(kept):
+        # Where even free amplitudes would not do without a pole, no shapes will.
+        possible = projection.merits_without(kept) > fit.merit
+        if not possible.any():
             break
-        best = fit_modes(decays, rate_hz, ahead.poles, ahead.shapes)
+        sets = without_each(kept)[possible]
+        trials = projection.fits(sets, shapes, _TRIAL_SWEEPS)
+        ahead = int(np.argmax([trial.merit for trial in trials]))
+        shapes[:, sets[ahead]] = trials[ahead].shapes
+        (best,) = projection.fits(sets[ahead : ahead + 1], shapes)
         if best.merit <= fit.merit:
             break
-        fit = best
+        kept, fit = sets[ahead], best
+        shapes[:, kept] = fit.shapes
     return fit
-
-
-def _best_without_one(
-    fit: ModalFit, decays: Sequence[NDArray[np.float64]], rate_hz: float
-) -> ModalFit | None:
-    """Return the best set with one pole less, None if surely none is better than the whole."""
-    n_channels, n_samples = len(fit.shapes), sum(len(decay) for decay in decays)
-    most = likelihood_at_most(even_blocks(decays, rate_hz), fit.poles, n_channels)
-    best: ModalFit | None = None
-    for leave in np.argsort(-most, kind="stable").tolist():
-        left = np.delete(np.arange(len(fit.poles)), leave)
-        by_noise = gain_by_noise(fit.poles[left], n_channels, len(decays), n_samples)
-        if most[leave] - by_noise <= (fit if best is None else best).merit:
-            continue
-        trial = fit_modes(decays, rate_hz, fit.poles[left], fit.shapes[:, left], _TRIAL_SWEEPS)
-        if best is None or trial.merit > best.merit:
-            best = trial
-    return best
 
 
 def _numerical_rank(strength: NDArray[np.float64]) -> int | None:

@@ -34,29 +34,44 @@ def likelihood_at_most(
     n_channels : int
         Channels of the samples.
     """
-    m = len(poles)
     count = np.zeros(n_channels)
-    least = np.zeros((n_channels, m))
-    turning = np.flatnonzero(poles.imag > 0.0)
-    # Columns of each mode; a real pole has none for its imaginary part, but one of zeros.
-    mine = np.column_stack([np.arange(m), np.full(m, m + len(turning))])
-    mine[turning, 1] = m + np.arange(len(turning))
+    least = np.zeros((n_channels, len(poles)))
+    turning = poles.imag > 0.0
     for block in blocks:
         wave = exponentials.waves(block.time_s, poles)
-        table = np.hstack([wave.real, wave.imag[:, turning]])
         if block.free_level:
-            table -= table.mean(axis=0)
-        basis, triangle = np.linalg.qr(table)
-        within = basis.T @ block.deviations
-        power = np.sum(block.deviations**2, axis=0)
-        inverse = np.vstack([np.linalg.pinv(triangle), np.zeros(len(triangle))])
-        found = (inverse @ within)[mine]  # (m, 2, n_series)
-        covariance = inverse @ inverse.T
-        left = np.sum((block.deviations - basis @ within) ** 2, axis=0)
+            wave -= wave.mean(axis=0)
         np.add.at(count, block.channel, len(block.time_s))
-        own = np.linalg.pinv(covariance[mine[:, :, None], mine[:, None]])
-        lost = np.sum(found * (own @ found), axis=1)
-        loss = left + np.maximum(lost, 0.0) * (1.0 - 1e-6) - _ROUNDING * power
-        np.add.at(least, block.channel, loss.T)
+        np.add.at(least, block.channel, least_left(wave, turning, block.deviations).T)
     floor = np.finfo(float).tiny
     return np.asarray(-np.sum(count * np.log(np.maximum(least.T, floor) / count), axis=1))
+
+
+def least_left(
+    wave: NDArray[np.complex128], turning: NDArray[np.bool_], samples: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the squares that are left of some series at least, each wave left out, (m, k).
+
+    Parameters
+    ----------
+    wave : (n, m) complex128
+        The exponentials.
+    turning : (m,) bool
+        Which are of a conjugate pair; the others are real.
+    samples : (n, k) float64
+        The series.
+    """
+    m, pairs = len(turning), np.flatnonzero(turning)
+    # Columns of each mode; a real pole has none for its imaginary part, but one of zeros.
+    mine = np.column_stack([np.arange(m), np.full(m, m + len(pairs))])
+    mine[pairs, 1] = m + np.arange(len(pairs))
+    basis, triangle = np.linalg.qr(np.hstack([wave.real, wave.imag[:, pairs]]))
+    within = basis.T @ samples
+    inverse = np.vstack([np.linalg.pinv(triangle), np.zeros(len(triangle))])
+    found = (inverse @ within)[mine]  # (m, 2, k)
+    covariance = inverse @ inverse.T
+    left = np.sum((samples - basis @ within) ** 2, axis=0)
+    own = np.linalg.pinv(covariance[mine[:, :, None], mine[:, None]])
+    lost = np.sum(found * (own @ found), axis=1)
+    power = np.sum(samples**2, axis=0)
+    return np.asarray(left + np.maximum(lost, 0.0) * (1.0 - 1e-6) - _ROUNDING * power)

@@ -19,7 +19,7 @@ from .copies import originals
 from .modal_likelihood import LikelyModes, likelihood_near, most_likely_modes
 from .needed import likelihood_at_most
 from .normal_equations import Ties
-from .shape_fit import gain_by_noise
+from .shape_fit import gain_by_noise, without_each
 from .waves import Block
 
 _FALSE_ALARM = 1e-3
@@ -69,7 +69,8 @@ def likely_modes(
     while len(left := _originals(best)) < len(best.poles):
         best = most_likely_modes(blocks, *_chosen(best, left))
     while len(best.poles) > 1:
-        trial = _more_merit(blocks, best, _chosen(best, _least_needed(blocks, best)), n)
+        fewer = _without_least_needed(blocks, best, n)
+        trial = None if fewer is None else _more_merit(blocks, best, fewer, n)
         if trial is None:
             break
         best = trial
@@ -84,11 +85,19 @@ def _more_merit(
     blocks: Sequence[Block], modes: LikelyModes, other: Start, n: int
 ) -> LikelyModes | None:
     """Return what is found from another start, None if it is no better founded than some modes."""
-    n_channels, n_runs = len(modes.shapes), len(modes.amplitudes)
-    now, then = (gain_by_noise(p, n_channels, n_runs, n) for p in (modes.poles, other[0]))
-    wanted = modes.log_likelihood - now + then
+    wanted = _merit(modes, n) + float(_noise(modes, other[0], n))
     found = most_likely_modes(blocks, *other, wanted=wanted)
     return found if found.log_likelihood > wanted else None
+
+
+def _merit(modes: LikelyModes, n: int) -> float:
+    """Return the likelihood of some modes less what as many would gain from noise."""
+    return modes.log_likelihood - float(_noise(modes, modes.poles, n))
+
+
+def _noise(modes: LikelyModes, poles: NDArray[np.complex128], n: int) -> NDArray[np.float64]:
+    """Return what other poles, or each of some sets, (.., p), would gain from noise."""
+    return gain_by_noise(poles, len(modes.shapes), len(modes.amplitudes), n)
 
 
 def _chosen(modes: LikelyModes, which: NDArray[np.intp]) -> Start:
@@ -116,23 +125,22 @@ def _split(blocks: Sequence[Block], modes: LikelyModes) -> Start:
     return poles, shapes, ties
 
 
-def _least_needed(blocks: Sequence[Block], modes: LikelyModes) -> NDArray[np.intp]:
-    """Return the modes without the one whose loss costs least.
+def _without_least_needed(blocks: Sequence[Block], modes: LikelyModes, n: int) -> Start | None:
+    """Return the modes without the one whose loss costs least, None if surely all are needed.
 
     No set can be better than what free amplitudes of its poles in every series would make of it:
-    where that is worse than a set which was fitted already, none is fitted.
+    where that is worse than the modes themselves, or than a set tried before, none is fitted.
     """
-    m = len(modes.poles)
-    n = sum(block.values.size for block in blocks) // len(modes.shapes)
-    n_channels, n_runs = len(modes.shapes), len(modes.amplitudes)
-    fewer = [np.delete(np.arange(m), leave) for leave in range(m)]
-    noise = [gain_by_noise(modes.poles[left], n_channels, n_runs, n) for left in fewer]
-    most = likelihood_at_most(blocks, modes.poles, n_channels) - np.array(noise)
-    best, highest = 0, -np.inf
+    fewer = without_each(np.arange(len(modes.poles)))
+    noise = _noise(modes, modes.poles[fewer], n)
+    most = likelihood_at_most(blocks, modes.poles, len(modes.shapes)) - noise
+    merit = _merit(modes, n)
+    best, highest = None, -np.inf
     for leave in np.argsort(-most, kind="stable").tolist():
-        if most[leave] < highest:
+        if most[leave] < max(highest, merit):
             break
-        merit = likelihood_near(blocks, *_chosen(modes, fewer[leave])) - noise[leave]
-        if merit > highest:
-            best, highest = leave, merit
-    return fewer[best]
+        other = _chosen(modes, fewer[leave])
+        found = likelihood_near(blocks, *other) - noise[leave]
+        if found > highest:
+            best, highest = other, found
+    return best

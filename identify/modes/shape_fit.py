@@ -3,6 +3,9 @@
 The shape of a mode is common to all records, its amplitude is each record's own.  This is what
 makes two modes with nearly the same pole (a vehicle has two such pairs) visible: one pole could
 follow both in each record by itself, but not with a single shape in all.
+
+Records are projected once on the exponentials of some poles; any sets of these poles are then
+fitted by small matrices, many sets at once.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.chi_squared import exceeded_by_chance
+from .needed import least_left
 from .waves import real_block
 
 _FALSE_ALARM = 1e-3
@@ -23,6 +27,8 @@ _SETTLED = 1e-4
 _RIDGE = 1e-12
 _NOISE_FLOOR = 1e-24
 """Variance, relative to the channel's, below which noise cannot be distinguished from rounding."""
+_AT_ONCE = 1 << 20
+"""Numbers in the largest array of the sets that are fitted at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +45,7 @@ class ModalFit:
 
 
 @dataclass(frozen=True, slots=True)
-class _Projected:
+class _Alike:
     """Records of one length in the space that their exponentials span."""
 
     waves: NDArray[np.complex128]
@@ -51,20 +57,161 @@ class _Projected:
     mixed: NDArray[np.complex128]
     plain: NDArray[np.complex128]
     """`mixed`, `plain`: sums of ``conj(f) g`` and of ``f g`` of the exponentials, shape (m, m)."""
+
+    def of(self, sets: NDArray[np.intp]) -> _Chosen:
+        """Return what belongs to some sets of the exponentials, (s, p)."""
+        left, right = sets[:, :, None], sets[:, None]
+        waves = self.waves[:, sets].transpose(1, 2, 0)
+        products = self.products[:, :, sets].transpose(2, 0, 1, 3)
+        return _Chosen(
+            waves, self.target, products, self.mixed[left, right], self.plain[left, right]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Chosen:
+    """The same of s sets of p exponentials each, the sets along the first axis."""
+
+    waves: NDArray[np.complex128]
+    """Shape (s, p, k)."""
+    target: NDArray[np.float64]
+    """Shape (n_records, n_channels, k)."""
+    products: NDArray[np.complex128]
+    """Shape (s, n_records, n_channels, p)."""
+    mixed: NDArray[np.complex128]
+    plain: NDArray[np.complex128]
+    """`mixed`, `plain`: shape (s, p, p)."""
+
+    def amplitudes(
+        self, shapes: NDArray[np.complex128], weight: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
+        """Return the best amplitude of each mode in each record, (s, n_records, p).
+
+        `weight` (n_channels,) is the inverse of the variance of the noise.
+        """
+        weighted = shapes * weight[:, None]
+        turned = shapes.swapaxes(1, 2)
+        normal = real_block(
+            (turned.conj() @ weighted) * self.mixed, (turned @ weighted) * self.plain
+        )
+        return _solved(normal, np.einsum("sncp,scp->snp", self.products, weighted))
+
+    def for_shapes(
+        self, amplitudes: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+        """Return normal matrices, (s, 2 p, 2 p), and products with the samples, (s, c, p)."""
+        turned = amplitudes.swapaxes(1, 2)
+        normal = real_block(
+            (turned.conj() @ amplitudes) * self.mixed, (turned @ amplitudes) * self.plain
+        )
+        return normal, np.einsum("sncp,snp->scp", self.products, amplitudes)
+
+    def left_by(
+        self, amplitudes: NDArray[np.complex128], shapes: NDArray[np.complex128]
+    ) -> NDArray[np.float64]:
+        """Return the squares left in each channel within the space, (s, n_channels)."""
+        s, p, k = self.waves.shape
+        residue = (amplitudes[:, :, None] * shapes[:, None]).reshape(s, -1, p)
+        fitted = residue.real @ self.waves.real - residue.imag @ self.waves.imag
+        left = self.target - fitted.reshape(s, *self.target.shape[:2], k)
+        return np.asarray(np.einsum("snck,snck->sc", left, left))
+
+
+@dataclass(frozen=True, slots=True)
+class Projection:
+    """Records projected on the exponentials of some poles."""
+
+    poles: NDArray[np.complex128]
+    """rad/s, imaginary parts of at least zero, shape (m,)."""
+    alike: tuple[_Alike, ...]
+    """The records of each length."""
     outside: NDArray[np.float64]
     """Squares of the samples that no amplitudes reach, shape (n_channels,)."""
+    n_records: int
+    n_samples: int
+    """`n_records`, `n_samples`: in all, samples of one channel."""
+
+    @property
+    def most_merit(self) -> float:
+        """Merit that no shapes exceed: amplitudes free in every channel of every record."""
+        return self._merit(self.outside[None], self.poles[None])[0]
+
+    def merits_without(self, kept: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return what the merit of some poles without each of them cannot exceed, (len(kept),)."""
+        m, turning = len(kept), self.poles[kept].imag > 0.0
+        left = np.repeat(self.outside[None], m, axis=0)
+        for one in self.alike:
+            waves = one.waves[:, kept]
+            target = one.target.reshape(-1, one.target.shape[2]).T
+            least = least_left(waves, turning, target)
+            left += least.reshape(m, *one.target.shape[:2]).sum(axis=1)
+        return np.array(self._merit(left, self.poles[without_each(kept)]))
+
+    def fits(
+        self, sets: NDArray[np.intp], shapes: NDArray[np.complex128], sweeps: int = SWEEPS
+    ) -> list[ModalFit]:
+        """Fit shapes and amplitudes of some sets of the poles by alternating least squares.
+
+        Noise is white and of its own, unknown size in each channel.
+
+        Parameters
+        ----------
+        sets : (s, p) intp
+            Numbers of the poles of each set.
+        shapes : (n_channels, m) complex128
+            Shapes of all poles, to start from.
+        sweeps : int
+            Alternations at most; few are enough to compare sets that start near their optimum.
+        """
+        size = self.n_records * len(shapes) * max(1, sets.shape[1])
+        step = max(1, _AT_ONCE // size)
+        found: list[ModalFit] = []
+        for first in range(0, len(sets), step):
+            found += self._fits(sets[first : first + step], shapes, sweeps)
+        return found
+
+    def _fits(
+        self, sets: NDArray[np.intp], shapes: NDArray[np.complex128], sweeps: int
+    ) -> list[ModalFit]:
+        records = [one.of(sets) for one in self.alike]
+        weight = 1.0 / np.maximum(self.outside / self.n_samples, _NOISE_FLOOR)
+        mine = shapes[:, sets].swapaxes(0, 1)
+        residual = np.broadcast_to(self.outside, (len(sets), len(shapes)))
+        for _ in range(sweeps if sets.shape[1] else 0):
+            before = residual
+            amplitudes = [r.amplitudes(mine, weight) for r in records]
+            parts = [r.for_shapes(q) for r, q in zip(records, amplitudes, strict=True)]
+            mine = _solved(*(np.sum(part, axis=0) for part in zip(*parts, strict=True)))
+            inside = [r.left_by(q, mine) for r, q in zip(records, amplitudes, strict=True)]
+            residual = self.outside + np.sum(inside, axis=0)
+            length = np.linalg.norm(mine, axis=1, keepdims=True)
+            mine = mine / np.where(length > 0.0, length, 1.0)
+            if np.all(np.abs(before - residual) <= _SETTLED * residual):
+                break
+        merits = self._merit(residual, self.poles[sets])
+        return [
+            ModalFit(self.poles[chosen], shape, merit)
+            for chosen, shape, merit in zip(sets, mine, merits, strict=True)
+        ]
+
+    def _merit(self, left: NDArray[np.float64], poles: NDArray[np.complex128]) -> list[float]:
+        """Return the merit of sets of poles, (s, p), that leave some squares, (s, n_channels)."""
+        n = self.n_samples
+        likelihood = -n * np.sum(np.log(np.maximum(left / n, _NOISE_FLOOR)), axis=1)
+        noise = gain_by_noise(poles, left.shape[1], self.n_records, n)
+        return list((likelihood - noise).tolist())
 
 
-def fit_modes(
-    decays: Sequence[NDArray[np.float64]],
-    rate_hz: float,
-    poles: NDArray[np.complex128],
-    shapes: NDArray[np.complex128],
-    sweeps: int = SWEEPS,
-) -> ModalFit:
-    """Fit shapes and amplitudes for given poles by alternating least squares.
+def without_each(kept: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return some numbers without each of them, (m, m - 1)."""
+    m = len(kept)
+    return np.asarray(np.broadcast_to(kept, (m, m))[~np.eye(m, dtype=bool)].reshape(m, m - 1))
 
-    Noise is white and of its own, unknown size in each channel.
+
+def project(
+    decays: Sequence[NDArray[np.float64]], rate_hz: float, poles: NDArray[np.complex128]
+) -> Projection:
+    """Project records on some exponentials; those of one length share them.
 
     Parameters
     ----------
@@ -74,116 +221,52 @@ def fit_modes(
         Samples a second.
     poles : (m,) complex128
         Poles with an imaginary part of at least zero, rad/s.
-    shapes : (n_channels, m) complex128
-        Shapes to start from.
-    sweeps : int
-        Alternations at most; few are enough to compare sets that start near their optimum.
     """
-    n = sum(len(decay) for decay in decays)
-    residual = np.sum([np.sum(decay**2, axis=0) for decay in decays], axis=0)
-    if len(poles):
-        records = _project(decays, rate_hz, poles)
-        outside = np.sum([alike.outside for alike in records], axis=0)
-        weight = 1.0 / np.maximum(outside / n, _NOISE_FLOOR)
-        for _ in range(sweeps):
-            before = residual
-            shapes, inside = _shapes(records, [_amplitudes(r, shapes, weight) for r in records])
-            residual = outside + inside
-            if np.all(np.abs(before - residual) <= _SETTLED * residual):
-                break
-    likelihood = -n * np.sum(np.log(np.maximum(residual / n, _NOISE_FLOOR)))
-    return ModalFit(
-        poles, shapes, float(likelihood - gain_by_noise(poles, len(shapes), len(decays), n))
-    )
-
-
-def _project(
-    decays: Sequence[NDArray[np.float64]], rate_hz: float, poles: NDArray[np.complex128]
-) -> list[_Projected]:
-    """Project records on some exponentials; those of one length share them."""
     m, oscillating = len(poles), poles.imag > 0.0
     lengths = np.array([len(decay) for decay in decays])
-    wave = np.exp(np.outer(np.arange(lengths.max()) / rate_hz, poles))
+    wave = np.exp(np.multiply.outer(np.arange(lengths.max()) / rate_hz, poles))
     columns = np.hstack([wave.real, wave.imag[:, oscillating]])
     n_channels = decays[0].shape[1]
     records = []
+    outside = np.zeros(n_channels)
     for length in np.unique(lengths):
         mine = [decays[i] for i in np.flatnonzero(lengths == length).tolist()]
         basis, triangle = np.linalg.qr(columns[:length])
         samples = np.hstack(mine)
         within = basis.T @ samples
-        left = np.sum((samples - basis @ within) ** 2, axis=0)
+        left = samples - basis @ within
+        outside += np.einsum("ij,ij->j", left, left).reshape(len(mine), n_channels).sum(axis=0)
         waves = triangle[:, :m].astype(complex)
         waves[:, oscillating] += 1j * triangle[:, m:]
         target = within.T.reshape(len(mine), n_channels, -1)
         records.append(
-            _Projected(
-                waves,
-                target,
-                target @ waves,
-                waves.conj().T @ waves,
-                waves.T @ waves,
-                left.reshape(len(mine), n_channels).sum(axis=0),
-            )
+            _Alike(waves, target, target @ waves, waves.conj().T @ waves, waves.T @ waves)
         )
-    return records
+    return Projection(poles, tuple(records), outside, len(decays), int(lengths.sum()))
 
 
-def _amplitudes(
-    records: _Projected, shapes: NDArray[np.complex128], weight: NDArray[np.float64]
-) -> NDArray[np.complex128]:
-    """Return the best amplitude of each mode in each record, (n_records, m).
-
-    `weight` (n_channels,) is the inverse of the variance of the noise.
-    """
-    weighted = shapes * weight[:, None]
-    normal = real_block(
-        (shapes.conj().T @ weighted) * records.mixed, (shapes.T @ weighted) * records.plain
-    )
-    product = np.einsum("ncm,cm->nm", records.products, weighted)
-    found = _solved(normal, np.hstack([product.real, -product.imag]).T)
-    m = shapes.shape[1]
-    return np.asarray((found[:m] + 1j * found[m:]).T)
-
-
-def _shapes(
-    records: Sequence[_Projected], amplitudes: Sequence[NDArray[np.complex128]]
-) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Return the best shapes, (n_channels, m), and the squares they leave in each channel."""
-    pairs = list(zip(records, amplitudes, strict=True))
-    normal = np.sum(
-        [real_block((q.conj().T @ q) * r.mixed, (q.T @ q) * r.plain) for r, q in pairs], axis=0
-    )
-    product = np.sum([np.einsum("ncm,nm->cm", r.products, q) for r, q in pairs], axis=0)
-    m = product.shape[1]
-    found = _solved(normal, np.hstack([product.real, -product.imag]).T)
-    shapes: NDArray[np.complex128] = (found[:m] + 1j * found[m:]).T
-    left = np.zeros(len(shapes))
-    for r, q in pairs:
-        residue = q[:, None] * shapes
-        fitted = residue.real @ r.waves.real.T - residue.imag @ r.waves.imag.T
-        left += np.sum((r.target - fitted) ** 2, axis=(0, 2))
-    size = np.linalg.norm(shapes, axis=0)
-    return shapes / np.where(size > 0.0, size, 1.0), left
-
-
-def _solved(normal: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve normal equations: unknowns are few, and a hundred fits compare sets of modes.
+def _solved(normal: NDArray[np.float64], product: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Solve stacked normal equations, (s, 2 p, 2 p), for products (s, n, p).
 
     The ridge is far below noise; it decides only between poles that are the same to rounding.
     """
-    n = len(normal)
-    ridge = _RIDGE * np.trace(normal) / n + np.finfo(float).tiny
-    return np.asarray(np.linalg.solve(normal + ridge * np.eye(n), target))
+    n = normal.shape[-1]
+    ridge = _RIDGE * np.trace(normal, axis1=1, axis2=2) / n + np.finfo(float).tiny
+    target = np.concatenate([product.real, -product.imag], axis=2).swapaxes(1, 2)
+    found = np.linalg.solve(normal + ridge[:, None, None] * np.eye(n), target)
+    return np.asarray((found[:, : n // 2] + 1j * found[:, n // 2 :]).swapaxes(1, 2))
 
 
-def gain_by_noise(poles: NDArray[np.complex128], n_channels: int, n_records: int, n: int) -> float:
-    """Return what `poles` may gain by following noise.
+def gain_by_noise(
+    poles: NDArray[np.complex128], n_channels: int, n_records: int, n: int
+) -> NDArray[np.float64]:
+    """Return what some poles, or each of some sets, (.., p), may gain by following noise.
 
     Each free number gains about 1, so a mode's gain is chi-squared distributed; and there are some
     n frequencies at which noise may look like a mode, the best of which is the one that is found.
     """
     numbers = n_channels + n_records
-    pairs = int(np.sum(poles.imag > 0.0))
-    gain = pairs * exceeded_by_chance(2 * numbers, _FALSE_ALARM / n)
-    return float(gain + (len(poles) - pairs) * exceeded_by_chance(numbers, _FALSE_ALARM / n))
+    pairs = np.sum(poles.imag > 0.0, axis=-1)
+    chance = _FALSE_ALARM / n
+    gain = pairs * exceeded_by_chance(2 * numbers, chance)
+    return np.asarray(gain + (poles.shape[-1] - pairs) * exceeded_by_chance(numbers, chance))

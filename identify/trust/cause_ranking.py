@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,14 +64,16 @@ class Suspect:
 def rank_causes(estimation: Estimation) -> tuple[Suspect, ...]:
     """Hold every known cause against the residuals; the one that explains most comes first."""
     fitted = fitted_decays(estimation, _RATE_HZ)
-    kinds = [kind(estimation) for kind in (structural, lateness, gains, suspension_forces)]
-    effects = [effect for kind in kinds for effect in kind.effects]
+    kinds = [structural(estimation, fitted), lateness(estimation), gains(estimation)]
+    forces = suspension_forces(estimation)
+    effects = [effect for kind in (*kinds, forces) for effect in kind.effects]
 
-    def trace_of(one: FittedDecay) -> Trace:
+    def traces_of(one: FittedDecay) -> Iterator[Trace]:
         parts = zip(*(kind.trace_of(one) for kind in kinds), strict=True)
-        return tuple(np.concatenate(part, axis=-1) for part in parts)
+        for part, sampled in zip(parts, forces.trace_of(one), strict=True):
+            yield Trace(np.concatenate(part, axis=-1), sampled)
 
-    tests = scores(estimation, fitted, trace_of, len(effects))
+    tests = scores(estimation, fitted, traces_of, len(effects))
     causes: dict[str, list[int]] = {}
     for i, effect in enumerate(effects):
         causes.setdefault(effect.cause, []).append(i)

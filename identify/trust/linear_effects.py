@@ -5,7 +5,7 @@ Springs, dampers, unequal sides, wrong lengths; sensors that are late or read to
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,10 @@ from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
 from ..fit.varpro import evaluate, motion, slopes
 from .scale import scale_facts
-from .score_test import FittedDecay, Trace
+from .score_test import FittedDecay
+
+Traces = tuple[NDArray[np.float64], ...]
+"""Trace of each of q effects in each recording of a decay."""
 
 WEIGHTS = "added weights off by a common factor"
 """Cause: the scale that the weights were weighed on, or their unit."""
@@ -44,11 +47,15 @@ class Effects:
     """Effects of one kind and how to find their traces."""
 
     effects: tuple[Effect, ...]
-    trace_of: Callable[[FittedDecay], Trace]
+    trace_of: Callable[[FittedDecay], Traces]
+    """Of one unit of each: on the real basis of the motion, (n_channels, 28, q), or sampled."""
 
 
-def structural(estimation: Estimation) -> Effects:
-    """Return the springs, dampers, places and differences that the structure does not have."""
+def structural(estimation: Estimation, fitted: Sequence[FittedDecay]) -> Effects:
+    """Return the springs, dampers, places and differences that the structure does not have.
+
+    `fitted`: the decays beside their fits.
+    """
     box = estimation.box
     states = tuple(_with_unsure_weights(state) for state in box.mass_states)
     rich = GreyBox(box.groups, states, None, RICHEST)
@@ -58,23 +65,15 @@ def structural(estimation: Estimation) -> Effects:
     eta = rich.unknowns_of(full)
     eta[len(rich.parameters) :] = [stated.get(name, 0.0) for name in rich.corrections]
     effects, directions = _lacking(box, rich)
+    # All that the richest structure has beyond is zero here: its state matrix is that of the fit.
     points = {
-        state: evaluate(rich, eta, state, estimation.noise)
-        for state in {decay.mass_state for decay in estimation.decays}
+        state: evaluate(rich, eta, state, estimation.noise, modes)
+        for state, modes in {one.decay.mass_state: one.at.modes for one in fitted}.items()
     }
 
-    def trace_of(one: FittedDecay) -> Trace:
-        at = points[one.decay.mass_state]
-        z = at.modes.W @ one.linear.solution[: len(at.modes.poles)]
-        return tuple(
-            np.swapaxes(
-                at.modes.basis(at.time_s(recording))
-                @ (slopes(at, recording.group, z) @ directions),
-                0,
-                1,
-            )
-            for recording in one.decay.recordings
-        )
+    def trace_of(one: FittedDecay) -> Traces:
+        at, z = points[one.decay.mass_state], modal_start(one)
+        return tuple(slopes(at, r.group, z) @ directions for r in one.decay.recordings)
 
     return Effects(effects, trace_of)
 
@@ -130,14 +129,12 @@ def lateness(estimation: Estimation) -> Effects:
     groups |= {kind: members for kind, members in kinds.items() if len(set(members)) > 1}
     effects = tuple(Effect(f"{g} late", g, "ms", _LATE_S * 1e3) for g in groups)
 
-    def trace_of(one: FittedDecay) -> Trace:
+    def trace_of(one: FittedDecay) -> Traces:
         z = modal_start(one)
         traces = []
-        for r, basis in zip(one.decay.recordings, one.basis, strict=True):
-            on_basis = motion(one.at, r.group, z, 1)
-            rate = basis[:, : on_basis.shape[1]] @ on_basis.T
+        for r in one.decay.recordings:
             mine = np.array([r.group.name in members for members in groups.values()], dtype=float)
-            traces.append(-_LATE_S * rate[..., None] * mine)
+            traces.append(-_LATE_S * motion(one.at, r.group, z, 1)[..., None] * mine)
         return tuple(traces)
 
     return Effects(effects, trace_of)
@@ -149,14 +146,12 @@ def gains(estimation: Estimation) -> Effects:
     names = tuple(dict.fromkeys(c.name for group in groups for c in group.channels))
     effects = tuple(Effect(f"gain of {name}", name, "%", 100.0) for name in names)
 
-    def trace_of(one: FittedDecay) -> Trace:
+    def trace_of(one: FittedDecay) -> Traces:
         z = modal_start(one)
         traces = []
-        for r, basis in zip(one.decay.recordings, one.basis, strict=True):
-            on_basis = motion(one.at, r.group, z, 0)
-            moved = basis[:, : on_basis.shape[1]] @ on_basis.T
+        for r in one.decay.recordings:
             own = np.array([[c.name == name for name in names] for c in r.group.channels], float)
-            traces.append(moved[..., None] * own)
+            traces.append(motion(one.at, r.group, z, 0)[..., None] * own[:, None])
         return tuple(traces)
 
     return Effects(effects, trace_of)

@@ -17,9 +17,10 @@ from daq.channels import TIME_DERIVATIVE
 from ..decays.decay import Recording
 from ..fit.estimation import Estimation
 from ..fit.varpro import Evaluated
+from ..model.exponentials import real_part, waves
 from ..model.matrices import loaded_model, travel_rows
-from .linear_effects import Effect, Effects, modal_start
-from .score_test import FittedDecay, Trace
+from .linear_effects import Effect, Effects, Traces, modal_start
+from .score_test import FittedDecay
 
 _GRID_S = 0.001
 _FRICTION_SPEED_M_S = 0.005
@@ -32,15 +33,21 @@ class _Drives:
     """One unit of each of q forces, on the two corners of an axle."""
 
     force: NDArray[np.float64]
-    """Over the time grid, N, shape (n, q, 2)."""
+    """Over the time grid, N, shape (q, n, 2)."""
     push: NDArray[np.float64]
     """Acceleration of the degrees of freedom by one newton at either corner, shape (q, 7, 2)."""
-    state: NDArray[np.float64]
-    """State of the vehicle, driven from rest, shape (n, q, 14)."""
+    modal: NDArray[np.complex128]
+    """State of the vehicle in modal coordinates, driven from rest, of each conjugate pair one,
+    shape (n, q, m)."""
+    V: NDArray[np.complex128]
+    """From there to the state, of which it is the real part, shape (14, m)."""
 
 
 def suspension_forces(estimation: Estimation) -> Effects:
-    """Return friction, N, and what rebound has more than compression, N s/m, of each axle."""
+    """Return friction, N, and what rebound has more than compression, N s/m, of each axle.
+
+    Their traces are sampled, (n_samples, n_channels, 4).
+    """
     friction = "friction in the suspension"
     one_sided = "dampers stronger in rebound than in compression"
     effects = (
@@ -54,7 +61,7 @@ def suspension_forces(estimation: Estimation) -> Effects:
         for state in estimation.box.mass_states
     }
 
-    def trace_of(one: FittedDecay) -> Trace:
+    def trace_of(one: FittedDecay) -> Traces:
         at = one.at
         end = max(float(at.time_s(r)[-1]) for r in one.decay.recordings)
         grid = np.arange(0.0, end + 2.0 * _GRID_S, _GRID_S)
@@ -63,7 +70,7 @@ def suspension_forces(estimation: Estimation) -> Effects:
         pushed = push[one.decay.mass_state]
         drives = _drives(
             at,
-            np.stack([force[:, axle] for force in forces for axle in _AXLES], axis=1),
+            np.stack([force[:, axle] for force in forces for axle in _AXLES]),
             np.stack([pushed[:, axle] for _ in forces for axle in _AXLES]),
         )
         return tuple(_seen(at, r, grid, drives) for r in one.decay.recordings)
@@ -77,24 +84,25 @@ def _speeds(one: FittedDecay, time_s: NDArray[np.float64]) -> NDArray[np.float64
     z = modal_start(one)
     upper = modes.poles.imag >= 0
     share = np.where(modes.poles[upper].imag > 0, 2.0, 1.0)  # a conjugate pair counts twice
-    wave = np.exp(np.multiply.outer(time_s, modes.poles[upper])) * (z[upper] * share)
-    return np.asarray((wave @ modes.V[7:, upper].T).real)
+    wave = waves(time_s, modes.poles[upper])
+    return real_part(wave, modes.V[7:, upper] * (z[upper] * share))
 
 
 def _drives(at: Evaluated, force: NDArray[np.float64], push: NDArray[np.float64]) -> _Drives:
-    """Drive the vehicle from rest with forces that are linear between the points of the grid."""
+    """Drive the vehicle from rest with forces, (q, n, 2), linear between the points of the grid."""
     # Of a conjugate pair one stands for both.
     upper = at.modes.poles.imag >= 0.0
-    poles, W, V = at.modes.poles[upper], at.modes.W[upper, 7:], at.modes.V[:, upper]
-    inward = np.einsum("nqc,qkc->nqk", force, W @ push, optimize=True)
+    poles, W = at.modes.poles[upper], at.modes.W[upper, 7:]
+    V = at.modes.V[:, upper] * np.where(poles.imag > 0.0, 2.0, 1.0)
+    inward = (W @ push).swapaxes(1, 2)  # (q, 2, m)
     s = poles * _GRID_S
     step = np.exp(s)
     now, before = (step - 1.0 - s) / s**2 * _GRID_S, (step * (s - 1.0) + 1.0) / s**2 * _GRID_S
-    gained = now * inward
-    gained[1:] += before * inward[:-1]
-    gained[0] = 0.0
-    z = _driven(gained, step)
-    return _Drives(force, push, (z @ (V * np.where(poles.imag > 0.0, 2.0, 1.0)).T).real)
+    gains = np.ascontiguousarray(np.concatenate([now * inward, before * inward], axis=1))
+    pushed = np.zeros((*force.shape[:2], 4))
+    pushed[:, 1:, :2], pushed[:, 1:, 2:] = force[:, 1:], force[:, :-1]
+    gained = (pushed @ gains.view(np.float64)).view(np.complex128).swapaxes(0, 1)
+    return _Drives(force, push, _driven(gained, step), V)
 
 
 def _driven(gained: NDArray[np.complex128], step: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -125,8 +133,8 @@ def _seen(
     # An acceleration feels the force itself, not only the motion that it makes.
     accelerations = np.array([TIME_DERIVATIVE[c.quantity] == 2 for c in channels])
     displaced = rows[:, :7] @ np.linalg.inv(at.system.A[7:, :7]) * accelerations[:, None]
-    at_once = np.einsum("nqc,qdc->nqd", drives.force, displaced @ drives.push, optimize=True)
-    on_grid = drives.state @ rows.T + at_once
+    at_once = drives.force @ (displaced @ drives.push).swapaxes(1, 2)  # (q, n, n_channels)
+    on_grid = real_part(drives.modal, rows @ drives.V) + at_once.swapaxes(0, 1)
     before = np.clip(np.searchsorted(grid, time) - 1, 0, len(grid) - 2)
     share = ((time - grid[before]) / _GRID_S)[:, None, None]
     between = on_grid[before] * (1.0 - share) + on_grid[before + 1] * share

@@ -7,7 +7,7 @@ parameters follow from one projection (Lagrange multiplier test, Rao 1948): no o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +17,18 @@ from ..decays.decay import FreeDecay
 from ..fit.estimation import Estimation
 from ..fit.varpro import Evaluated, LinearPart, evaluate, linear_parts, over_two, slopes
 
-Trace = tuple[NDArray[np.float64], ...]
-"""Change of the channels of each recording by each effect, (n_samples, n_channels, q)."""
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Change of the channels of one recording by each effect.
+
+    Those of some are sums of the functions that the motion consists of, and need no samples.
+    """
+
+    on_basis: NDArray[np.float64]
+    """The first effects, on the real basis of the motion, shape (n_channels, 28, p)."""
+    sampled: NDArray[np.float64]
+    """The others, shape (n_samples, n_channels, q - p)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +110,13 @@ def fitted_decays(estimation: Estimation, rate_hz: float) -> tuple[FittedDecay, 
 def scores(
     estimation: Estimation,
     fitted: Sequence[FittedDecay],
-    trace_of: Callable[[FittedDecay], Trace],
+    traces_of: Callable[[FittedDecay], Iterable[Trace]],
     q: int,
 ) -> Scores:
     """Hold effects against the residuals of a fit.
 
-    `trace_of`: what each of the effects, one unit of it, does to a decay.  `q`: number of effects.
+    `traces_of`: what each of the effects, one unit of it, does to each recording of a decay.  `q`:
+    number of effects.
     """
     eta, prior = estimation.fit.eta, estimation.box.prior_sigma**-2
     misfits, by_fact = estimation.box.fact_misfits(eta)
@@ -118,28 +129,36 @@ def scores(
         size = len(linear.solution)
         with_linear, between = np.zeros((q, size)), np.zeros((size, P))
         z = one.at.modes.W @ linear.solution[: len(one.at.modes.poles)]
-        for r, R, basis, product, stack in zip(
+        for r, trace, basis, product, stack in zip(
             one.decay.recordings,
-            trace_of(one),
+            traces_of(one),
             one.basis,
             linear.products,
             linear.coefficients,
             strict=True,
         ):
-            weight = one.at.weights(r.group)[:, None]
+            weight = one.at.weights(r.group)[:, None, None]
             J = slopes(one.at, r.group, z)
             m = J.shape[1]
             left = r.values - basis @ (stack @ linear.solution).T
+            left_on_basis = (left.T @ basis)[..., None]
             GJ = product.gram[:, :m] @ J
-            WR = R * weight
-            WRB = basis.T @ WR.swapaxes(0, 1)  # (n_channels, 28 + .., q)
-            gradient += over_two(WR, left[..., None])[:, 0]
-            information += over_two(WR, R)
-            mixed += over_two(WRB[:, :m], J)
-            unknown += over_two(J * weight[:, None], GJ[:, :m])
-            downhill += over_two(J * weight[:, None], (left.T @ basis)[:, :m, None])[:, 0]
-            with_linear += over_two(WRB, stack)
-            between += over_two(stack * weight[:, None], GJ)
+            on_basis, p = trace.on_basis, trace.on_basis.shape[2]
+            sampled = trace.sampled * weight[:, 0]
+            # Products with the basis of the effects, (n_channels, 28 + .., q).
+            on = weight * (product.gram[:, :m] @ on_basis)
+            beside = basis.T @ sampled.swapaxes(0, 1)
+            traced = np.concatenate([on, beside], axis=2)
+            gradient[:p] += over_two(weight * on_basis, left_on_basis[:, :m])[:, 0]
+            gradient[p:] += over_two(sampled, left[..., None])[:, 0]
+            information[:p] += over_two(on_basis, traced[:, :m])
+            information[p:, :p] += over_two(beside[:, :m], on_basis)
+            information[p:, p:] += over_two(sampled, trace.sampled)
+            mixed += over_two(traced[:, :m], J)
+            unknown += over_two(J * weight, GJ[:, :m])
+            downhill += over_two(J * weight, left_on_basis[:, :m])[:, 0]
+            with_linear += over_two(traced, stack)
+            between += over_two(stack * weight, GJ)
         information -= with_linear @ linear.normal_inverse @ with_linear.T
         mixed -= with_linear @ linear.normal_inverse @ between
         unknown -= between.T @ linear.normal_inverse @ between

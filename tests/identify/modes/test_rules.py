@@ -16,7 +16,7 @@ from identify.modes.modal_likelihood import LikelyModes
 from identify.modes.modal_model import ModalModel
 from identify.modes.mode_selection import _numerical_rank, _worth_trying
 from identify.modes.normal_equations import Ties
-from identify.modes.shape_fit import fit_modes
+from identify.modes.shape_fit import ModalFit, project
 from identify.modes.stabilisation import Poles, StabilisationDiagram, diagram_of
 from identify.modes.state_variable_method import (
     Delays,
@@ -238,13 +238,23 @@ def test_unit_scale_holds_unknowns_without_effect_still() -> None:
     assert unit_scale(np.diag([4.0, 0.0, 0.25])).tolist() == [0.5, 1.0, 2.0]
 
 
+def _fit(
+    records: list[NDArray[np.float64]],
+    rate_hz: float,
+    poles: NDArray[np.complex128],
+    shapes: NDArray[np.complex128],
+) -> ModalFit:
+    (fit,) = project(records, rate_hz, poles).fits(np.arange(len(poles))[None], shapes)
+    return fit
+
+
 def test_without_modes_the_likelihood_is_that_of_white_noise() -> None:
     """Each channel of n samples of variance v has -n ln v, twice the logarithm."""
     records = [np.array([[1.0, 2.0], [1.0, -4.0]]), np.array([[-2.0, 1.0]])]
-    fit = fit_modes(records, 10.0, np.zeros(0, complex), np.zeros((2, 0), complex))
+    fit = _fit(records, 10.0, np.zeros(0, complex), np.zeros((2, 0), complex))
     assert fit.merit == pytest.approx(-3 * (np.log(6 / 3) + np.log(21 / 3)))
     silent = [np.array([[0.0], [0.0]])]
-    still = fit_modes(silent, 10.0, np.zeros(0, complex), np.zeros((1, 0), complex))
+    still = _fit(silent, 10.0, np.zeros(0, complex), np.zeros((1, 0), complex))
     assert still.merit == pytest.approx(-2 * np.log(1e-24))
 
 
@@ -258,7 +268,7 @@ def test_modes_leave_what_they_do_not_explain() -> None:
     rng = np.random.default_rng(3)
     noise = [1e-3 * rng.standard_normal((40, 2)) for _ in records]
     noisy = [record + more for record, more in zip(records, noise, strict=True)]
-    fit = fit_modes(noisy, 100.0, pole, np.ones((2, 1), complex))
+    fit = _fit(noisy, 100.0, pole, np.ones((2, 1), complex))
     assert fit.shapes[1, 0] / fit.shapes[0, 0] == pytest.approx(shape[1], abs=2e-3)
     assert np.linalg.norm(fit.shapes) == pytest.approx(1.0)
     # By least squares of the whole: 2 channels of 80 samples, 2 unknowns for each but the scale.
