@@ -13,7 +13,6 @@ The curvature of the likelihood gives the Cramer-Rao bound of every pole.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,8 +21,7 @@ from numpy.typing import NDArray
 from dbc.frames import read_only
 
 from .arrow import unit_scale
-from .normal_equations import Point, Problem, Ties, problem_of
-from .waves import Block
+from .normal_equations import Point, Problem, Samples, Ties, problem_of
 
 _STEPS = 60
 _REACH = 8
@@ -80,7 +78,7 @@ class LikelyModes:
 
 
 def most_likely_modes(
-    blocks: Sequence[Block],
+    samples: Samples,
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
     ties: Ties | None = None,
@@ -90,8 +88,8 @@ def most_likely_modes(
 
     Parameters
     ----------
-    blocks : sequence of Block
-        The samples.
+    samples : Samples
+        From `gathered`.
     poles : (m,) complex128
         Poles to start from, imaginary parts of at least zero, rad/s; m >= 1.  A real pole stays
         real.
@@ -103,7 +101,7 @@ def most_likely_modes(
         `log_likelihood` below which the result is of no use: the fit ends where it comes into view
         that this is out of reach.
     """
-    problem = problem_of(blocks, ties or Ties.none(len(shapes), len(poles)), poles.imag > 0.0)
+    problem = problem_of(samples, ties or Ties.none(len(shapes), len(poles)), poles.imag > 0.0)
     point = problem.start(poles, shapes)
     damping = _DAMPING
     for _ in range(_STEPS):
@@ -121,7 +119,7 @@ def most_likely_modes(
 
 
 def likelihood_near(
-    blocks: Sequence[Block],
+    samples: Samples,
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
     ties: Ties,
@@ -130,7 +128,7 @@ def likelihood_near(
 
     Parameters are those of `most_likely_modes`; this ranks sets that begin near their optimum.
     """
-    problem = problem_of(blocks, ties, poles.imag > 0.0)
+    problem = problem_of(samples, ties, poles.imag > 0.0)
     return problem.log_likelihood(problem.start(poles, shapes))
 
 
@@ -139,7 +137,7 @@ def _result(problem: Problem, point: Point) -> LikelyModes:
     m = len(point.waves.poles)
     system = problem.linearise(point)
     n_unknowns = int(np.sum(system.free)) + int(np.sum(~problem.known))
-    share = 1.0 - n_unknowns / problem.count.sum()
+    share = 1.0 - n_unknowns / problem.samples.count.sum()
     # A mode at which the information is nil has no bound: its variance is left large.
     where = np.flatnonzero(system.free[0])
     information = system.pole_information()[np.ix_(where, where)]
@@ -154,7 +152,7 @@ def _result(problem: Problem, point: Point) -> LikelyModes:
         point.amplitudes,
         problem.ties,
         covariance,
-        np.sqrt(point.squares / problem.count / max(share, 1e-3)),
+        np.sqrt(point.squares / problem.samples.count / max(share, 1e-3)),
         problem.log_likelihood(point),
         n_unknowns,
     )

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .modal_model import ModalModel
+from .normal_equations import gathered
 from .order_selection import likely_modes
 from .shape_fit import ModalFit, Projection, project, without_each
 from .stabilisation import Poles, diagram_of, seen_in
@@ -144,7 +145,7 @@ def noisy_modes(
     start = noisy_start(spaces, decays, rate_hz)
     if not len(start):
         return start
-    likely = likely_modes(even_blocks(decays, rate_hz), start.poles, start.shapes)
+    likely = likely_modes(gathered(even_blocks(decays, rate_hz)), start.poles, start.shapes)
     modes = vibrates(likely.poles)
     return ModalModel(
         likely.poles[modes],

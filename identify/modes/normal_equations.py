@@ -62,64 +62,101 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
+class Samples:
+    """All blocks of samples, and what they say before any pole is known."""
+
+    blocks: tuple[Block, ...]
+    layout: Layout
+    """`blocks` laid out for sums with any poles."""
+    place: NDArray[np.intp]
+    """Block of each series, -1 where there is none, shape (n_runs, n_channels)."""
+    rows: tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]
+    """Run, block and series (n, n_channels) of each block of each run."""
+    count: NDArray[np.float64]
+    power: NDArray[np.float64]
+    """`count`, `power`: number of samples of each channel, and sum of their squares."""
+    longest_s: float
+    """Length of the longest series."""
+
+    @property
+    def first(self) -> NDArray[np.intp]:
+        """First row of each run, (n_runs,)."""
+        return np.searchsorted(self.rows[0], np.arange(len(self.place)))
+
+
+def gathered(blocks: Sequence[Block]) -> Samples:
+    """Gather some blocks, once for all fits of them; no channel of zeros."""
+    n_channels = 1 + max(int(block.channel.max()) for block in blocks)
+    n_runs = 1 + max(int(block.run.max()) for block in blocks)
+    place = np.full((n_runs, n_channels), -1)
+    count, power = np.zeros(n_channels), np.zeros(n_channels)
+    for number, block in enumerate(blocks):
+        place[block.run, block.channel] = number
+        np.add.at(count, block.channel, len(block.time_s))
+        np.add.at(power, block.channel, np.sum(block.deviations**2, axis=0))
+    longest_s = max(float(block.time_s[-1]) for block in blocks)
+    seen = place[:, None] == np.arange(len(blocks))[:, None]  # (n_runs, n_blocks, n_channels)
+    run, of_block = np.nonzero(seen.any(axis=2))
+    rows = run, of_block, seen[run, of_block]
+    return Samples(tuple(blocks), laid_out(blocks), place, rows, count, power, longest_s)
+
+
+@dataclass(frozen=True, slots=True)
 class Problem:
     """The samples and what is known beforehand.
 
-    `place` (n_runs, n_channels) is the block of each series and -1 where there is none; `count`
-    and `power` (n_channels,) are numbers of samples and sums of their squares; `rows` are the run,
-    the block and the series (n, n_channels) of each block of each run; `turning` (m,) is
-    True for pairs, False for real poles; `known` (n_owners, 2 m) is True for parts of shapes that
-    are zero.
+    `turning` (m,) is True for pairs, False for real poles; `known` (n_owners, 2 m) is True for
+    parts of shapes that are zero; `member` (n_owners, n_channels) is 1 where a channel takes from
+    an owner.
     """
 
-    layout: Layout
+    samples: Samples
     ties: Ties
     turning: NDArray[np.bool_]
-    place: NDArray[np.intp]
-    rows: tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]
-    count: NDArray[np.float64]
-    power: NDArray[np.float64]
     known: NDArray[np.bool_]
     member: NDArray[np.float64]
-    longest_s: float
 
     def start(self, poles: NDArray[np.complex128], shapes: NDArray[np.complex128]) -> Point:
         """Return the point at given poles and shapes, amplitudes by least squares."""
-        at = waves(self.layout, poles)
+        at = waves(self.samples.layout, poles)
         own = self._owned(shapes)
         spread = self.spread(own)
         m = len(poles)
-        weight = self.count / self.power
+        weight = self.samples.count / self.samples.power
         normal = self._products(at, weight).run_run(spread)
-        target = at.with_samples(*self.place.shape)
+        target = at.with_samples(*self.samples.place.shape)
         gradient = np.einsum("c,rcj->rj", weight, real_gradient(spread, target[..., :m]))
         amplitudes = _complex(solve(normal, gradient[..., None])[..., 0].T).T
-        return self.point(at, amplitudes, own, weight)
+        return self._point(at, target, amplitudes, own, weight)
 
-    def point(
+    def _point(
         self,
         at: Waves,
+        target: NDArray[np.complex128],
         amplitudes: NDArray[np.complex128],
         shapes: NDArray[np.complex128],
         weight: NDArray[np.float64],
     ) -> Point:
         """Return the point at given poles and amplitudes, with the shapes improved to the best.
 
-        `weight` (n_channels,) is the inverse of the variance of the noise as far as it is known.
+        `target` (n_runs, n_channels, 2 m) sums the functions times the samples; `weight`
+        (n_channels,) is the inverse of the variance of the noise as far as it is known.
         """
-        _, products = self._left(at, amplitudes, shapes)
+        products = target - self._fitted(at, amplitudes[:, None] * self.spread(shapes))
         normal = self._shape_normal(at, amplitudes, weight)
         gradient = self._shape_gradient(amplitudes, products, weight)
         shapes = shapes + _complex(solve(normal, gradient[..., None])[..., 0].T).T
-        squares, products = self._left(at, amplitudes, shapes)
-        objective = float(np.sum(self.count * np.log(squares)))
+        residues = amplitudes[:, None] * self.spread(shapes)
+        products = target - self._fitted(at, residues)
+        squares = _TINY * self.samples.power + at.squares_left(residues)
+        objective = float(np.sum(self.samples.count * np.log(squares)))
         return Point(at, amplitudes, shapes, squares, products, objective)
 
     def linearise(self, point: Point) -> System:
         """Return the normal equations at a point (Gauss-Newton, after Kaufman)."""
         at, q = point.waves, point.amplitudes
         m = q.shape[1]
-        weight = self.count / point.squares
+        weight = self.samples.count / point.squares
         spread = self.spread(point.shapes)  # (n_channels, m)
         both = q[:, None] * spread  # (n_runs, n_channels, m)
         products = self._products(at, weight)
@@ -148,29 +185,33 @@ class Problem:
         poles = point.waves.poles + by_poles[:m] + 1j * by_poles[m:]
         if np.any(poles.imag[self.turning] <= 0.0):
             return None
-        if np.any(poles.real * self.longest_s > _MAX_GROWTH):
+        if np.any(poles.real * self.samples.longest_s > _MAX_GROWTH):
             return None
         shapes = point.shapes + by_shapes[:, :m] + 1j * by_shapes[:, m:]
         amplitudes = point.amplitudes + by_runs[:, :m] + 1j * by_runs[:, m:]
-        weight = self.count / point.squares
-        trial = self.point(waves(self.layout, poles), amplitudes, shapes, weight)
+        weight = self.samples.count / point.squares
+        at = waves(self.samples.layout, poles)
+        target = at.with_samples(*self.samples.place.shape)
+        trial = self._point(at, target, amplitudes, shapes, weight)
         return trial if trial.objective <= point.objective else None
 
     def log_likelihood(self, point: Point) -> float:
         """Return twice the logarithm of the likelihood, constants apart."""
-        return -float(np.sum(self.count * np.log(point.squares / self.count)))
+        return -float(np.sum(self.samples.count * np.log(point.squares / self.samples.count)))
 
-    def _left(
-        self, at: Waves, amplitudes: NDArray[np.complex128], shapes: NDArray[np.complex128]
-    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-        """Return the squares left in each channel, and the functions times the residuals."""
-        squares, products = at.left_by(amplitudes[:, None] * self.spread(shapes))
-        return _TINY * self.power + squares, products
+    def _fitted(self, at: Waves, residues: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the functions times the real parts of exponentials, (n_runs, n_channels, 2 m).
+
+        `residues` (n_runs, n_channels, m): amplitude of each exponential in each series.
+        """
+        run, block, series = self.samples.rows
+        own, m = residues[run] * series[..., None], residues.shape[2]
+        found = own @ at.plain[block, :m] + own.conj() @ at.mixed[block, :m]
+        return np.asarray(np.add.reduceat(found, self.samples.first, axis=0) / 2.0)
 
     def _products(self, at: Waves, weight: NDArray[np.float64]) -> Products:
-        run, block, series = self.rows
-        first = np.searchsorted(run, np.arange(len(self.place)))
-        return Products(first, run, series * weight, at.mixed[block], at.plain[block])
+        run, block, series = self.samples.rows
+        return Products(self.samples.first, run, series * weight, at.mixed[block], at.plain[block])
 
     def _shape_normal(
         self, at: Waves, q: NDArray[np.complex128], weight: NDArray[np.float64]
@@ -210,37 +251,16 @@ class Problem:
         return free.reshape(1 + n_runs, 2 * m)
 
 
-def problem_of(blocks: Sequence[Block], ties: Ties, turning: NDArray[np.bool_]) -> Problem:
-    """Gather what the samples and the ties say before any pole is known.
+def problem_of(samples: Samples, ties: Ties, turning: NDArray[np.bool_]) -> Problem:
+    """Return the problem of some samples.
 
-    Parameters
-    ----------
-    blocks : sequence of Block
-        The samples; no channel of zeros.
-    ties : Ties
-        What is known of the shapes.
-    turning : (m,) bool
-        Whether a pole is one of a conjugate pair.
+    `ties`: what is known of the shapes.  `turning`, (m,) bool: whether a pole is one of a conjugate
+    pair.
     """
-    n_channels = len(ties.owner)
-    n_runs = 1 + max(int(block.run.max()) for block in blocks)
-    place = np.full((n_runs, n_channels), -1)
-    count, power = np.zeros(n_channels), np.zeros(n_channels)
-    for number, block in enumerate(blocks):
-        place[block.run, block.channel] = number
-        np.add.at(count, block.channel, len(block.time_s))
-        np.add.at(power, block.channel, np.sum(block.deviations**2, axis=0))
     member = (np.arange(ties.owner.max() + 1)[:, None] == ties.owner).astype(float)
     known = np.repeat((member @ np.abs(ties.sign) == 0.0)[:, None], 2, axis=1)
     known[:, 1] |= ~turning
-    longest = max(float(block.time_s[-1]) for block in blocks)
-    known = known.reshape(len(member), -1)
-    seen = place[:, None] == np.arange(len(blocks))[:, None]  # (n_runs, n_blocks, n_channels)
-    run, of_block = np.nonzero(seen.any(axis=2))
-    rows = run, of_block, seen[run, of_block]
-    return Problem(
-        laid_out(blocks), ties, turning, place, rows, count, power, known, member, longest
-    )
+    return Problem(samples, ties, turning, known.reshape(len(member), -1), member)
 
 
 def _complex(parts: NDArray[np.float64]) -> NDArray[np.complex128]:

@@ -14,11 +14,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..model import exponentials
 from ..model.chi_squared import exceeded_by_chance
 from .copies import originals
 from .modal_likelihood import LikelyModes, likelihood_near, most_likely_modes
 from .needed import likelihood_at_most
-from .normal_equations import Ties
+from .normal_equations import Samples, Ties, gathered
 from .shape_fit import gain_by_noise, without_each
 from .waves import Block
 
@@ -33,7 +34,7 @@ Start = tuple[NDArray[np.complex128], NDArray[np.complex128], Ties]
 
 
 def likely_modes(
-    blocks: Sequence[Block],
+    samples: Samples,
     poles: NDArray[np.complex128],
     shapes: NDArray[np.complex128],
     ties: Ties | None = None,
@@ -42,8 +43,8 @@ def likely_modes(
 
     Parameters
     ----------
-    blocks : sequence of Block
-        The samples; no channel of zeros.  Levels are fitted if that pays.
+    samples : Samples
+        From `gathered`.  Levels are fitted if that pays.
     poles : (m,) complex128
     shapes : (n_channels, m) complex128
         The set to start from, real poles included; m >= 1.
@@ -53,24 +54,24 @@ def likely_modes(
     first = originals(poles, shapes)
     if ties is not None:
         ties = Ties(ties.owner, ties.sign[:, first])
-    best = most_likely_modes(blocks, poles[first], shapes[:, first], ties)
-    n_levels = sum(block.values.shape[1] for block in blocks if not block.free_level)
+    best = most_likely_modes(samples, poles[first], shapes[:, first], ties)
+    n_levels = sum(block.values.shape[1] for block in samples.blocks if not block.free_level)
     if n_levels:
-        floating = tuple(replace(block, free_level=True) for block in blocks)
+        floating = gathered([replace(block, free_level=True) for block in samples.blocks])
         free = most_likely_modes(floating, best.poles, best.shapes, ties)
         if free.log_likelihood - best.log_likelihood > exceeded_by_chance(n_levels, _FALSE_ALARM):
-            blocks, best = floating, free
-    n = sum(block.values.size for block in blocks) // len(shapes)
+            samples, best = floating, free
+    n = sum(block.values.size for block in samples.blocks) // len(shapes)
     for _ in range(_MOST_SPLITS):
-        trial = _more_merit(blocks, best, _split(blocks, best), n)
+        trial = _more_merit(samples, best, _split(samples.blocks, best), n)
         if trial is None or len(_originals(trial)) < len(trial.poles):
             break
         best = trial
     while len(left := _originals(best)) < len(best.poles):
-        best = most_likely_modes(blocks, *_chosen(best, left))
+        best = most_likely_modes(samples, *_chosen(best, left))
     while len(best.poles) > 1:
-        fewer = _without_least_needed(blocks, best, n)
-        trial = None if fewer is None else _more_merit(blocks, best, fewer, n)
+        fewer = _without_least_needed(samples, best, n)
+        trial = None if fewer is None else _more_merit(samples, best, fewer, n)
         if trial is None:
             break
         best = trial
@@ -81,12 +82,10 @@ def _originals(modes: LikelyModes) -> NDArray[np.intp]:
     return originals(modes.poles, modes.shapes, modes.amplitudes)
 
 
-def _more_merit(
-    blocks: Sequence[Block], modes: LikelyModes, other: Start, n: int
-) -> LikelyModes | None:
+def _more_merit(samples: Samples, modes: LikelyModes, other: Start, n: int) -> LikelyModes | None:
     """Return what is found from another start, None if it is no better founded than some modes."""
     wanted = _merit(modes, n) + float(_noise(modes, other[0], n))
-    found = most_likely_modes(blocks, *other, wanted=wanted)
+    found = most_likely_modes(samples, *other, wanted=wanted)
     return found if found.log_likelihood > wanted else None
 
 
@@ -110,7 +109,7 @@ def _split(blocks: Sequence[Block], modes: LikelyModes) -> Start:
     m, (n_channels, n_runs) = len(modes.poles), (len(modes.shapes), len(modes.amplitudes))
     pattern = np.zeros((m, n_channels, n_runs), dtype=complex)
     for block in blocks:
-        wave = np.exp(np.multiply.outer(block.time_s, modes.poles))
+        wave = exponentials.waves(block.time_s, modes.poles)
         residue = modes.shapes[block.channel] * modes.amplitudes[block.run]
         left = (block.deviations - (wave @ residue.T).real) / modes.noise[block.channel]
         slope = block.time_s[:, None] * wave
@@ -125,7 +124,7 @@ def _split(blocks: Sequence[Block], modes: LikelyModes) -> Start:
     return poles, shapes, ties
 
 
-def _without_least_needed(blocks: Sequence[Block], modes: LikelyModes, n: int) -> Start | None:
+def _without_least_needed(samples: Samples, modes: LikelyModes, n: int) -> Start | None:
     """Return the modes without the one whose loss costs least, None if surely all are needed.
 
     No set can be better than what free amplitudes of its poles in every series would make of it:
@@ -133,14 +132,14 @@ def _without_least_needed(blocks: Sequence[Block], modes: LikelyModes, n: int) -
     """
     fewer = without_each(np.arange(len(modes.poles)))
     noise = _noise(modes, modes.poles[fewer], n)
-    most = likelihood_at_most(blocks, modes.poles, len(modes.shapes)) - noise
+    most = likelihood_at_most(samples.blocks, modes.poles, len(modes.shapes)) - noise
     merit = _merit(modes, n)
     best, highest = None, -np.inf
     for leave in np.argsort(-most, kind="stable").tolist():
         if most[leave] < max(highest, merit):
             break
         other = _chosen(modes, fewer[leave])
-        found = likelihood_near(blocks, *other) - noise[leave]
+        found = likelihood_near(samples, *other) - noise[leave]
         if found > highest:
             best, highest = other, found
     return best

@@ -152,12 +152,9 @@ def delay_space(
     """
     step, span = delays.step, delays.step * delays.blocks
     smooth = [_running_mean(decay, step) for decay in decays if len(decay) > span]
-    tables = []
-    for record in smooth:
-        windows = np.lib.stride_tricks.sliding_window_view(record, span - step + 1, axis=0)
-        table = windows[..., ::step].swapaxes(1, 2)  # (n, blocks, n_channels)
-        tables.append(table.reshape(len(table), -1))
-    strength, directions = _noisy_directions(tables) or _exact_directions(tables)
+    found = _noisy_directions(smooth, delays)
+    tables = [_table(record, delays) for record in smooth] if found is None or step > 1 else []
+    strength, directions = found or _exact_directions(tables)
     return DelaySpace(
         delays=delays,
         rate_hz=rate_hz,
@@ -168,21 +165,51 @@ def delay_space(
     )
 
 
+def _table(record: NDArray[np.float64], delays: Delays) -> NDArray[np.float64]:
+    """Return the delay vectors of a record, one a row, (n, blocks * n_channels)."""
+    length = delays.step * (delays.blocks - 1) + 1
+    windows = np.lib.stride_tricks.sliding_window_view(record, length, axis=0)
+    table = windows[..., :: delays.step].swapaxes(1, 2)  # (n, blocks, n_channels)
+    return table.reshape(len(table), -1)
+
+
 def _noisy_directions(
-    tables: Sequence[NDArray[np.float64]],
+    records: Sequence[NDArray[np.float64]], delays: Delays
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Return strengths and directions from the products of the delay vectors, None if too exact.
 
     Products square the condition: they serve where noise is far above rounding, at a tenth of the
     cost of a decomposition of long tables, which grows with the number of records too.
     """
-    products = np.sum([table.T @ table for table in tables], axis=0)
-    if sum(len(table) for table in tables) < len(products):
+    behind = delays.step * (delays.blocks - 1)
+    if sum(len(record) - behind for record in records) < delays.blocks * records[0].shape[1]:
         return None
-    squares, directions = np.linalg.eigh(products)
+    squares, directions = np.linalg.eigh(_products(records, delays), "U")
     if squares[0] < _NOISY**2 * squares[-1]:
         return None
     return np.sqrt(squares[::-1]), np.ascontiguousarray(directions[:, ::-1])
+
+
+def _products(records: Sequence[NDArray[np.float64]], delays: Delays) -> NDArray[np.float64]:
+    """Return the products of the delay vectors, (blocks c, blocks c), on and above the diagonal.
+
+    A block is that before it along the diagonal, with what a window gains and loses by its shift.
+    """
+    blocks, step, c = delays.blocks, delays.step, records[0].shape[1]
+    out = np.zeros((blocks, c, blocks, c))
+    change = np.zeros((blocks * c - c, blocks * c - c))
+    for record in records:
+        n = len(record) - step * (blocks - 1)
+        windows = np.lib.stride_tricks.sliding_window_view(record, n, axis=0)[::step]
+        out[0] += (windows @ record[:n]).transpose(2, 0, 1)
+        lost, gained = record[:-n].reshape(blocks - 1, step, c), record[n:].reshape(-1, step, c)
+        for sign, ends in ((-1.0, lost), (1.0, gained)):
+            rows = ends.swapaxes(0, 1).reshape(step, -1)
+            change += sign * (rows.T @ rows)
+    between = change.reshape(blocks - 1, c, blocks - 1, c)
+    for i in range(1, blocks):
+        out[i, :, i:] = out[i - 1, :, i - 1 : -1] + between[i - 1, :, i - 1 :]
+    return out.reshape(blocks * c, blocks * c)
 
 
 def _exact_directions(

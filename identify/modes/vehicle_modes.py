@@ -22,6 +22,7 @@ from ..model.matrices import N_DOF
 from .modal_likelihood import LikelyModes, most_likely_modes
 from .modal_model import ModalModel
 from .mode_selection import regression_modes, vibrates
+from .normal_equations import Samples, gathered
 from .order_selection import likely_modes
 from .stabilisation import StabilisationDiagram, stabilisation_diagram
 from .symmetry import Mirror, mirror_of
@@ -64,13 +65,13 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
     live = tuple(channel for channel, lives in zip(channels, alive, strict=True) if lives)
     grids = [grid[:, alive] for grid in grids]
     grids = _blurred(grids)
-    blocks = _blocks(decays, live)
-    likely = _mirrored_modes(grids, rate_hz, blocks, mirror_of(live))
+    samples = gathered(_blocks(decays, live))
+    likely = _mirrored_modes(grids, rate_hz, samples, mirror_of(live))
     mirrored = likely is not None
     if likely is None:
         start = regression_modes(grids, rate_hz)
         if len(start):
-            likely = likely_modes(blocks, start.poles, start.shapes)
+            likely = likely_modes(samples, start.poles, start.shapes)
     return SensedModes(channels, _model(likely, alive), mirrored)
 
 
@@ -101,7 +102,7 @@ def _common(decays: Sequence[FreeDecay]) -> tuple[tuple[Channel, ...], float]:
 
 
 def _mirrored_modes(
-    grids: Sequence[NDArray[np.float64]], rate_hz: float, blocks: Sequence[Block], mirror: Mirror
+    grids: Sequence[NDArray[np.float64]], rate_hz: float, samples: Samples, mirror: Mirror
 ) -> LikelyModes | None:
     """Return symmetric and antisymmetric modes, None if the data are against them."""
     poles, shapes, parity = [], [], []
@@ -116,7 +117,7 @@ def _mirrored_modes(
     if not sum(len(kind) for kind in poles):
         return None
     ties = mirror.ties(np.concatenate(parity))
-    tied = likely_modes(blocks, np.concatenate(poles), np.hstack(shapes), ties)
+    tied = likely_modes(samples, np.concatenate(poles), np.hstack(shapes), ties)
     if np.sum(vibrates(tied.poles)) > N_DOF:  # modes that are neither kind are found as both
         return None
     numbers = len(tied.poles) + int(np.sum(tied.poles.imag > 0.0))
@@ -124,7 +125,7 @@ def _mirrored_modes(
     if not more:
         return tied
     against = tied.log_likelihood + exceeded_by_chance(more, _FALSE_ALARM)
-    free = most_likely_modes(blocks, tied.poles, tied.shapes, wanted=against)
+    free = most_likely_modes(samples, tied.poles, tied.shapes, wanted=against)
     return None if free.log_likelihood > against else tied
 
 

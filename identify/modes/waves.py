@@ -113,32 +113,20 @@ class Waves:
             sums[run, channel] = at.with_samples()
         return sums
 
-    def left_by(
-        self, residues: NDArray[np.complex128]
-    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-        """Return what sums of exponentials leave of the samples.
+    def squares_left(self, residues: NDArray[np.complex128]) -> NDArray[np.float64]:
+        """Return the squares that sums of exponentials leave in each channel, (n_channels,).
 
-        Parameters
-        ----------
-        residues : (n_runs, n_channels, m) complex128
-            Amplitude of each exponential in each series.
-
-        Returns
-        -------
-        squares : (n_channels,) float64
-            Squares that are left in each channel.
-        products : (n_runs, n_channels, 2 m) complex128
-            Sums of the functions times what is left.
+        `residues`: amplitude of each exponential in each series, (n_runs, n_channels, m).
         """
         squares = np.zeros(residues.shape[1])
-        products = np.zeros((*residues.shape[:2], 2 * len(self.poles)), dtype=complex)
         layout = self.layout
         for at, run, channel, floating in zip(
             self.at, layout.run, layout.channel, layout.floating, strict=True
         ):
             series = at.series
             steps, rest = at.values(residues[run, channel])
-            steps, rest = series.steps - steps, series.rest - rest
+            np.subtract(series.steps, steps, out=steps)
+            np.subtract(series.rest, rest, out=rest)
             # The samples have no mean where their level is unknown, so this is that of the rest.
             mean = (steps.sum(axis=(1, 3)) + rest.sum(axis=1)) / series.count[:, None]
             mean *= floating[:, None]
@@ -146,8 +134,7 @@ class Waves:
             rest -= mean[:, None] * series.present[..., None]
             total = np.einsum("rnkw,rnkw->rk", steps, steps) + np.einsum("rqk,rqk->rk", rest, rest)
             np.add.at(squares, channel, total)
-            products[run, channel] = at.with_values(steps, rest)
-        return squares, products
+        return squares
 
 
 def waves(layout: Layout, poles: NDArray[np.complex128]) -> Waves:

@@ -11,7 +11,7 @@ from identify.modes.modal_likelihood import likelihood_near
 from identify.modes.modal_model import ModalModel
 from identify.modes.mode_selection import identify_modes
 from identify.modes.needed import likelihood_at_most
-from identify.modes.normal_equations import Ties
+from identify.modes.normal_equations import Ties, gathered
 from identify.modes.waves import even_blocks
 
 from ..structures import CLOSE_PAIR_HZ, struck_frame
@@ -94,4 +94,6 @@ def test_the_bound_is_that_of_amplitudes_free_in_every_series() -> None:
         squares = np.sum([np.linalg.lstsq(table, r, rcond=None)[1] for r in records], axis=0)
         free = -5 * 256 * np.sum(np.log(squares / (5 * 256)))
         assert bound[leave] == pytest.approx(free, abs=0.02)
-        assert likelihood_near(blocks, poles[left], shapes[:, left], Ties.none(3, 3)) < free
+        assert (
+            likelihood_near(gathered(blocks), poles[left], shapes[:, left], Ties.none(3, 3)) < free
+        )

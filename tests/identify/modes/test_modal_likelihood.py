@@ -15,7 +15,7 @@ from identify.model.matrices import physical_model
 from identify.modes.modal_likelihood import most_likely_modes
 from identify.modes.modal_model import ModalModel, mac, modes_of
 from identify.modes.mode_selection import identify_modes
-from identify.modes.normal_equations import Ties
+from identify.modes.normal_equations import Ties, gathered
 from identify.modes.vehicle_modes import sensed_modes
 from identify.modes.waves import Block
 
@@ -142,7 +142,7 @@ def test_deviations_are_those_of_the_information_matrix() -> None:
         Block(time, values[:, [0, 2]], run, first),
         Block(time, values[:, [1, 3]], run, first + 1, free_level=True),
     ]
-    found = most_likely_modes(blocks, poles * (1.0 + 0.02j), shapes)
+    found = most_likely_modes(gathered(blocks), poles * (1.0 + 0.02j), shapes)
     std = np.sqrt(np.diag(found.pole_covariance))
     np.testing.assert_allclose(std, expected, rtol=0.1)
     assert np.all(np.abs(found.poles - poles) < 4.0 * np.hypot(std[:2], std[2:]))
@@ -157,7 +157,7 @@ def test_ties_hold_shapes_alike_opposite_and_zero() -> None:
     record = record + 0.01 * rng.standard_normal(record.shape)
     block = Block(np.arange(300) / 50.0, record, np.zeros(3, int), np.arange(3))
     ties = Ties(np.array([0, 0, 1]), np.array([[1.0, 1.0], [1.0, -1.0], [1.0, 0.0]]))
-    tied = most_likely_modes([block], poles * 1.01, shapes, ties)
+    tied = most_likely_modes(gathered([block]), poles * 1.01, shapes, ties)
     assert np.abs(tied.poles / poles - 1.0).max() < 0.01
     np.testing.assert_array_equal(tied.shapes[1], tied.shapes[0] * [1.0, -1.0])
     assert tied.shapes[2, 1] == 0.0
@@ -182,9 +182,9 @@ def test_a_mode_that_has_died_before_the_first_sample_is_held_and_leaves_the_oth
     ]
     run, channel = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
     block = Block(time, np.hstack(both), run, channel)
-    alone = most_likely_modes([block], poles, np.array([[1.0], [0.5]], dtype=complex))
+    alone = most_likely_modes(gathered([block]), poles, np.array([[1.0], [0.5]], dtype=complex))
     shapes = np.array([[1.0, 1.0], [0.5, 1.0]], dtype=complex)
-    beside = most_likely_modes([block], np.append(poles, -1e6), shapes)
+    beside = most_likely_modes(gathered([block]), np.append(poles, -1e6), shapes)
     assert abs(alone.poles[0] / poles[0] - 1.0) < 0.002
     assert abs(beside.poles[0] / alone.poles[0] - 1.0) < 1e-6
     assert np.isfinite(beside.pole_covariance).all()
