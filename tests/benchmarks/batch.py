@@ -9,8 +9,10 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -20,7 +22,11 @@ from tests.flow.dask_cluster import cluster
 from tests.identify.stress import stress_session
 from tui.cli import run
 
+from .desk import cpu_of_children
+
 SESSIONS = 8
+TOLD = 200
+"""Sessions for which the costs are told."""
 
 
 def main(sessions: int = SESSIONS) -> None:
@@ -45,6 +51,37 @@ def main(sessions: int = SESSIONS) -> None:
         print(f"  executor, one worker over the loop: {(one / bare_s - 1) * 100:+.1f} %")
         print(f"  two workers over one: {one / two:.2f} times the speed")
         print(f"  Dask over two processes: {(cluster_s / two - 1) * 100:+.1f} % time")
+        _costs(folder, files)
+
+
+def _costs(folder: Path, files: Sequence[Path]) -> None:
+    """Print what start-up and a session cost on two processes, and on a cluster of two workers."""
+    few, many = max(1, len(files) // 4), len(files)
+    whole = {}
+    for name in ("processes", "a local Dask cluster"):
+        cpu_s = [_cost_s(folder, files[:n], name != "processes") for n in (few, many)]
+        each_s = (cpu_s[1] - cpu_s[0]) / (many - few)
+        start_s = cpu_s[1] - many * each_s
+        whole[name] = start_s + TOLD * each_s
+        print(
+            f"  {name}: {start_s:.1f} s of CPU to start, {each_s:.3f} s a session;"
+            f" {whole[name]:.0f} s for {TOLD}"
+        )
+    one, other = whole.values()
+    print(f"  a cluster over processes, {TOLD} sessions: {(other / one - 1) * 100:+.1f} % CPU")
+
+
+def _cost_s(folder: Path, files: Sequence[Path], on_cluster: bool) -> float:
+    """Return the CPU of a batch with all its processes, those of the cluster too, s."""
+    out = folder / f"cost{len(files)}{on_cluster}.csv"
+    command = [sys.executable, "-m", "tui", "batch", *map(str, files), "--out", str(out)]
+    with cpu_of_children() as spent:
+        if on_cluster:
+            with cluster(folder, 2) as (address, _):
+                subprocess.run([*command, "--scheduler", address], capture_output=True, check=True)
+        else:
+            subprocess.run([*command, "--workers", "2"], capture_output=True, check=True)
+    return spent[0]
 
 
 def _batch(folder: Path, name: str, *options: str) -> float:
