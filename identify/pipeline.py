@@ -18,7 +18,13 @@ from daq.vehicle import MassState, VehicleGeometry
 from dbc.errors import InputError
 
 from .decays.decay import FreeDecay, Record, record_of
-from .fit.estimation import Estimation, first_estimate, generic_vehicles, later_estimate
+from .fit.estimation import (
+    Estimation,
+    first_estimate,
+    generic_vehicles,
+    later_estimate,
+    later_may_hold,
+)
 from .fit.grey_box import GreyBox
 from .fit.uncertainty import (
     correlation,
@@ -35,6 +41,7 @@ from .modes.mode_names import mode_names
 from .modes.pairing import pair_modes
 from .modes.vehicle_modes import SensedModes, sensed_modes
 from .paper.closed_form import closed_form
+from .real_car import explained_by_elements
 from .trust.finding import Quality
 from .trust.judge import judge
 from .trust.shortcomings import shortcomings
@@ -121,18 +128,15 @@ def identify_parameters(
         return Identification(Quality(missing, nan), session.provenance)
     progress(0.1, "fitting")
     box = grey_box(session, records)
-    estimation = first_estimate(box, records, generic_vehicles())
+    vehicles = generic_vehicles()
+    estimation = first_estimate(box, records, vehicles)
     forces = None
     signs = () if estimation.holds else opposed_signs(_accepted(session), session.channels)
     if not estimation.holds and not signs:  # else no car explains the decays
-        from .real_car import explained_by_elements  # with Numba: a third of a second to import
-
-        stage = partial(progress, 0.2)
-        real = explained_by_elements(session, estimation, stage)
-        if real is None:
+        if later_may_hold(estimation, vehicles):
             progress(0.5, "fitting again")
-            estimation = later_estimate(estimation, generic_vehicles())
-        else:
+            estimation = later_estimate(estimation, vehicles)
+        elif real := explained_by_elements(session, estimation, partial(progress, 0.2)):
             estimation, forces, box = real.estimation, real.forces, real.estimation.box
     fit = estimation.fit
     fitted(estimation)

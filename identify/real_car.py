@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from daq.sessions import Session
 
-from .fit.estimation import Estimation, generic_vehicles, later_may_hold
-from .nonlinear.real_car import RealCar, real_car
+from .fit.estimation import Estimation, generic_vehicles
 from .trust.cause_ranking import Suspect, rank_causes
 from .trust.misfit import CHI2_LIMIT
 from .trust.swaps import swap_explanation
+
+if TYPE_CHECKING:
+    from .nonlinear.real_car import RealCar
 
 
 def explained_by_elements(
@@ -23,16 +26,17 @@ def explained_by_elements(
     A fault of the bench (a late or wrongly scaled sensor) that explains the misfit with one number
     goes before a dozen elements that explain it as well.
 
-    `session`: with what `[vehicle.structure]` decides.  `linear`: a linear fit that does not hold.
+    `session`: with what `[vehicle.structure]` decides.  `linear`: a linear fit that does not hold,
+    nor would from a later start.
     `log`: receives a line for each stage of the fit.
     """
-    if later_may_hold(linear, generic_vehicles()):
-        return None
     n = sum(sum(left.freedom.values()) for left in linear.residuals)
     excess = max(linear.chi2_per_n - 1.0, 0.0)
     fault = max((s.explained for s in rank_causes(linear) if of_bench(s)), default=0.0)
     if 1.0 + excess * (1.0 - min(fault, 1.0)) <= linear.chi2_limit:
         return None
+    from .nonlinear.real_car import real_car  # with Numba: a third of a second to import
+
     found = real_car(linear, generic_vehicles(), session.vehicle.elements, log)
     if found is None or not found.estimation.chi2_per_n <= CHI2_LIMIT:
         return None

@@ -127,7 +127,9 @@ def estimate(
     are tried only where the first lead to nothing.
     """
     first = first_estimate(box, records, starts)
-    return first if first.holds else later_estimate(first, starts)
+    if first.holds or not later_may_hold(first, starts):
+        return first
+    return later_estimate(first, starts)
 
 
 def first_estimate(
@@ -143,9 +145,7 @@ def first_estimate(
 
 
 def later_estimate(first: Estimation, starts: Sequence[NDArray[np.float64]]) -> Estimation:
-    """Fit the decays from later on; the first estimate where no later start holds either."""
-    if not later_may_hold(first, starts):
-        return first
+    """Fit the decays from later on where that may hold (`later_may_hold`); else the first one."""
     box, records, rest = first.box, first.records, first.rest
     begin, laters = _laters(records)
     near, generic = first.fit.eta, box.unknowns(starts[0])
