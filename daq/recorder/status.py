@@ -62,7 +62,7 @@ class State:
     """Share of the motion's peak that is left."""
     alarms: AlarmState
     losses: Losses
-    proposed: tuple[LeftOut, ...] = ()
+    proposed: tuple[LeftOut, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.model.matrices import PhysicalModel, physical_model
 from identify.model.response import Bump, Response, exact_response
 from identify.modes.modal_model import ModalModel, displacement_shapes, mac, modes_of, sensor_rows
-from identify.modes.vehicle_modes import SensedModes, sensed_modes
+from identify.modes.vehicle_modes import SensedModes, _model, sensed_modes
 
 RUNS = (Excitation.BOUNCE, Excitation.PITCH, Excitation.ROLL, Excitation.WARP)
 GRANADA = physical_model(FORD_GRANADA)
@@ -182,3 +182,8 @@ def test_the_papers_channels_have_no_lone_one() -> None:
     assert sensed.mirrored
     truth = modes_of(GRANADA.A)
     assert np.abs(sensed.model.poles / truth.poles - 1.0).max() < 1e-10
+
+
+def test_of_no_likely_modes_there_is_none_in_any_channel() -> None:
+    model = _model(None, np.array([True, False, True]))
+    assert (model.poles.shape, model.shapes.shape) == ((0,), (3, 0))
