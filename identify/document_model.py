@@ -37,6 +37,8 @@ class SourceEntry(TypedDict):
     """`real`, `simulated` or `replayed`."""
     frames_sha256: str
     """Hash of its raw frames."""
+    file_sha256: str
+    """Hash of the session file; the edge that reads the file knows it."""
 
 
 class MatricesEntry(TypedDict):
@@ -78,6 +80,7 @@ def source_entry(provenance: Mapping[str, str]) -> SourceEntry:
         "created": provenance.get("created", ""),
         "origin": provenance.get("origin", "real"),
         "frames_sha256": provenance.get("frames_sha256", ""),
+        "file_sha256": "",
     }
 
 

@@ -222,6 +222,8 @@ def linear_coefficients(at: Evaluated, decay: FreeDecay) -> tuple[NDArray[np.flo
 
 def pseudo_inverse(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert a normal matrix; directions that the data do not show stay zero."""
+    if not normal.size:  # the norm of nothing is an error of NumPy 2.0
+        return normal.copy()
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal * np.outer(scale, scale)
     inverse = _plain_inverse(scaled)

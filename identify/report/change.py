@@ -13,6 +13,8 @@ from ..numbers import plus_minus
 from .blocks import Cell, Table, cited
 from .parameters import high_text, low_text
 
+_LEAST_CHANCE = 1e-9
+
 
 def unchanged_line(change: Change) -> str:
     """Return the test that all else is unchanged, in a line."""
@@ -23,7 +25,7 @@ def unchanged_line(change: Change) -> str:
         what = f"{what} that all sessions have"
     return (
         f"Test that {what} is unchanged: chi2 {change.rest_chi2:.1f} on {change.rest_freedom},"
-        f" chance {change.rest_p:.2g}."
+        f" chance {_chance_text(change.rest_p)}."
     )
 
 
@@ -54,13 +56,18 @@ def change_table(change: Change, document: Mapping[str, Any]) -> Table:
                     )
                     if part == part
                     else Cell(""),
-                    cited(document, "change", "named", i, "p", form="{:.1g}".format),
+                    cited(document, "change", "named", i, "p", form=_chance_text),
                 )
             )
     if not rows:
         rows = [(Cell(change.sentence), *(Cell("") for _ in range(7)))]
     columns = ("what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance")
     return Table("What changed, by one joint fit", columns, tuple(rows), unchanged_line(change))
+
+
+def _chance_text(p: float) -> str:
+    """Write a chance; what is below any that matters is no number."""
+    return f"{p:.2g}" if p >= _LEAST_CHANCE else f"below {_LEAST_CHANCE:g}"
 
 
 def _amount_text(change: EstimateEntry) -> str:

@@ -35,6 +35,7 @@ def report_of(
     `checks` are those of the result's estimation, empty if there is none.
     """
     document = result.document()
+    document["source"]["file_sha256"] = source.sha256
     sections: list[Section] = []
     if result.estimation is not None:
         dampers = damper_section(document)

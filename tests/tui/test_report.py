@@ -47,6 +47,7 @@ def test_report_writes_page_pdf_and_figures(
     text = page.read_text("utf-8")
     start = text.index('id="identification">') + len('id="identification">')
     assert json.loads(text[start : text.index("</script>", start)]) == document
+    assert document["source"]["file_sha256"] == hashlib.sha256(session.read_bytes()).hexdigest()
 
 
 def test_report_that_cannot_be_written(

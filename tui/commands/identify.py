@@ -40,6 +40,9 @@ def identify(
     if model is not None:
         write_model(result, model)
     if json:
+        from ..jobs.reporting import file_sha256
+
+        document["source"]["file_sha256"] = file_sha256(session)
         print_json(document)
     else:
         print_identification(document, {})

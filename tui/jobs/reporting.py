@@ -28,12 +28,17 @@ _HEAVY = (
 _LIBRARIES = ("numpy", "scipy", "h5py", "matplotlib")
 
 
+def file_sha256(path: Path) -> str:
+    """Return the hash of a session file, in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def source_of(path: Path, operator: str = "", approver: str = "") -> Source:
     """Return where the numbers of a session file come from, and who answers for them."""
     from identify.report import Source
 
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    digest = file_sha256(path)
     libraries = {name: version(name) for name in _LIBRARIES}
     today = datetime.now(UTC).date().isoformat()
     return Source(path.name, digest, version("bumpbench"), libraries, today, operator, approver)

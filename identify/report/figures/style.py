@@ -44,4 +44,4 @@ def zero_line(axes: Axes) -> None:
 def height_in(figure: FigureBase) -> float:
     """Return the height of a figure, or of a part of one, in inches."""
     box = figure.get_window_extent()
-    return float(box.height / figure.get_figure(root=True).dpi)
+    return float(box.height / figure.figure.dpi)  # of the whole; get_figure(root=True) is of 3.10

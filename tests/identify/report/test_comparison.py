@@ -41,7 +41,8 @@ def test_the_table_and_the_document_name_the_change(fits: list[Estimation]) -> N
     assert document["change"]["sentence"].startswith("Changed: c_sf (+2.85")
     first, *_ = comparison_sections(comparison)
     table = next(b for b in first.blocks if isinstance(b, Table) and "joint" in b.title)
-    ((name, kind, by, *_, share, _),) = table.rows
+    ((name, kind, by, *_, share, chance),) = table.rows
+    assert chance.text == "below 1e-09"  # 3e-79
     assert (name.text, kind.text, share.text) == ("c_sf", "differs", "+2.85 %")
     assert by.source == "change/named/0/changes/0"
     assert document["change"]["named"][0]["changes"][0]["value"] == pytest.approx(43.865, abs=1e-2)
@@ -73,7 +74,24 @@ def test_each_run_of_both_is_drawn_over_the_other(fits: list[Estimation]) -> Non
         assert np.mean(curve[1]) == pytest.approx(np.mean(panel.curves[0][1]), abs=1e-9)
     np.testing.assert_array_equal(panel.curves[0][1], measured_first(fits, panel.channel))
     figure = figure_of(panel)
-    assert [line.get_label() for line in figure.axes[0].lines] == ["before", "after"]
+    (axes,) = figure.axes
+    assert [line.get_label() for line in axes.lines] == ["before", "after"]
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_channel_and_names_of_sessions_stand_above_the_curves(n: int) -> None:
+    labels = tuple(f"2026-11-2{i}-morning/session_000{i}" for i in range(n))
+    curve = np.array([[0.0, 1.5], [-0.045, 0.02]])
+    figure = figure_of(OverlayPanel("travel_rr", "m", labels, (curve,) * n))
+    (axes,) = figure.axes
+    legend = axes.get_legend()
+    assert legend is not None
+    assert legend.get_title().get_text() == "travel_rr, m"
+    assert [len(text.get_text()) for text in legend.get_texts()] == [22] * n
+    figure.canvas.draw()
+    box = legend.get_window_extent()
+    assert axes.bbox.y1 <= box.y0 < box.y1 <= figure.bbox.y1
+    assert axes.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
 
 
 def measured_first(fits: list[Estimation], channel: str) -> NDArray[np.float64]:

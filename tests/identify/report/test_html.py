@@ -102,6 +102,7 @@ def test_every_number_is_that_of_the_document() -> None:
 
 def test_the_document_is_the_one_of_identify() -> None:
     document = made("linear")[1].document()
+    document["source"]["file_sha256"] = SOURCE.sha256
     assert _Page(_linear()).documents["identification"] == json.loads(json.dumps(document))
 
 
