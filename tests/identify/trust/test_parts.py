@@ -1,4 +1,4 @@
-"""Which statement is wrong, which labels could be exchanged, and how much a channel shows."""
+"""Parts of the gates on data made by hand: what is named first, exchanged, held or correlated."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from daq.channels import Channel, Quantity
 from daq.vehicle import Corner
+from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.estimation import Estimation
 from identify.trust import contradiction
 from identify.trust.contradiction import contradictions
+from identify.trust.sampling import _by_arrival
 from identify.trust.sensor_faults import gain_of
+from identify.trust.stuck import _holds
 from identify.trust.swaps import _hypotheses
 from identify.trust.whiteness import _Pairs
 
@@ -95,3 +98,28 @@ def test_pairs_of_equal_samples_are_alike_and_of_opposite_ones_are_not() -> None
         pairs.add(time_s, np.array([sign**n for n in range(100)]), 0.0)
         pairs.add(time_s[:1], np.ones(1), 5.0)  # makes no pair
         assert (pairs.n, pairs.fitted, pairs.correlation) == (99, 0.0, correlation)
+
+
+@pytest.mark.parametrize(
+    ("frames", "late_s", "by_arrival"), [(9, 0.0, True), (9, 0.001, False), (0, 0.0, False)]
+)
+def test_times_are_arrivals_where_most_are_those_of_frames(
+    frames: int, late_s: float, by_arrival: bool
+) -> None:
+    t0_ns, t_ns = 5 * 10**9, 5 * 10**9 + np.arange(10) * 10**7
+    group: Any = SimpleNamespace(t_ns=t_ns, time_s=(t_ns - t0_ns) * 1e-9 + late_s)
+    run: Any = SimpleNamespace(t0_ns=t0_ns, frames=range(frames))
+    assert _by_arrival(run, group) is by_arrival
+
+
+def test_a_hold_counts_its_samples_from_the_first_of_them() -> None:
+    """Ten samples of one value at the start of a decay of 100 samples a second, then motion."""
+    channel = Channel("travel", Quantity.SUSPENSION_TRAVEL, "m", corner=Corner.FRONT_LEFT)
+    values = np.concatenate([np.arange(10.0), np.full(10, 20.0), np.arange(30.0, 60.0)])
+    recording = Recording(ChannelGroup("g", (channel,)), np.arange(50) / 100.0, values[:, None])
+    (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (recording,)), 0.1)
+    assert (hold.held, hold.kind, hold.constant) == (10, "baseline_bounce", False)
+    assert hold.held_s == pytest.approx(0.09)
+    level = Recording(recording.group, recording.time_s, np.full((50, 1), 3.0))
+    (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (level,)), 0.1)
+    assert (hold.held, hold.constant) == (50, True)
