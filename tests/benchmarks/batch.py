@@ -25,6 +25,17 @@ from tui.cli import run
 from .desk import cpu_of_children
 
 SESSIONS = 8
+_REAPED = """
+import ctypes, os, subprocess, sys
+ctypes.CDLL(None).prctl(36, 1)  # PR_SET_CHILD_SUBREAPER: workers outlive what started them
+code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode
+try:
+    while True:
+        os.wait()
+except ChildProcessError:
+    sys.exit(code)
+"""
+"""Runs a command and waits for all that it leaves behind, so that its CPU is counted."""
 TOLD = 200
 """Sessions for which the costs are told."""
 
@@ -74,7 +85,8 @@ def _costs(folder: Path, files: Sequence[Path]) -> None:
 def _cost_s(folder: Path, files: Sequence[Path], on_cluster: bool) -> float:
     """Return the CPU of a batch with all its processes, those of the cluster too, s."""
     out = folder / f"cost{len(files)}{on_cluster}.csv"
-    command = [sys.executable, "-m", "tui", "batch", *map(str, files), "--out", str(out)]
+    batch = [sys.executable, "-m", "tui", "batch", *map(str, files), "--out", str(out)]
+    command = [sys.executable, "-c", _REAPED, *batch]
     with cpu_of_children() as spent:
         if on_cluster:
             with cluster(folder, 2) as (address, _):

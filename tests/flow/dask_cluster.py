@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,6 +12,8 @@ from pathlib import Path
 _DASK = [sys.executable, "-m", "dask"]
 _HERE = ["--host", "127.0.0.1", "--no-dashboard"]
 _SAID = "Scheduler at:"
+_SET = {"OPENBLAS_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
+"""As docs/engineer.md has workers started."""
 
 
 @contextmanager
@@ -32,7 +35,11 @@ def cluster(folder: Path, workers: int) -> Iterator[tuple[str, dict[str, subproc
             command = [*_DASK, "worker", address, *options, *_HERE]
             named = {
                 f"worker-{i}": subprocess.Popen(
-                    [*command, "--name", f"worker-{i}"], stdout=log, stderr=log, text=True
+                    [*command, "--name", f"worker-{i}"],
+                    stdout=log,
+                    stderr=log,
+                    text=True,
+                    env=os.environ | _SET,
                 )
                 for i in range(workers)
             }
