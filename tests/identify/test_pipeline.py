@@ -1,5 +1,9 @@
 """Sessions of plain arrays through the whole method."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -122,3 +126,19 @@ def test_a_missing_mass_state_is_refused(missing: str) -> None:
 def test_an_empty_session_is_refused() -> None:
     result = identify(session_from_arrays([]))
     assert result.quality.verdict is Verdict.REFUSED
+
+
+_LATER = """
+import sys
+from identify import identify
+from tests.identify.stress import stress_session
+
+found = identify(stress_session("early_20ms", 1))
+assert found.estimation.later_s > 0.0
+assert "numba" not in sys.modules
+"""
+
+
+def test_decays_that_are_fitted_from_later_on_load_no_nonlinear_fit() -> None:
+    root = Path(__file__).parents[2]
+    subprocess.run([sys.executable, "-c", _LATER], cwd=root, check=True)

@@ -16,12 +16,13 @@ from identify.modes.modal_likelihood import LikelyModes
 from identify.modes.modal_model import ModalModel
 from identify.modes.mode_selection import _numerical_rank, _worth_trying
 from identify.modes.normal_equations import Ties
-from identify.modes.shape_fit import ModalFit, project
+from identify.modes.shape_fit import ModalFit, project, without_each
 from identify.modes.stabilisation import Poles, StabilisationDiagram, diagram_of
 from identify.modes.state_variable_method import (
     Delays,
     DelaySpace,
     _highest_frequency_hz,
+    _products,
     _running_mean,
     delay_space,
     layouts,
@@ -291,3 +292,39 @@ def test_records_of_one_length_share_a_block() -> None:
     run = np.zeros(1, np.intp)
     level = Block(np.arange(3.0), np.array([[1.0], [2.0], [6.0]]), run, run, free_level=True)
     assert level.deviations.tolist() == [[-2.0], [-1.0], [3.0]]
+
+
+@pytest.mark.parametrize("step", [1, 3])
+def test_products_along_the_diagonal_are_those_of_the_delay_vectors(step: int) -> None:
+    rng = np.random.default_rng(1)
+    records, delays = [rng.standard_normal((n, 3)) for n in (60, 75)], Delays(5, step)
+    tables = []
+    for record in records:
+        starts = range(len(record) - 4 * step)
+        rows = [[record[k + step * block] for block in range(5)] for k in starts]
+        tables.append(np.reshape(rows, (len(starts), 15)))
+    whole = sum((table.T @ table for table in tables), np.zeros((15, 15)))
+    upper = np.triu(np.ones((15, 15), dtype=bool))
+    assert _products(records, delays)[upper] == pytest.approx(whole[upper], rel=1e-12, abs=1e-12)
+
+
+def test_sets_that_are_fitted_at_once_are_fitted_as_each_alone() -> None:
+    rng = np.random.default_rng(2)
+    poles = np.array([-1.0 + 20.0j, -2.0 + 31.0j, -5.0])
+    wave = np.exp(np.outer(np.arange(80) / 100.0, poles))
+    shapes = rng.standard_normal((4, 3)) + 1j * rng.standard_normal((4, 3))
+    shapes[:, 2] = shapes[:, 2].real
+    records = []
+    for length in (80, 80, 60):
+        clean = (wave[:length] @ (shapes * rng.standard_normal(3)).T).real
+        records.append(clean + 0.01 * rng.standard_normal((length, 4)))
+    whole = project(records, 100.0, poles)
+    sets = without_each(np.arange(3))
+    assert sets.tolist() == [[1, 2], [0, 2], [0, 1]]
+    bounds = whole.merits_without(np.arange(3))
+    for chosen, found, bound in zip(sets, whole.fits(sets, shapes, 4), bounds, strict=True):
+        (alone,) = whole.fits(chosen[None], shapes, 4)
+        assert found.merit == pytest.approx(alone.merit, rel=1e-9)
+        assert found.shapes == pytest.approx(alone.shapes, rel=1e-6)
+        assert project(records, 100.0, poles[chosen]).most_merit == pytest.approx(bound, abs=0.05)
+        assert found.merit < bound
