@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from daq.vehicle import FORD_GRANADA
 from identify.model.matrices import physical_model
@@ -41,3 +42,15 @@ def test_pure_motions_and_one_mode_too_many() -> None:
     shapes[:, 7] = 0.1
     poles = np.asarray(-1.0 + 1j * np.arange(1.0, 9.0), dtype=np.complex128)
     assert mode_names(ModalModel(poles, shapes), GEOMETRY) == (*MODE_NAMES, "further mode")
+
+
+@pytest.mark.parametrize(
+    ("wheels", "name"), [(0.55, "body bounce"), (0.58, "front wheels symmetric")]
+)
+def test_two_wheels_count_by_the_root_of_their_squares_and_the_body_by_its_corners(
+    wheels: float, name: str
+) -> None:
+    """Four corners at 0.4 have the norm 0.8; two wheels have it at 0.8 / sqrt(2) = 0.566 each."""
+    shape = np.array([0.4, 0.0, 0.0, wheels, wheels, 0.0, 0.0], dtype=complex)
+    model = ModalModel(np.array([-1.0 + 10.0j]), shape[:, None])
+    assert mode_names(model, GEOMETRY) == (name,)
