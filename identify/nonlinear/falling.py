@@ -24,15 +24,12 @@ def too_flat(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return by how much each segment of the dampers' curves is flatter than the floor.
 
-    `eta`: (P,).  Returns (segments,) float64, front first, in units of the floor's deviation, and
-    the slopes of what they are flatter by, (segments, P).
+    `eta`: (P,).  Returns (segments,) float64, front first, in units of the floor's deviation,
+    negative where a segment is steeper; and by how much less that is for each unknown, (segments,
+    P).  What is negative costs nothing.
     """
-    points = stepped(eta)
-    shares = _shares(model, points)
-    short = np.maximum(_FLOOR - shares[0].real, 0.0) / _FLOOR_SD
-    slopes = shares[1:].imag.T / COMPLEX_STEP / _FLOOR_SD
-    slopes[short == 0.0] = 0.0
-    return short, slopes
+    shares = _shares(model, stepped(eta))
+    return (_FLOOR - shares[0].real) / _FLOOR_SD, shares[1:].imag.T / COMPLEX_STEP / _FLOOR_SD
 
 
 def _shares(model: Model, eta: NDArray[np.complex128]) -> NDArray[np.complex128]:

@@ -17,8 +17,8 @@ _MAX_STEP = 0.5
 """Largest change of an unknown in one iteration."""
 _HOLDS = 12
 """Solutions of a step, each with more unknowns held at their bounds."""
-_ROUNDS = 6
-"""Solutions of a step, each with more of the runs' friction held at its bound."""
+_ROUNDS = 8
+"""Solutions of a step, each with more of the runs' friction at its bound and other curves held."""
 _REFUSED = 8
 """Refused steps in a row after which the tangents count as spent."""
 _SLOW = 0.5
@@ -136,11 +136,16 @@ def _step(
     low: NDArray[np.float64],
     high: NDArray[np.float64],
 ) -> _Step:
-    """Return a step; friction that would act by more than all of it stops at all of it."""
+    """Return a step; friction that would act by more than all of it stops at all of it.
+
+    Damper curves that it would make too flat are held up, others are not.
+    """
     fixed = [np.full(len(b.A), np.nan) for b in equations.blocks]
+    flat = equations.lacks > 0.0
     for _ in range(_ROUNDS):
-        matrix, right, runs = reduced(equations, damping, fixed)
+        matrix, right, runs = reduced(equations.holding(flat), damping, fixed)
         shared = _solve(matrix, right, damping, low, high)
+        lacks = equations.lacks - equations.lifts @ shared
         moves = [run.step(shared) for run in runs]
         beyond = False
         for own, move, held in zip(owns, moves, fixed, strict=True):
@@ -150,9 +155,12 @@ def _step(
             out = 14 + np.flatnonzero(excess > max(1e-9, 0.5 * float(excess.max())))
             held[out] = np.sign(after[out - 14]) - own.friction[out - 14]
             beyond = beyond or bool(len(out))
-        if not beyond:
+        if not beyond and ((lacks > 0.0) == flat).all():
             break
-    fall = 2.0 * float(equations.right @ shared) - float(shared @ equations.shared @ shared)
+        flat = lacks > 0.0
+    steep = equations.holding(np.zeros_like(flat))
+    fall = 2.0 * float(steep.right @ shared) - float(shared @ steep.shared @ shared)
+    fall += float(np.sum(np.maximum(equations.lacks, 0.0) ** 2 - np.maximum(lacks, 0.0) ** 2))
     for b, move in zip(equations.blocks, moves, strict=True):
         fall += 2.0 * float(b.own @ move + b.shared @ shared) - float(
             move @ b.A @ move + 2.0 * move @ b.B @ shared + shared @ b.C @ shared

@@ -55,8 +55,14 @@ class Problem:
         """Return the same of the priors, and of damper curves that would fall."""
         root = 1.0 / self.prior[self.free]
         pull = (self.centre - eta)[self.free] * root
-        short, slopes = too_flat(self.model, eta)
-        return np.concatenate([pull, short]), np.vstack([np.diag(root), slopes[:, self.free]])
+        lacks, lifts = self.curve_terms(eta)
+        flat = lacks > 0.0
+        return np.concatenate([pull, lacks[flat]]), np.vstack([np.diag(root), lifts[flat]])
+
+    def curve_terms(self, eta: NDArray[np.float64]) -> Terms:
+        """Return by how much damper curves are too flat, (S,), and how they rise, (S, F)."""
+        lacks, lifts = too_flat(self.model, eta)
+        return lacks, lifts[:, self.free]
 
     @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -91,6 +97,18 @@ class Normal:
     """(F, F) of facts and priors alone."""
     right: NDArray[np.float64]
     """(F,)."""
+    lacks: NDArray[np.float64]
+    """By how much each segment of the damper curves is too flat, (S,); negative ones are steep."""
+    lifts: NDArray[np.float64]
+    """Their slopes, (S, F)."""
+
+    def holding(self, flat: NDArray[np.bool_]) -> Normal:
+        """Return the equations with the given segments, (S,), held up in place of the flat ones."""
+        sign = flat.astype(float) - (self.lacks > 0.0)
+        signed = self.lifts.T * sign
+        return replace(
+            self, shared=self.shared + signed @ self.lifts, right=self.right + signed @ self.lacks
+        )
 
     @property
     def finite(self) -> bool:
@@ -149,7 +167,7 @@ def normal(at: Point) -> Normal:
     for misfits, slopes in (problem.fact_terms(at.eta), problem.prior_terms(at.eta)):
         shared += slopes.T @ slopes
         right += slopes.T @ misfits
-    return Normal(tuple(blocks), shared, right)
+    return Normal(tuple(blocks), shared, right, *problem.curve_terms(at.eta))
 
 
 def _own_priors(given: Block, one: Car, own: Own) -> Block:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -24,7 +25,20 @@ def equations(pull: float) -> tuple[Normal, np.ndarray, np.ndarray]:
     H, g = root.T @ root, rng.standard_normal(N_OWN + N_SHARED)
     g[14] += pull
     block = Block(H[:N_OWN, :N_OWN], H[:N_OWN, N_OWN:], H[N_OWN:, N_OWN:], g[:N_OWN], g[N_OWN:], ())
-    return Normal((block,), np.zeros((N_SHARED, N_SHARED)), np.zeros(N_SHARED)), H, g
+    alone = np.zeros((N_SHARED, N_SHARED)), np.zeros(N_SHARED)
+    return Normal((block,), *alone, np.zeros(0), np.zeros((0, N_SHARED))), H, g
+
+
+def with_segments(given: Normal, lacks: np.ndarray, lifts: np.ndarray) -> Normal:
+    """Return equations with segments of damper curves, those that are flat now in force."""
+    flat = lacks > 0.0
+    return replace(
+        given,
+        lacks=lacks,
+        lifts=lifts,
+        shared=lifts[flat].T @ lifts[flat],
+        right=lifts[flat].T @ lacks[flat],
+    )
 
 
 def at_rest(friction: float) -> Own:
@@ -59,6 +73,37 @@ def test_an_unknown_at_its_bound_does_not_hold_up_the_others() -> None:
     with_it = np.linalg.solve(H[np.ix_(rest, rest)], g[rest] - high[1] * H[rest, N_OWN + 1])
     assert found.shared[1] == pytest.approx(high[1])
     assert np.delete(found.shared, 1) == pytest.approx(with_it[N_OWN:])
+
+
+@pytest.mark.parametrize(
+    ("room", "held"),
+    [(0.9, True), (1.1, False)],
+)
+def test_a_damper_curve_is_held_up_where_the_step_would_make_it_too_flat(
+    room: float, held: bool
+) -> None:
+    """`room`: the segment's slope above the floor, over what the free step takes of it."""
+    given, H, g = equations(1.0)
+    whole = np.linalg.solve(H, g)
+    lifts = np.array([[0.0, 300.0, 0.0]]) * -np.sign(whole[N_OWN + 1])
+    lacks = -room * np.abs(lifts @ whole[N_OWN:])
+    found = _step(with_segments(given, lacks, lifts), (at_rest(0.0),), 0.0, -FREE, FREE)
+    row = np.concatenate([np.zeros(N_OWN), lifts[0]])
+    with_it = np.linalg.solve(H + held * np.outer(row, row), g + held * row * lacks[0])
+    assert found.shared == pytest.approx(with_it[N_OWN:])
+    cost = float(with_it @ H @ with_it - 2.0 * g @ with_it)
+    cost += max(0.0, float(lacks[0] - row @ with_it)) ** 2
+    assert found.fall == pytest.approx(-cost)
+
+
+def test_a_damper_curve_that_the_step_lifts_by_itself_is_not_held() -> None:
+    given, H, g = equations(1.0)
+    whole = np.linalg.solve(H, g)
+    lifts = np.array([[0.0, 300.0, 0.0]]) * np.sign(whole[N_OWN + 1])
+    lacks = 0.5 * np.abs(lifts @ whole[N_OWN:])
+    found = _step(with_segments(given, lacks, lifts), (at_rest(0.0),), 0.0, -FREE, FREE)
+    assert found.shared == pytest.approx(whole[N_OWN:])
+    assert found.fall == pytest.approx(float(g @ whole) + float(lacks[0]) ** 2)
 
 
 @pytest.mark.parametrize("left_over", [0.0, -1e-18])
