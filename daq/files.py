@@ -14,7 +14,7 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
 
     The data are on the disk before the name changes, and the name is when this returns.  A part
     that a killed process has left is overwritten by the next write.  Who may read the file before
-    may read it afterwards, and nobody else.
+    may read it afterwards, and no one else.
 
     Raises OSError if that failed; the file is as it was then.
     """

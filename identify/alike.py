@@ -14,7 +14,6 @@ from daq.vehicle import Structure
 
 from .fit.estimation import Estimation
 from .fit.likelihood import fit
-from .nonlinear.real_car import replace_structure
 
 
 def alike(estimations: Sequence[Estimation]) -> tuple[Estimation, ...]:
@@ -38,7 +37,7 @@ def alike(estimations: Sequence[Estimation]) -> tuple[Estimation, ...]:
 
 
 def _refitted(estimation: Estimation, structure: Structure) -> Estimation:
-    box = replace_structure(estimation.box, structure)
+    box = estimation.box.with_structure(structure)
     full = estimation.box.full(estimation.fit.eta.astype(complex)).real
     found = fit(box, estimation.decays, estimation.sigma, box.unknowns_of(full))
     chi2 = estimation.chi2_per_n

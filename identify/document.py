@@ -21,8 +21,6 @@ from .nonlinear.forces import DamperCurve, Forces
 from .trust.finding import Verdict
 from .trust.survival import Loss
 
-"""Printed in the place of a number that the data do not determine, in every form of a result."""
-
 
 class EstimateEntry(TypedDict):
     """A number in `unit` (1 for a ratio) with its standard deviation and 95 % interval.

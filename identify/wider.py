@@ -18,7 +18,6 @@ from daq.vehicle import Structure
 from .fit.estimation import Estimation
 from .fit.grey_box import GreyBox
 from .joint import Share, share_at
-from .nonlinear.real_car import replace_structure
 
 _WIDEST = Structure(symmetric=False, anti_roll_bars=True, tyre_damping=True, cg_offset=True)
 
@@ -42,7 +41,7 @@ def wider_shares(
 
 def _wider(estimation: Estimation, at: NDArray[np.float64], own: NDArray[np.float64]) -> Share:
     narrow = estimation.box
-    box = replace_structure(narrow, _WIDEST)
+    box = narrow.with_structure(_WIDEST)
     full = narrow.full(np.concatenate([at, own]).astype(complex)).real
     eta = box.unknowns_of(full)[: len(box.parameters)]
     share = share_at(replace(estimation, box=box), eta, own)

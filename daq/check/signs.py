@@ -39,7 +39,7 @@ Spectrum = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True)
 class _Spectra:
-    """What the channels of a run show, on one grid of times."""
+    """Spectra of the channels of a run, on one grid of times."""
 
     hz: NDArray[np.float64]
     """Frequencies, shape (m,)."""

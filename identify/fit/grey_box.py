@@ -128,6 +128,10 @@ class GreyBox:
         ):
             object.__setattr__(self, name, value)
 
+    def with_structure(self, structure: Structure) -> GreyBox:
+        """Return the grey box of the same bench for another structure."""
+        return GreyBox(self.groups, self.mass_states, self.geometry, structure, self.facts)
+
     @property
     def _crossed(self) -> bool:
         """True if the cross weight is an unknown, the last one."""

@@ -119,13 +119,8 @@ def _models(box: GreyBox, decided: Mapping[str, bool]) -> tuple[Model, GreyBox]:
         decided.get("cg_offset", True),
     )
     simple = Structure(box.structure.symmetric, bars, False, False)
-    model = Model(replace(replace_structure(box, rich), lifts=True), KNOTS["K3"])
-    return model, replace_structure(box, simple)
-
-
-def replace_structure(box: GreyBox, structure: Structure) -> GreyBox:
-    """Return the grey box of another structure."""
-    return GreyBox(box.groups, box.mass_states, box.geometry, structure, box.facts)
+    model = Model(replace(box.with_structure(rich), lifts=True), KNOTS["K3"])
+    return model, box.with_structure(simple)
 
 
 def _result(
