@@ -61,11 +61,14 @@ from .tangent import Plan, Seen, Start
 
 Array = NDArray[np.float64]
 
+_TOGETHER = 64
+"""Steps of the tangents computed at once: few enough to stay in a processor's cache."""
+
 
 def linearised(
     car: Car, acts: NDArray[np.intp], level: Level, x: Array, rate: Array, r: Array
-) -> tuple[Array, Array]:
-    """Return Jacobian, (n, 22, 22), and forcing by the acting unknowns, (n, 22, A), at states.
+) -> Array:
+    """Return Jacobian and forcing by the acting unknowns side by side at states, (n, 22, 22 + A).
 
     Parameters
     ----------
@@ -176,7 +179,7 @@ def linearised(
         out[:, 14:18, STATES:] += by_kind[:, :, None] * D[:, kind]
     if car.has_mount:
         out[:, 18:] = all_w - speed
-    return out[:, :, :STATES], out[:, :, STATES:]
+    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +187,7 @@ class Trace:
     """Tangents at the nodes of a plan."""
 
     states: Array
-    """(n, 22, columns)."""
+    """(n, 14, columns), of displacements and speeds."""
     accelerations: Array
     """(n, 7, columns)."""
 
@@ -192,45 +195,76 @@ class Trace:
 def tangents(car: Car, acts: NDArray[np.intp], path: Path, start: Start, plan: Plan) -> Trace:
     """Return the tangents along a path, as `seen` takes them."""
     n_own = start.matrix.shape[1] - len(acts)
-    middles, ends = plan.starts + plan.lengths // 2, plan.starts + plan.lengths
-    h = (plan.lengths * path.step_s)[:, None, None]
-    m = len(plan.starts)
-    size = STATES + len(acts)
-    jacobians, forcings = {}, {}
-    for name, nodes in (("first", plan.starts), ("middle", middles), ("last", ends)):
-        J, G = np.empty((m, STATES, STATES)), np.empty((m, STATES, len(acts)))
-        for fine in (0, 1):
-            chosen = plan.fine == fine
-            if chosen.any():
-                at = nodes[chosen]
-                J[chosen], G[chosen] = linearised(
-                    car, acts, plan.levels[fine], path.states[at], path.slopes[at],
-                    path.speeds[at],
-                )  # fmt: skip
-        jacobians[name], forcings[name] = J, G
+    steps = len(plan.starts)
+    trace = Trace(
+        np.empty((steps + 1, 14, start.matrix.shape[1])),
+        np.empty((steps + 1, 7, start.matrix.shape[1])),
+    )
 
-    def rate(name: str, Z: Array) -> Array:
-        found = jacobians[name] @ Z
-        found[:, :, STATES:] += forcings[name]
-        return np.asarray(found)
+    def note(k: int, S: Array, slope: Array) -> None:
+        trace.states[k] = S[:14]
+        trace.accelerations[k] = slope[:, :STATES] @ S
+        trace.accelerations[k, :, n_own:] += slope[:, STATES:]
 
-    Z0 = np.zeros((m, STATES, size))
-    Z0[:, range(STATES), range(STATES)] = 1.0
-    k1 = rate("first", Z0)
-    k2 = rate("middle", Z0 + 0.5 * h * k1)
-    k3 = rate("middle", Z0 + 0.5 * h * k2)
-    k4 = rate("last", Z0 + h * k3)
-    step = Z0 + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-    S = np.empty((m + 1, *start.matrix.shape))
-    S[0] = start.matrix
-    for k in range(m):
-        S[k + 1] = step[k, :, :STATES] @ S[k]
-        S[k + 1, :, n_own:] += step[k, :, STATES:]
-    moved = np.concatenate([jacobians["first"][:, 7:14], jacobians["last"][-1:, 7:14]])
-    forced = np.concatenate([forcings["first"][:, 7:14], forcings["last"][-1:, 7:14]])
-    accelerations = moved @ S
-    accelerations[:, :, n_own:] += forced
-    return Trace(S, accelerations)
+    S = start.matrix
+    for begin in range(0, steps, _TOGETHER):
+        part = slice(begin, begin + _TOGETHER)
+        first, middle, last = _at_nodes(car, acts, path, plan, part)
+        lengths_s = np.asarray(plan.lengths[part] * path.step_s, dtype=np.float64)
+        advances = _steps(first, middle, last, lengths_s)
+        for k, (advance, at) in enumerate(zip(advances, first, strict=True), begin):
+            note(k, S, at[7:14])
+            S = advance[:, :STATES] @ S
+            S[:, n_own:] += advance[:, STATES:]
+    note(steps, S, last[-1, 7:14])
+    return trace
+
+
+def _at_nodes(
+    car: Car, acts: NDArray[np.intp], path: Path, plan: Plan, part: slice
+) -> tuple[Array, Array, Array]:
+    """Return Jacobians and forcing side by side at first, middle and last node of some steps.
+
+    Most steps begin where another ends: what stands at a node is computed once for each level.
+    """
+    starts, lengths, fine = plan.starts[part], plan.lengths[part], plan.fine[part]
+    nodes = np.stack([starts, starts + lengths // 2, starts + lengths])
+    found, place = np.unique(2 * nodes + fine, return_inverse=True)
+    every = np.empty((len(found), STATES, STATES + len(acts)))
+    for level in (0, 1):
+        chosen = found % 2 == level
+        if chosen.any():
+            at = found[chosen] // 2
+            every[chosen] = linearised(
+                car, acts, plan.levels[level], path.states[at], path.slopes[at], path.speeds[at]
+            )
+    first, middle, last = every[place.reshape(nodes.shape)]
+    return first, middle, last
+
+
+def _steps(first: Array, middle: Array, last: Array, lengths_s: Array) -> Array:
+    """Return Runge-Kutta steps ``S -> Phi S + Gamma``, (n, 22, 22 + A): Phi and Gamma together.
+
+    `first`, `middle`, `last`: Jacobian and forcing at the nodes; `lengths_s`: (n,).
+    """
+    h = lengths_s[:, None, None]
+
+    def stage(at: Array, share: Array, before: Array) -> Array:
+        after = at.copy()
+        after[:, :7] += share * before[:, 7:14]
+        after[:, 7:] += at[:, 7:, :STATES] @ (share * before)
+        return after
+
+    k2 = stage(middle, 0.5 * h, first)
+    k3 = stage(middle, 0.5 * h, k2)
+    k4 = stage(last, h, k3)
+    k2 += k3
+    k2 *= 2.0
+    k2 += first
+    k2 += k4
+    k2 *= h / 6.0
+    k2[:, range(STATES), range(STATES)] += 1.0
+    return k2
 
 
 def seen(trace: Trace, given: Seen, out: Array) -> None:

@@ -59,36 +59,51 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """Coefficients of one car, or of one for each row of states, at one rounding."""
+    """Coefficients of a car for each row of states, or of one for all rows, at one rounding."""
 
     p: tuple[Array, ...]
-    """Each of `car`'s columns, (4,) or (rows, 4)."""
+    """Each of `car`'s columns, (rows, 4)."""
     lines: Array
-    """(4, 2 + knots) or (rows, 4, 2 + knots): the damper curves as hinges that open upwards."""
-    inverse: Array
-    """(3, 3) or (rows, 3, 3), of the body's mass."""
-    pull: Array
-    """(3,) or (rows, 3)."""
+    """(rows, 4, 2 + knots): the damper curves as hinges that open upwards."""
+    travels: Array
+    """(rows, 8, 14): travel and speed of each corner by displacements and speeds."""
+    pushed: Array
+    """(rows, 7, 4): accelerations by the forces of the suspensions."""
+    rest: Array
+    """(rows, 7): accelerations without any of the forces."""
     knots: Array
     mounted: bool
     stopped: bool
     """True if there is a bump stop."""
+    stuck: bool
+    """True if static friction exceeds sliding friction."""
     level: Level
 
 
 def stack(cars: Sequence[Car], level: Level) -> Stack:
     """Return the coefficients of a car for each row of states, or of one car for all."""
-    first = cars[0]
-    corner, mass, pull = first.corner, first.mass, first.pull
-    if len(cars) > 1:
-        corner = np.stack([one.corner for one in cars])
-        mass, pull = np.stack([one.mass for one in cars]), np.stack([one.pull for one in cars])
-    columns = tuple(np.ascontiguousarray(corner[..., k]) for k in range(KNEES))
+    parts = [_motion(one) for one in cars]
+    corner = np.stack([one.corner for one in cars])
+    travels, pushed, rest = (np.stack(part) for part in zip(*parts, strict=True))
+    knots = cars[0].knots
     return Stack(
-        columns, bends(corner, first.knots, level.knee_m_s),
-        np.asarray(np.linalg.inv(mass), dtype=np.float64), pull,
-        np.array(first.knots), first.has_mount, bool(corner[..., K_B].any()), level,
+        tuple(np.ascontiguousarray(corner[..., k]) for k in range(KNEES)),
+        bends(corner, knots, level.knee_m_s), travels, pushed, rest,
+        np.array(knots), cars[0].has_mount, bool(corner[..., K_B].any()),
+        bool(corner[..., SURPLUS].any()), level,
     )  # fmt: skip
+
+
+def _motion(one: Car) -> tuple[Array, Array, Array]:
+    """Return the matrices of a car that a `Stack` holds."""
+    p = one.corner
+    levers = np.stack([np.ones(4), -p[:, X], p[:, Y]])
+    travels = np.zeros((8, 14))
+    travels[:4, :3] = travels[4:, 7:10] = -levers.T
+    travels[:4, 3:7] = travels[4:, 10:14] = np.eye(4)
+    inverse = np.linalg.inv(one.mass)
+    pushed = np.concatenate([inverse @ levers, -np.diag(1.0 / p[:, MASS])])
+    return travels, pushed, np.concatenate([inverse @ one.pull, p[:, PULL] / p[:, MASS]])
 
 
 def bends(p: Array, knots: tuple[float, ...], width: float) -> Array:
@@ -136,9 +151,8 @@ def curve(p: Array, knots: tuple[float, ...], r: Array, width: float) -> tuple[A
 def rates(x: Array, cars: Stack, r: Array) -> tuple[Array, Array]:
     """Return the rates of change of states, (n, 22), and the dampers' speeds, (n, 4)."""
     p, level = cars.p, cars.level
-    lever_x, lever_y = p[X], p[Y]
-    u = x[:, 3:7] - x[:, 0:1] + lever_x * x[:, 1:2] - lever_y * x[:, 2:3]
-    w = x[:, 10:14] - x[:, 7:8] + lever_x * x[:, 8:9] - lever_y * x[:, 9:10]
+    both = (cars.travels @ x[:, :14, None])[:, :, 0]
+    u, w = both[:, :4], both[:, 4:]
     r = _damper_speeds(cars, x[:, 18:], w, r) if cars.mounted else w
     zeta = x[:, 14:18]
     force = (
@@ -152,18 +166,13 @@ def rates(x: Array, cars: Stack, r: Array) -> tuple[Array, Array]:
     load = tyre_load(x[:, 3:7], p[K_T], p[BETA], p[STATIC])
     push = tyre_push(load, x[:, 10:14], p[C_T], level.load_n)
     road = tyre_force(push, p[STATIC], level.load_n)
-    out = np.zeros_like(x)
+    out = np.empty_like(x)
     out[:, :7] = x[:, 7:14]
-    body = np.empty((len(x), 3))
-    body[:, 0] = force.sum(axis=1)
-    body[:, 1] = -(lever_x * force).sum(axis=1)
-    body[:, 2] = (lever_y * force).sum(axis=1)
-    out[:, 7:10] = ((body + cars.pull)[:, None, :] * cars.inverse).sum(axis=-1)
-    out[:, 10:14] = (road - force + p[PULL]) / p[MASS]
-    limit = sliding_share(w, p[SURPLUS], p[FALL])
+    out[:, 7:14] = (cars.pushed @ force[:, :, None])[:, :, 0] + cars.rest
+    out[:, 10:14] += road / p[MASS]
+    limit = sliding_share(w, p[SURPLUS], p[FALL]) if cars.stuck else 1.0
     out[:, 14:18] = friction_rate(w, zeta, p[LENGTH], limit, level.turn_m_s, level.lag_s)
-    if cars.mounted:
-        out[:, 18:] = w - r
+    out[:, 18:] = w - r if cars.mounted else 0.0
     return out, r
 
 
