@@ -13,8 +13,6 @@ from .path import Own
 from .problem import Normal, Point, Problem, normal, point
 from .run import Block
 
-_MAX_STEP = 0.5
-"""Largest change of an unknown in one iteration."""
 _HOLDS = 12
 """Solutions of a step, each with more unknowns held at their bounds."""
 _ROUNDS = 8
@@ -245,16 +243,11 @@ def fit(
         ahead: tuple[Point, Normal] | None = None
         near, ends = decrement < unit, decrement < _PROMISED * unit
         least = unit * (min(_LEAST_THERE, tolerance) if ends else _LEAST)
-        box = np.full(len(now), _MAX_STEP)
+        box = problem.reach
         while refused < _REFUSED and iterations < max_iterations:
             iterations += 1
-            step = _step(
-                equations,
-                at.owns,
-                damping,
-                np.maximum(low - now, -box),
-                np.minimum(high - now, box),
-            )
+            bounds = np.maximum(low - now, -box), np.minimum(high - now, box)
+            step = _step(equations, at.owns, damping, *bounds)
             if ends and step.fall < least:  # damped more, it gains even less
                 refused = _REFUSED
                 break

@@ -14,6 +14,7 @@ from .level import Grade
 from .path import Own, step_of
 from .run import Block, Predicted, Rows, Run, block, predict, rows_of
 from .tangent import acting
+from .unknowns import REACH
 
 _FRICTION_PRIOR = 10.0
 """Standard deviation of the share of friction that acts at the start: it keeps a share bounded
@@ -71,6 +72,13 @@ class Problem:
         for i, e in enumerate(self.model.elements, start=self.model.first):
             low[i], high[i] = e.unknown(e.low), e.unknown(e.high)
         return low[self.free], high[self.free]
+
+    @property
+    def reach(self) -> NDArray[np.float64]:
+        """Largest change of each free unknown in one step of a fit, (F,)."""
+        reach = np.full(len(self.centre), REACH)
+        reach[self.model.first :] = [e.reach for e in self.model.elements]
+        return reach[self.free]
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,9 @@ KNOTS: dict[str, tuple[float, ...]] = {
 }
 """Speeds of the knees of a damper curve, m/s; negative in rebound."""
 
+REACH = 0.5
+"""Largest change of an unknown in one step of a fit, where it has no reach of its own."""
+
 
 @dataclass(frozen=True, slots=True)
 class Element:
@@ -38,6 +41,8 @@ class Element:
     """Bounds of the value."""
     prior: float = np.inf
     """Standard deviation, in units of the unknown, of the weak prior about `rest`."""
+    reach: float = REACH
+    """Largest change of the unknown in one step of a fit."""
 
     @property
     def logarithmic(self) -> bool:
@@ -56,7 +61,7 @@ class Element:
 _INF = np.inf
 _LOG = np.nan
 _KINDS = (
-    # name, unit, scale, rest, low, high, prior
+    # name, unit, scale, rest, low, high, prior, reach
     ("F_c", "N", 50.0, 0.0, -100.0, 1000.0, _INF),
     ("d_c", "m", _LOG, 0.5e-3, 0.05e-3, 5e-3, 1.0),
     ("r_c", "1", 1.0, 0.0, -0.5, 2.0, 0.5),
@@ -66,7 +71,7 @@ _KINDS = (
     ("k_2", "N/m2", 1e5, 0.0, -1e6, 1e6, _INF),
     ("k_3", "N/m3", 1e6, 0.0, -1e8, 1e8, _INF),
     ("k_b", "N/m", 1e5, 0.0, -1e6, 1e6, 3.0),
-    ("g_b", "m", _LOG, 25e-3, 5e-3, 100e-3, 0.7),
+    ("g_b", "m", _LOG, 25e-3, 5e-3, 100e-3, 0.7, 0.05),
     ("s_m", "m/N", 1e-6, 0.0, 0.0, 2e-5, _INF),
     ("dk_s", "1", 0.1, 0.0, -0.5, 0.5, _INF),
     ("dk_t", "1", 0.1, 0.0, -0.5, 0.5, _INF),

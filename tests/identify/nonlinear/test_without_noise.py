@@ -77,3 +77,27 @@ def test_friction_that_acts_in_full_costs_nothing(share: float) -> None:
     assert at is not None
     misfits, _ = problem.prior_terms(car)
     assert at.cost - at.predicted[0].cost - float(misfits @ misfits) < 0.05
+
+
+def test_a_step_moves_the_gap_of_a_stop_by_five_percent_at_most() -> None:
+    """Further off other samples meet the stop: a step that goes by the tangents goes astray."""
+    group = ChannelGroup("hubs", tuple(channels()[1]))
+    time_s = np.arange(0.0, 0.4, 0.01)
+    decay = FreeDecay("run", "baseline", 0.0, (Recording(group, time_s, np.zeros((40, 4))),))
+    model = Model(GreyBox((group,), (BASELINE,), None, RICH), KNOTS["K1"])
+    sigma = {c.name: 0.01 * NOISE[c.quantity] for c in group.channels}
+
+    def problem_of(decay: FreeDecay) -> Problem:
+        centre, prior = weak_priors(model, start)
+        return Problem(model, (run_of(model, decay, sigma),), centre, prior, free)
+
+    true, start = (bent(model, k_bf=1.0, g_bf=float(np.log(gap))) for gap in (0.015, 0.018))
+    free = np.array([model.names.index("g_bf")])
+    at = point(problem_of(decay), true, (moving(),), USUAL)
+    assert at is not None
+    values = -at.predicted[0].left[0] / at.problem.runs[0].weights[0]
+    measured = replace(decay.recordings[0], values=values)
+    problem = problem_of(replace(decay, recordings=(measured,)))
+    once = fit(problem, start, (moving(),), USUAL, max_iterations=1)
+    assert once is not None
+    assert float(np.exp(once.eta[free][0])) == pytest.approx(0.018 * np.exp(-0.05))
