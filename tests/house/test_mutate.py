@@ -129,9 +129,10 @@ def test_a_constant_is_tested_where_its_name_and_what_follows_from_it_occur(tmp_
     (tmp_path / "tests").mkdir()
     (tmp_path / "tests/a.py").write_text("from dbc import Wheel", "utf-8")
     (tmp_path / "tests/b.py").write_text("turn_it()", "utf-8")
-    named = RecordedTest("tests/a.py::test_named", 0.1, frozenset())
-    uses = RecordedTest("tests/b.py::test_uses", 3.0, frozenset({"dbc/wheel.py:Wheel.turn:0"}))
-    long = RecordedTest("tests/b.py::test_long", 60.0, frozenset({"dbc/wheel.py:Wheel.turn:0"}))
+    named = RecordedTest("tests/a.py::test_named", 0.1, frozenset(), {})
+    turns = frozenset({"dbc/wheel.py:Wheel.turn:0"})
+    uses = RecordedTest("tests/b.py::test_uses", 3.0, turns, {})
+    long = RecordedTest("tests/b.py::test_long", 60.0, turns, {})
     chooser = Chooser(tmp_path, [Blocks("dbc/wheel.py", BRANCHES.encode())])
     tests = [long, uses, named]
 
@@ -144,13 +145,30 @@ def test_a_constant_is_tested_where_its_name_and_what_follows_from_it_occur(tmp_
     assert chosen(17) == ([], 0)  # the first branch runs in no test
 
 
+def test_what_tests_share_counts_once(tmp_path: Path) -> None:
+    """Of tests that need a session of 15 s all are within the cap of 20 s, of two sessions not."""
+    turns = frozenset({"dbc/wheel.py:Wheel.turn:0"})
+    chooser = Chooser(tmp_path, [Blocks("dbc/wheel.py", BRANCHES.encode())])
+
+    def chosen(*sessions: str) -> tuple[int, float]:
+        tests = [
+            RecordedTest(f"tests/b.py::test_{n}", 0.5, turns, {session: 15.0})
+            for n, session in enumerate(sessions)
+        ]
+        choice = chooser.choice(Mutant("dbc/wheel.py", 5, 0, 0, ""), tests)
+        return choice.left_out, choice.seconds
+
+    assert chosen("small", "small", "small") == (0, 16.5)
+    assert chosen("small", "large") == (1, 15.5)
+
+
 def test_a_record_holds_until_a_test_or_a_function_that_it_runs_changes(tmp_path: Path) -> None:
     (tmp_path / "test_a.py").write_text("1", "utf-8")
     functions = {"dbc/wheel.py:f": "1", "dbc/wheel.py:g": "1"}
     found = {
         "modules": ["test_a.py"],
         "imported": [],
-        "tests": {"test_a.py::t": [0.5, ["dbc/wheel.py:f:0"]]},
+        "tests": {"test_a.py::t": [0.5, ["dbc/wheel.py:f:0"], {}]},
     }
     Records(tmp_path, tmp_path, functions).keep("test_a.py", found)
 

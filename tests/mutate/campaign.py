@@ -172,8 +172,9 @@ class Campaign:
 def _started(
     tree: PrivateTree, job: Job, servers: dict[PrivateTree, Server | None]
 ) -> tuple[Job, Trial]:
-    plugin = job.plugin()
-    if job.mutant and job.served_by and isinstance(plugin, Chosen):
+    # Only for a mutant: the plugin of a recording begins to record where it is made.
+    plugin = job.plugin() if job.mutant and job.served_by else None
+    if job.mutant and isinstance(plugin, Chosen):
         server = servers.get(tree)
         if not server or server.files != job.served_by:
             if server:

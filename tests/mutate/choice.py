@@ -28,8 +28,9 @@ class Choice:
 
     @property
     def seconds(self) -> float:
-        """What the tests took when they were recorded."""
-        return sum(test.seconds for test in self.tests)
+        """What the tests take together, by their records."""
+        shared_s = {name: s for test in self.tests for name, s in test.shared_s.items()}
+        return sum(test.own_s for test in self.tests) + sum(shared_s.values())
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -68,18 +69,19 @@ class Chooser:
         ]
         cost: defaultdict[tuple[bool, str], float] = defaultdict(float)
         for test in found:
-            cost[test.seconds > QUICK_S, test.file] += test.seconds
+            cost[test.alone_s > QUICK_S, test.file] += test.alone_s
 
         def order(test: RecordedTest) -> tuple[bool, float, str, float]:
-            slow = test.seconds > QUICK_S
-            return slow, cost[slow, test.file], test.file, test.seconds
+            slow = test.alone_s > QUICK_S
+            return slow, cost[slow, test.file], test.file, test.alone_s
 
         found.sort(key=order)
-        taken, total = 0, 0.0
+        taken, total_s, known = 0, 0.0, set[str]()
         for test in found:
-            total += test.seconds
-            if total > CAP_S and taken:
+            total_s += test.own_s + sum(s for name, s in test.shared_s.items() if name not in known)
+            if total_s > CAP_S and taken:
                 break
+            known.update(test.shared_s)
             taken += 1
         return Choice(tuple(found[:taken]), len(found) - taken)
 

@@ -1,7 +1,7 @@
 """A pytest plugin: which blocks each test runs, its CPU time, and whether it passes.
 
 What a shared fixture or a cached function runs counts for each test that uses it, as if the test
-ran alone.
+ran alone; its time is kept apart, since it is taken once only where several of them run.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections import defaultdict
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from hashlib import sha1
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -40,10 +41,21 @@ def _too_long(number: int, frame: object) -> NoReturn:
 class Cost:
     """What something ran, and the CPU time that it took."""
 
+    name: str = ""
+    """Of what several tests share: the same in every process."""
     seconds: float = 0.0
+    """Without what it shares with others."""
     blocks: set[str] = field(default_factory=set)
-    test: str = ""
-    """The test in which it ran."""
+    uses: list[Cost] = field(default_factory=list)
+    """What it shares with others."""
+
+    @property
+    def shared(self) -> dict[str, float]:
+        """Return the time of each thing that it shares, and of what these share, by name."""
+        found: dict[str, float] = {}
+        for used in self.uses:
+            found |= {used.name: used.seconds} | used.shared
+        return found
 
 
 @dataclass(slots=True, eq=False)  # pytest keeps its plugins in sets
@@ -60,7 +72,9 @@ class Reach:
     now: str = ""
     """The test that runs."""
     used: list[Cost] = field(default_factory=list)
-    """What this test uses of what was made in a test before."""
+    """What this test uses of what others use too."""
+    apart_s: float = 0.0
+    """CPU time of what was made meanwhile and others use too."""
 
     def __post_init__(self) -> None:
         self.folder.mkdir(exist_ok=True)
@@ -85,7 +99,7 @@ class Reach:
             self._use(self.fixtures.get(name))
         cost = self.tests[item.nodeid]
         cost.blocks |= probe.seen.union(self.imported, *(used.blocks for used in self.used))
-        cost.seconds = _cpu_s() - start_s + sum(used.seconds for used in self.used)
+        cost.seconds, cost.uses = _cpu_s() - start_s - self.apart_s, self.used
         return result
 
     @pytest.hookimpl(wrapper=True)
@@ -95,7 +109,7 @@ class Reach:
         """Collect what a fixture runs that several tests share."""
         if fixturedef.scope == "function":
             return (yield)
-        with self._apart() as cost:
+        with self._apart(f"fixture {fixturedef.argname}") as cost:
             result = yield
         self.fixtures[fixturedef.argname] = cost
         return result
@@ -115,7 +129,7 @@ class Reach:
             "failed": sorted(self.failed),
             "imported": sorted(self.imported),
             "tests": {
-                test: [round(cost.seconds, 4), sorted(cost.blocks)]
+                test: [round(cost.seconds, 4), sorted(cost.blocks), cost.shared]
                 for test, cost in self.tests.items()
                 if test not in self.failed
             },
@@ -125,21 +139,27 @@ class Reach:
         if not self.now:
             self.imported |= probe.seen
         probe.seen.clear()
-        self.now, self.used = test, []
+        self.now, self.used, self.apart_s = test, [], 0.0
         (self.folder / probe.CURRENT).write_text(test, "utf-8")
 
     def _use(self, cost: Cost | None) -> None:
-        if cost and cost.test != self.now and not any(cost is used for used in self.used):
+        if cost and not any(cost is used for used in self.used):
             self.used.append(cost)
 
     @contextmanager
-    def _apart(self) -> Iterator[Cost]:
+    def _apart(self, name: str) -> Iterator[Cost]:
         """Yield the cost of what runs meanwhile."""
-        before, cost, start = set(probe.seen), Cost(test=self.now), _cpu_s()
+        before, cost, start_s = set(probe.seen), Cost(name), _cpu_s()
+        outer_s, self.apart_s, first = self.apart_s, 0.0, len(self.used)
         probe.seen.clear()
-        yield cost
-        cost.blocks, cost.seconds = set(probe.seen), _cpu_s() - start
-        probe.seen.update(before)
+        try:
+            yield cost
+        finally:
+            taken_s = _cpu_s() - start_s
+            cost.uses = self.used[first:]
+            cost.blocks = probe.seen.union(*(used.blocks for used in cost.uses))
+            cost.seconds, self.apart_s = taken_s - self.apart_s, outer_s + taken_s
+            probe.seen.update(before)
 
     def _lru_cache(self, *options: Any, **named: Any) -> Any:
         """Return what `lru_cache` does; in the tree, with what each result has cost."""
@@ -153,7 +173,10 @@ class Reach:
             costs: dict[object, Cost] = {}
 
             def made(*given: Any, **by_name: Any) -> Any:
-                with self._apart() as costs[given, tuple(by_name.items())]:
+                arguments = given, tuple(by_name.items())
+                digest = sha1(repr(arguments).encode()).hexdigest()
+                name = f"{function.__module__}.{function.__qualname__} {digest}"
+                with self._apart(name) as costs[arguments]:
                     return function(*given, **by_name)
 
             kept = cache(made)

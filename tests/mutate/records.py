@@ -18,6 +18,8 @@ from typing import Any
 from .blocks import Blocks
 
 FOLDER = Path("build", "mutate")
+_FORM = b"2"
+"""Of a record: one of another form does not hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +28,16 @@ class RecordedTest:
 
     name: str
     """Node of pytest."""
-    seconds: float
-    """CPU time that it took, with all that it shares with other tests."""
+    own_s: float
+    """CPU time that it took, without what it shares with other tests."""
     blocks: frozenset[str]
+    shared_s: Mapping[str, float]
+    """CPU time of each thing that it shares with other tests, by name."""
+
+    @property
+    def alone_s(self) -> float:
+        """CPU time that it takes alone."""
+        return self.own_s + sum(self.shared_s.values())
 
     @property
     def file(self) -> str:
@@ -75,7 +84,7 @@ class Records:
 
     def keep(self, file: str, found: Mapping[str, Any]) -> None:
         """Keep what a recording has found, here and on disk."""
-        keys = sorted({key for _, keys in found["tests"].values() for key in keys})
+        keys = sorted({key for _, keys, _ in found["tests"].values() for key in keys})
         number = {key: n for n, key in enumerate(keys)}
         functions = sorted({key.rpartition(":")[0] for key in keys})
         record = {
@@ -85,8 +94,8 @@ class Records:
             "blocks": keys,
             "imported": found["imported"],
             "tests": {
-                name: [seconds, [number[key] for key in used]]
-                for name, (seconds, used) in found["tests"].items()
+                name: [own_s, [number[key] for key in used], shared_s]
+                for name, (own_s, used, shared_s) in found["tests"].items()
             },
         }
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -97,15 +106,15 @@ class Records:
         keys = record["blocks"]
         self.imported.update(record.get("imported", ()))
         self._known[file] = tuple(
-            RecordedTest(name, seconds, frozenset(keys[n] for n in used))
-            for name, (seconds, used) in record["tests"].items()
+            RecordedTest(name, own_s, frozenset(keys[n] for n in used), shared_s)
+            for name, (own_s, used, shared_s) in record["tests"].items()
         )
 
     def _path(self, file: str) -> Path:
         return self._folder / f"{file.replace('/', '.')}.json"
 
     def _state(self, modules: list[str], functions: list[str]) -> str:
-        digest = sha1(sys.version.encode())
+        digest = sha1(_FORM + sys.version.encode())
         for name in modules:
             path = self._source / name
             digest.update(path.read_bytes() if path.is_file() else b"-")
