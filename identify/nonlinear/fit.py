@@ -202,6 +202,26 @@ def _stands_still(problem: Problem, full: _Step, information: NDArray[np.float64
     return bool((np.abs(full.shared[car]) <= _STILL * std).all())
 
 
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A point from which to step."""
+
+    point: Point
+    equations: Normal
+    full: _Step
+    """The undamped step from there."""
+
+
+def _place(at: Point | None) -> _Place | None:
+    """Return a point with its equations and full step; None without finite path and tangents."""
+    equations = normal(at) if at else None
+    if not at or not equations or not equations.finite:
+        return None
+    low, high = at.problem.bounds
+    now = at.eta[at.problem.free]
+    return _Place(at, equations, _step(equations, at.owns, 1e-12, low - now, high - now))
+
+
 def fit(
     problem: Problem,
     eta: NDArray[np.float64],
@@ -220,27 +240,24 @@ def fit(
     have corners, at which the tangents promise what the paths do not keep.  So is one that creeps
     along the gap of a stop or the knees of a curve, while the car's parameters stand still.
     """
-    at = point(problem, eta, owns, grade)
-    if at is None:
+    here = _place(point(problem, eta, owns, grade))
+    if here is None:
         return None
     low, high = problem.bounds
     n = sum(run.freedom for run in problem.runs)
     damping, refused, iterations, slow = 1e-3, 0, 0, False
-    equations = normal(at)
-    if not equations.finite:
-        return None
     while True:
+        at, equations, decrement = here.point, here.equations, here.full.fall
         now = at.eta[problem.free]
-        full = _step(equations, at.owns, 1e-12, low - now, high - now)
-        decrement = full.fall
         unit = max(1.0, at.cost / n)
-        small = slow or decrement < max(tolerance * unit, rough * at.cost)
+        small = slow or abs(decrement) < max(tolerance * unit, rough * at.cost)
         if small or iterations >= max_iterations or refused >= _REFUSED:
             matrix, _, _ = reduced(equations, 0.0)
-            settled = small or (refused >= _REFUSED and decrement < _PROMISED * unit)
-            settled |= decrement < _STILL_PROMISED * unit and _stands_still(problem, full, matrix)
+            still = 0.0 <= decrement < _STILL_PROMISED * unit
+            settled = small or (refused >= _REFUSED and 0.0 <= decrement < _PROMISED * unit)
+            settled |= still and _stands_still(problem, here.full, matrix)
             return Optimum(at, equations, matrix, iterations, decrement, settled)
-        ahead: tuple[Point, Normal] | None = None
+        ahead: _Place | None = None
         near, ends = decrement < unit, decrement < _PROMISED * unit
         least = unit * (min(_LEAST_THERE, tolerance) if ends else _LEAST)
         box = problem.reach
@@ -260,16 +277,16 @@ def fit(
                 f"promised {decrement:.3g} lambda {damping:.0e}"
             )
             if trial is not None and trial.cost < at.cost + (0.5 * unit if near else -least):
-                there = normal(trial)
-                if there.finite:
+                there = _place(trial)
+                # Where a curve falls tangents grow until the full step is no minimum any more.
+                if there and there.full.fall > -tolerance * unit:
                     # A damping that was just found to be needed stays for one step.
                     damping = damping if refused else max(damping / 10.0, 1e-8)
-                    refused, ahead = 0, (trial, there)
+                    refused, ahead = 0, there
                     break
             refused += 1
             damping = max(damping * 10.0, 1e-3)
             box = box / 2.0
-        if ahead is None:
-            continue
-        slow = at.cost - ahead[0].cost < _SLOW * rough * at.cost
-        at, equations = ahead
+        if ahead:
+            slow = at.cost - ahead.point.cost < _SLOW * rough * at.cost
+            here = ahead

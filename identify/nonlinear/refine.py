@@ -7,22 +7,27 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..elements.damper import knee, secant_share
-from .car import KNEE_M_S, Model
+from ..elements.damper import knee
+from .car import Model
 from .priors import weak_priors
 from .problem import Problem
 
 _FASTEST_M_S = 0.8
+_SHARP_M_S = 1e-9
+"""Rounding of knees where chords are drawn: a knee that stays is then the same."""
 
 
 def refined(
     problem: Problem, eta: NDArray[np.float64], knots: tuple[float, ...]
 ) -> tuple[Problem, NDArray[np.float64]]:
-    """Return the problem with knees at `knots`, m/s, and `eta` with nearly the same curves."""
+    """Return the problem with knees at `knots`, m/s, and `eta` with nearly the same curves.
+
+    They run through the old ones' points at the new knees, so that none falls where the old one
+    does not: on a mount tangents would grow beyond use.
+    """
     old = problem.model
     model = Model(old.box, knots)
-    grid = np.linspace(-_FASTEST_M_S, _FASTEST_M_S, 321)
-    change = np.linalg.lstsq(_bends(grid, knots), _bends(grid, old.knots))[0]
+    change = _bends(knots, old.knots)
     head = len(old.names) - 2 * len(old.knots)
     front, rear = eta[head : head + len(old.knots)], eta[head + len(old.knots) :]
     moved = np.concatenate([eta[:head], change @ front, change @ rear])
@@ -32,7 +37,9 @@ def refined(
     return replace(problem, model=model, centre=centre, prior=prior), moved
 
 
-def _bends(speed: NDArray[np.float64], knots: tuple[float, ...]) -> NDArray[np.float64]:
-    """Return what one unit of each knee's slope adds to a curve of given secant, (n, knots)."""
-    columns = [knee(speed, at, KNEE_M_S) - secant_share(at, KNEE_M_S) * speed for at in knots]
-    return np.stack(columns, axis=1)
+def _bends(knots: tuple[float, ...], old: tuple[float, ...]) -> NDArray[np.float64]:
+    """Return how much a chord of the old curve steepens at each knot by each old knee."""
+    speeds = np.array([-_FASTEST_M_S, *knots, _FASTEST_M_S])
+    forces = np.stack([knee(speeds, at, _SHARP_M_S) for at in old], axis=1)
+    slopes = np.diff(forces, axis=0) / np.diff(speeds)[:, None]
+    return np.where(np.array(knots) < 0.0, -1.0, 1.0)[:, None] * np.diff(slopes, axis=0)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from daq.sim import fleet_car
 from daq.sim.car import Spread
@@ -15,12 +17,12 @@ from identify.decays.onset import decay_start_s
 from identify.fit.grey_box import GreyBox
 from identify.nonlinear.begin import owns_of
 from identify.nonlinear.car import Model
-from identify.nonlinear.fit import fit, inverse
+from identify.nonlinear.fit import _Step, fit, inverse
 from identify.nonlinear.groups import positions
 from identify.nonlinear.level import USUAL
 from identify.nonlinear.path import Own
 from identify.nonlinear.priors import weak_priors
-from identify.nonlinear.problem import Problem, point
+from identify.nonlinear.problem import Normal, Problem, point
 from identify.nonlinear.run import run_of
 from identify.nonlinear.unknowns import KNOTS
 from identify.pipeline import identify
@@ -79,25 +81,43 @@ def test_friction_that_acts_in_full_costs_nothing(share: float) -> None:
     assert at.cost - at.predicted[0].cost - float(misfits @ misfits) < 0.05
 
 
-def test_a_step_moves_the_gap_of_a_stop_by_five_percent_at_most() -> None:
-    """Further off other samples meet the stop: a step that goes by the tangents goes astray."""
+def stop_off(gap_m: float, start_m: float) -> tuple[Problem, NDArray[np.float64]]:
+    """Return samples of a car with a stop, whose gap is the only unknown, and a start."""
     group = ChannelGroup("hubs", tuple(channels()[1]))
-    time_s = np.arange(0.0, 0.4, 0.01)
-    decay = FreeDecay("run", "baseline", 0.0, (Recording(group, time_s, np.zeros((40, 4))),))
+    recording = Recording(group, np.arange(0.0, 0.4, 0.01), np.zeros((40, 4)))
+    decay = FreeDecay("run", "baseline", 0.0, (recording,))
     model = Model(GreyBox((group,), (BASELINE,), None, RICH), KNOTS["K1"])
     sigma = {c.name: 0.01 * NOISE[c.quantity] for c in group.channels}
-
-    def problem_of(decay: FreeDecay) -> Problem:
-        centre, prior = weak_priors(model, start)
-        return Problem(model, (run_of(model, decay, sigma),), centre, prior, free)
-
-    true, start = (bent(model, k_bf=1.0, g_bf=float(np.log(gap))) for gap in (0.015, 0.018))
+    true, start = (bent(model, k_bf=1.0, g_bf=float(np.log(gap))) for gap in (gap_m, start_m))
     free = np.array([model.names.index("g_bf")])
-    at = point(problem_of(decay), true, (moving(),), USUAL)
+    still = Problem(model, (run_of(model, decay, sigma),), *weak_priors(model, start), free)
+    at = point(still, true, (moving(),), USUAL)
     assert at is not None
-    values = -at.predicted[0].left[0] / at.problem.runs[0].weights[0]
-    measured = replace(decay.recordings[0], values=values)
-    problem = problem_of(replace(decay, recordings=(measured,)))
+    values = -at.predicted[0].left[0] / still.runs[0].weights[0]
+    moved = replace(decay, recordings=(replace(recording, values=values),))
+    return replace(still, runs=(run_of(model, moved, sigma),)), start
+
+
+def test_a_step_moves_the_gap_of_a_stop_by_five_percent_at_most() -> None:
+    """Further off other samples meet the stop: a step that goes by the tangents goes astray."""
+    problem, start = stop_off(0.015, 0.018)
     once = fit(problem, start, (moving(),), USUAL, max_iterations=1)
     assert once is not None
-    assert float(np.exp(once.eta[free][0])) == pytest.approx(0.018 * np.exp(-0.05))
+    assert float(np.exp(once.eta[problem.free][0])) == pytest.approx(0.018 * np.exp(-0.05))
+
+
+@pytest.mark.parametrize(("fall", "converged"), [(0.01, True), (-5.0, False)])
+def test_a_full_step_that_would_raise_the_cost_is_no_optimum(
+    fall: float, converged: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tangents that grew beyond use promise anything: a polish ended with -391 as converged."""
+    problem, start = stop_off(0.015, 0.015)
+
+    def step(equations: Normal, owns: Sequence[Own], *_: object) -> _Step:
+        own = tuple(np.zeros(len(block.A)) for block in equations.blocks)
+        return _Step(np.zeros(len(equations.right)), own, fall)
+
+    monkeypatch.setattr("identify.nonlinear.fit._step", step)
+    found = fit(problem, start, (moving(),), USUAL)
+    assert found is not None
+    assert found.converged is converged
