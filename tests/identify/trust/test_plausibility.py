@@ -63,6 +63,11 @@ def test_an_interval_wider_than_5_per_cent_is_doubtful(linear: Estimation) -> No
     assert "worst k_sf ± 5.9 %)" in finding.text
 
 
+def test_of_several_wide_intervals_the_widest_is_named(linear: Estimation) -> None:
+    (finding,) = parameter_findings(_with_std(_with_std(linear, "k_sf", 0.04), "m_ur", 0.03))
+    assert "wide intervals: m_ur, k_sf (worst k_sf ± 7.8 %)" in finding.text
+
+
 @pytest.mark.parametrize(
     ("name", "factor", "quantity"),
     [
@@ -143,3 +148,19 @@ def test_a_stated_delay_that_the_runs_contradict_is_named() -> None:
     finding = by_gate(parameter_findings(result))["contradiction"]
     assert finding.severity is not Severity.NOTE
     assert finding.text.count("delay of ") == 2
+
+
+def test_a_tyre_whose_damping_is_below_zero_by_three_standard_deviations_is_odd() -> None:
+    session = stress_session(
+        "linear", 1, vehicle=Vehicle("x", structure=Structure(True, False, True))
+    )
+    records = usable_records(session)
+    result = estimate(grey_box(session, records), records, generic_vehicles())
+    i = result.box.parameters.index("c_tr")
+    std = float(np.sqrt(result.fit.covariance[i, i]))
+    for sigmas, gates in ((-2.9, []), (-3.1, ["implausible"])):
+        eta = result.fit.eta.copy()
+        eta[i] = sigmas * std
+        found = parameter_findings(replace(result, fit=replace(result.fit, eta=eta)))
+        assert [f.code for f in found] == gates
+        assert all("c_tr" in f.text and "below zero" in f.text for f in found)
