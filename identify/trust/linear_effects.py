@@ -80,7 +80,7 @@ def structural(estimation: Estimation, fitted: Sequence[FittedDecay]) -> Effects
 
 def _with_unsure_weights(state: MassState) -> MassState:
     """Return a mass state whose weights are all among the unknowns."""
-    weights = (replace(w, sigma_kg=w.sigma_kg or w.mass_kg) for w in state.added.weights)
+    weights = (replace(w, sigma_kg=w.mass_kg) for w in state.added.weights)
     return replace(state, added=replace(state.added, weights=tuple(weights)))
 
 

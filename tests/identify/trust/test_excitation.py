@@ -91,6 +91,14 @@ def test_the_energy_goes_with_the_square_of_the_motion() -> None:
     np.testing.assert_allclose(loud - np.array(list(mode_snr_db(estimation).values())), 20.0)
 
 
+def test_a_mode_that_does_not_move_at_all_has_a_thousandth_of_the_noise() -> None:
+    estimation = estimated("linear", 1)
+    decay = estimation.decays[0]
+    still = tuple(replace(q, values=np.zeros_like(q.values)) for q in decay.recordings)
+    nothing = replace(estimation, decays=(replace(decay, recordings=still),))
+    assert mode_snr_db(nothing)[decay.label] == pytest.approx([-30.0] * 7)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_bounce_and_pitch_do_not_excite_roll_and_that_is_no_finding(seed: int) -> None:
     estimation = estimated("linear", seed)

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from daq.channels import Channel, Quantity
-from daq.vehicle import Corner
+from daq.vehicle import Corner, Structure, VehicleGeometry
 from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.estimation import Estimation
-from identify.trust import contradiction
+from identify.fit.grey_box import GreyBox
+from identify.trust import cause_texts, contradiction, swaps
 from identify.trust.contradiction import contradictions
+from identify.trust.linear_effects import structural
+from identify.trust.refit import Explanation
 from identify.trust.sampling import _by_arrival
+from identify.trust.score_test import fitted_decays
 from identify.trust.sensor_faults import gain_of
 from identify.trust.stuck import _holds
 from identify.trust.swaps import _hypotheses
@@ -123,3 +129,118 @@ def test_a_hold_counts_its_samples_from_the_first_of_them() -> None:
     level = Recording(recording.group, recording.time_s, np.full((50, 1), 3.0))
     (hold,) = _holds(Record("baseline_bounce_1", "baseline", 0.2, (level,)), 0.1)
     assert (hold.held, hold.constant) == (50, True)
+
+
+@pytest.mark.parametrize(
+    ("costs", "misfit_left", "named"),
+    [
+        ((300.0, 201.0), 0.0, False),  # a swap that chance explains
+        ((300.0, 199.0), 0.0, True),
+        ((300.0, 100.0), 0.45, False),  # something else is wrong, too
+        ((300.0, 100.0), 0.35, True),
+    ],
+)
+def test_a_swap_is_named_where_it_clears_most_of_a_misfit_beyond_chance(
+    monkeypatch: pytest.MonkeyPatch,
+    costs: tuple[float, float],
+    misfit_left: float,
+    named: bool,
+) -> None:
+    """Costs before and after the swap, and the share of the excess that stays."""
+
+    def described(_: Any, __: Any, ___: Any, *mass_states: Any) -> Any:
+        swapped = bool(mass_states)
+        fit = SimpleNamespace(cost=costs[swapped], eta=np.zeros(1))
+        box = SimpleNamespace(parameters=("m_s",), mass_states=())
+        return SimpleNamespace(fit=fit, excess=misfit_left if swapped else 1.0, box=box)
+
+    monkeypatch.setattr(swaps, "refit", described)
+    monkeypatch.setattr(swaps, "_runs_away", lambda _: False)
+    monkeypatch.setattr(swaps, "first_repeats", lambda decays: decays)
+    monkeypatch.setattr(swaps, "replace", lambda one, **_: one)
+    one: Any = SimpleNamespace(
+        box=SimpleNamespace(groups=(), unknowns=lambda _: np.zeros(1)),
+        decays=tuple(SimpleNamespace(mass_state=name) for name in ("baseline", "added")),
+        fit=SimpleNamespace(eta=np.zeros(1)),
+    )
+    found = swaps.swap_explanation(one)
+    assert (found.name if found else None) == ("mass states swapped" if named else None)
+
+
+@pytest.mark.parametrize(("explained", "cause"), [(0.62, "bars"), (0.65, "a sensor")])
+def test_a_sensor_is_named_in_place_of_the_vehicle_where_it_explains_clearly_more(
+    monkeypatch: pytest.MonkeyPatch, explained: float, cause: str
+) -> None:
+    """Bars explain 0.6 of the misfit."""
+
+    def of(name: str, share: float) -> Explanation:
+        return Explanation(name, "", "", share, 0.5, "k_sf", {})
+
+    suspect: Any = SimpleNamespace(strength=2.0, cause="bars", effects=())
+    monkeypatch.setattr(cause_texts, "swap_explanation", lambda _: None)
+    monkeypatch.setattr(cause_texts, "_preferred", lambda ranked: ranked[0])
+    monkeypatch.setattr(cause_texts, "_in_words", lambda *_: of("bars", 0.6))
+    monkeypatch.setattr(cause_texts, "_explanation", lambda *_: of("bars", 0.6))
+    others = [of("a sensor", explained)]
+    monkeypatch.setattr(cause_texts, "sensor_explanations", lambda *_: others)
+    one: Any = SimpleNamespace(holds=False)
+    found = cause_texts.causes_of(one, [suspect])
+    assert [f"likely cause: {cause}" in finding.text for finding in found.findings] == [True]
+    assert [one.name for one in found.tried] == ["bars", "a sensor"]
+
+
+def test_the_trace_of_an_effect_is_that_of_the_vehicle_with_a_little_of_it() -> None:
+    """Bars and damped tyres, in a car whose weights were corrected, by the matrix exponential."""
+    known = shortly_estimated("linear", 1)
+    states = tuple(
+        replace(
+            state,
+            added=replace(
+                state.added,
+                weights=tuple(replace(weight, sigma_kg=1.0) for weight in state.added.weights),
+            ),
+        )
+        for state in known.box.mass_states
+    )
+    box = GreyBox(known.box.groups, states, None)
+    n = len(box.parameters)
+    eta = np.concatenate([known.fit.eta[:n], np.full(len(box.corrections), 9.0)])
+    assert len(eta) > n
+    (decay,) = (d for d in known.decays if d.label == "added_roll_1")
+    corrected = replace(known, box=box, fit=replace(known.fit, eta=eta), decays=(decay,))
+    (one,) = fitted_decays(corrected, 50.0)
+    effects = structural(corrected, (one,))
+    labels = [effect.label for effect in effects.effects]
+    rich = GreyBox(box.groups, states, None, Structure(anti_roll_bars=True, tyre_damping=True))
+
+    def outputs(recording: Recording, **added: float) -> NDArray[np.float64]:
+        point = rich.unknowns_of(box.full(eta.astype(complex)).real)
+        point[len(rich.parameters) :] = eta[n:]
+        for name, size in added.items():
+            point[rich.parameters.index(name)] += size
+        system = rich.system(point, decay.mass_state)
+        rows = np.array([system.rows[c.name] for c in recording.group.channels])
+        start = one.linear.solution[: len(system.A)]
+        motion = [expm(system.A * t) @ start for t in one.at.time_s(recording)]
+        return np.asarray(np.array(motion) @ rows.T)
+
+    for recording, basis, trace in zip(
+        one.decay.recordings, one.basis, effects.trace_of(one), strict=True
+    ):
+        for name in ("k_af", "c_tr"):
+            h = 1e-4
+            slope = (outputs(recording, **{name: h}) - outputs(recording, **{name: -h})) / (2 * h)
+            predicted = basis[:, :28] @ trace[:, :, labels.index(name)].T
+            np.testing.assert_allclose(predicted, slope, atol=1e-4 * np.abs(slope).max())
+
+
+def test_a_length_can_be_wrong_only_where_it_is_stated() -> None:
+    known = shortly_estimated("linear", 1)
+    lengths = VehicleGeometry(1.3, 1.4, 0.7, 0.7)
+    for stated in (None, lengths):
+        box = replace(known.box, geometry=stated)
+        n = len(box.parameters)
+        fit = replace(known.fit, eta=known.fit.eta[:n])
+        effects = structural(replace(known, box=box, fit=fit), ()).effects
+        labels = [effect.label for effect in effects if effect.cause == "a length is wrong"]
+        assert labels == (["a", "b", "t_f", "t_r"] if stated else [])

@@ -10,6 +10,7 @@ from daq.sessions import Session
 from daq.sim.car import NOISE
 from dbc.finding import Finding, Severity
 from dbc.samples import Quality
+from identify.decays.onset import GUARD_S, decay_start_s
 from identify.pipeline import usable_records
 from identify.trust.saturation import saturation_findings
 
@@ -76,6 +77,25 @@ def test_on_the_bump_it_is_a_note() -> None:
     assert finding.severity is Severity.NOTE
     assert "at 60 m/s2" in finding.text
     assert "hub_acc_rl in baseline_bounce_1, hub_acc_rl in baseline_bounce_2;" in finding.text
+
+
+@pytest.mark.parametrize(
+    ("before_s", "severity"), [(0.5 * GUARD_S, Severity.WARNING), (2.5 * GUARD_S, Severity.NOTE)]
+)
+def test_a_top_within_the_guard_before_the_decay_may_be_of_it(
+    before_s: float, severity: Severity
+) -> None:
+    session = campaign("linear", 1)
+    (record,) = (r for r in usable_records(session) if r.label == "baseline_bounce_1")
+    start_s = decay_start_s(record)
+
+    def cut(t_s: Array, values: Array) -> Array:
+        last = np.searchsorted(t_s, start_s - before_s)
+        top = (np.arange(len(t_s)) <= last) & (np.arange(len(t_s)) > last - 5)
+        return np.where(top, 3.0 * values.max(), values)
+
+    found = [f for f in judged(rear_left(session, cut)) if "baseline_bounce_1" in f.text]
+    assert [f.severity for f in found] == [severity]
 
 
 def test_a_limit_that_the_decay_reaches_is_doubtful() -> None:
