@@ -12,7 +12,7 @@ from .blocks import Blocks
 from .mutant import Mutant
 from .records import RecordedTest
 
-CAP_S = 20.0
+CAP_S = 60.0
 """Recorded CPU time, s, after which no further test is tried on a mutant."""
 QUICK_S = 1.0
 """Tests of up to this CPU time, s, are tried before all others."""

@@ -45,6 +45,13 @@ def test_body_sensors_pair_by_place_and_a_lone_one_is_free() -> None:
     np.testing.assert_array_equal(mirror.ties(np.array([-1.0])).sign.ravel(), [1, -1, 0, 1, 1, 1])
 
 
+def test_the_image_of_a_sensor_at_the_cg_is_at_the_cg() -> None:
+    """Where the CG is nobody knows: a sensor at the stated origin is not beside it."""
+    at_cg = Channel("cg", Quantity.BODY_ACCELERATION, "m/s2", at_cg=True)
+    assert list(mirror_of((at_cg,)).image) == [0]
+    assert list(mirror_of((at_cg, body("origin", 0.0, 0.0))).image) == [0, 1]
+
+
 def test_two_sensors_at_one_place_have_no_certain_image() -> None:
     mirror = mirror_of((body("one", -1.0, 0.5), body("two", -1.0, 0.5), body("right", -1.0, -0.5)))
     assert list(mirror.image) == [-1, -1, -1]

@@ -328,3 +328,11 @@ def test_sets_that_are_fitted_at_once_are_fitted_as_each_alone() -> None:
         assert found.shapes == pytest.approx(alone.shapes, rel=1e-6)
         assert project(records, 100.0, poles[chosen]).most_merit == pytest.approx(bound, abs=0.05)
         assert found.merit < bound
+
+
+def test_a_block_of_series_cannot_be_changed() -> None:
+    run = np.zeros(1, dtype=int)
+    block = Block(np.arange(3.0), np.array([[1.0], [2.0], [6.0]]), run, run, free_level=True)
+    for array in (block.time_s, block.values, block.run, block.channel, block.deviations):
+        with pytest.raises(ValueError, match="read-only"):
+            array[:] = 0
