@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..elements.bar import bar_force
 from ..elements.damper import knee, knee_slope
 from ..elements.friction import friction_rate, sliding_share
-from ..elements.hinge import hinge, hinge_slope
+from ..elements.hinge import hinge
 from ..elements.mount import mount_misfit, mount_slope
 from ..elements.spring import spring_force
 from ..elements.stop import stop_force
@@ -48,7 +48,7 @@ from .car import (
 from .level import Level
 from .path import STATES, Own, Path, Sampled, first_state, hermite
 
-ACROSS = [1, 0, 3, 2]
+ACROSS = np.array([1, 0, 3, 2])
 """The other corner of the axle."""
 _TIGHT = 1e-11
 _LARGEST = 100.0
@@ -63,18 +63,21 @@ class Stack:
 
     p: tuple[Array, ...]
     """Each of `car`'s columns, (rows, 4)."""
-    lines: Array
-    """(rows, 4, 2 + knots): the damper curves as hinges that open upwards."""
+    ends: Array
+    """(pieces - 1,): the speeds at which pieces of the damper curves end."""
+    pieces: tuple[Array, Array, Array]
+    """Coefficients of 1, r and r^2 of all corners' pieces, each (rows * 4 * pieces,)."""
+    first_piece: NDArray[np.intp]
+    """(rows, 4): where those of a corner begin."""
     travels: Array
     """(rows, 8, 14): travel and speed of each corner by displacements and speeds."""
     pushed: Array
     """(rows, 7, 4): accelerations by the forces of the suspensions."""
     rest: Array
     """(rows, 7): accelerations without any of the forces."""
-    knots: Array
     mounted: bool
-    stopped: bool
-    """True if there is a bump stop."""
+    free_m: float
+    """Travel up to which no bump stop acts."""
     stuck: bool
     """True if static friction exceeds sliding friction."""
     level: Level
@@ -85,11 +88,14 @@ def stack(cars: Sequence[Car], level: Level) -> Stack:
     parts = [_motion(one) for one in cars]
     corner = np.stack([one.corner for one in cars])
     travels, pushed, rest = (np.stack(part) for part in zip(*parts, strict=True))
-    knots = cars[0].knots
+    lines = bends(corner, cars[0].knots, level.knee_m_s)
+    ends, pieces = _pieces(lines, np.array(cars[0].knots), level.knee_m_s)
+    first = np.arange(0, pieces[0].size, len(ends) + 1).reshape(-1, 4)
+    gaps = np.where(corner[..., K_B] != 0.0, corner[..., GAP], np.inf)
     return Stack(
         tuple(np.ascontiguousarray(corner[..., k]) for k in range(KNEES)),
-        bends(corner, knots, level.knee_m_s), travels, pushed, rest,
-        np.array(knots), cars[0].has_mount, bool(corner[..., K_B].any()),
+        ends, pieces, first, travels, pushed, rest,
+        cars[0].has_mount, float(gaps.min()) - level.stop_m,
         bool(corner[..., SURPLUS].any()), level,
     )  # fmt: skip
 
@@ -125,18 +131,31 @@ def bends(p: Array, knots: tuple[float, ...], width: float) -> Array:
     return lines
 
 
-def _curve(cars: Stack, r: Array) -> Array:
-    """Return the force of the axle's damper curve at the speeds r, (n, 4)."""
-    lines = cars.lines
-    beyond = hinge(r[..., None] - cars.knots, cars.level.knee_m_s)
-    return np.asarray(lines[..., 0] + lines[..., 1] * r + (lines[..., 2:] * beyond).sum(axis=-1))
+def _pieces(lines: Array, knots: Array, width: float) -> tuple[Array, tuple[Array, Array, Array]]:
+    """Return curves of hinges as parabolas: where each piece ends, and its coefficients.
+
+    Returns ends, m/s, (pieces - 1,) ascending, and coefficients of 1, r and r^2, of one curve
+    after the other.
+    """
+    ends = np.sort(np.concatenate([knots - width, knots + width]))
+    borders = np.concatenate([[-_LARGEST], ends, [_LARGEST]])
+    middle = (borders[:-1] + borders[1:]) / 2.0
+    beyond = middle[:, None] - knots
+    line, round_ = beyond >= width, np.abs(beyond) < width
+    bent = lines[..., 2:]
+    level = bent @ (round_ * (width - knots) ** 2 / (4.0 * width) - line * knots).T
+    slope = bent @ (round_ * (width - knots) / (2.0 * width) + line).T
+    bend = bent @ (round_ / (4.0 * width)).T
+    level, slope = level + lines[..., :1], slope + lines[..., 1:2]
+    return ends, (level.ravel(), slope.ravel(), bend.ravel())
 
 
-def _slope(cars: Stack, r: Array) -> Array:
-    """Return the slope of that force."""
-    lines = cars.lines
-    passed = hinge_slope(r[..., None] - cars.knots, cars.level.knee_m_s)
-    return np.asarray(lines[..., 1] + (lines[..., 2:] * passed).sum(axis=-1))
+def _curve(cars: Stack, r: Array) -> tuple[Array, Array]:
+    """Return force and slope of the axle's damper curve at the speeds r, (n, 4)."""
+    which = cars.first_piece + np.searchsorted(cars.ends, r)
+    level, slope, bend = (each.take(which) for each in cars.pieces)
+    bend = bend * r
+    return level + (slope + bend) * r, slope + 2.0 * bend
 
 
 def curve(p: Array, knots: tuple[float, ...], r: Array, width: float) -> tuple[Array, Array]:
@@ -156,31 +175,39 @@ def rates(x: Array, cars: Stack, r: Array) -> tuple[Array, Array]:
     r = _damper_speeds(cars, x[:, 18:], w, r) if cars.mounted else w
     zeta = x[:, 14:18]
     force = (
-        p[RATIO] * _curve(cars, r)
+        p[RATIO] * _curve(cars, r)[0]
         + spring_force(u, p[K_S], p[K_2], p[K_3])
-        + bar_force(u, u[:, ACROSS], p[K_A])
+        + bar_force(u, u.take(ACROSS, axis=1), p[K_A])
         + p[F_C] * zeta
     )
-    if cars.stopped:
+    if u.max() > cars.free_m:
         force += stop_force(u, p[K_B], p[GAP], level.stop_m)
-    load = tyre_load(x[:, 3:7], p[K_T], p[BETA], p[STATIC])
-    push = tyre_push(load, x[:, 10:14], p[C_T], level.load_n)
-    road = tyre_force(push, p[STATIC], level.load_n)
     out = np.empty_like(x)
     out[:, :7] = x[:, 7:14]
     out[:, 7:14] = (cars.pushed @ force[:, :, None])[:, :, 0] + cars.rest
-    out[:, 10:14] += road / p[MASS]
+    out[:, 10:14] += _road(cars, x[:, 3:7], x[:, 10:14]) / p[MASS]
     limit = sliding_share(w, p[SURPLUS], p[FALL]) if cars.stuck else 1.0
     out[:, 14:18] = friction_rate(w, zeta, p[LENGTH], limit, level.turn_m_s, level.lag_s)
     out[:, 18:] = w - r if cars.mounted else 0.0
     return out, r
 
 
+def _road(cars: Stack, z: Array, v: Array) -> Array:
+    """Return the forces of the road beyond the static loads, at the wheels' heave and speed."""
+    p, width = cars.p, cars.level.load_n
+    load = tyre_load(z, p[K_T], p[BETA], p[STATIC])
+    push = load - p[C_T] * v
+    if load.min() > width and push.min() > width:  # all wheels stand on the road
+        return np.asarray(push - p[STATIC])
+    return np.asarray(tyre_force(tyre_push(load, v, p[C_T], width), p[STATIC], width))
+
+
 def _damper_speeds(cars: Stack, e: Array, w: Array, r: Array) -> Array:
     ratio, sigma, loss_s = cars.p[RATIO], cars.p[MOUNT], cars.level.loss_s
     for _ in range(25):
-        left = mount_misfit(r, ratio * _curve(cars, r), e, w, sigma, loss_s)
-        step = left / mount_slope(ratio * _slope(cars, r), sigma, loss_s)
+        force, slope = _curve(cars, r)
+        left = mount_misfit(r, ratio * force, e, w, sigma, loss_s)
+        step = left / mount_slope(ratio * slope, sigma, loss_s)
         r = r - step
         if np.abs(step).max() < _TIGHT:
             break

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from identify.model.low_pass import LowPass
 from identify.nonlinear import fast, linearised, reference
-from identify.nonlinear.car import Car, car
+from identify.nonlinear.car import KNEES, Car, car
 from identify.nonlinear.filtered import filtered
 from identify.nonlinear.level import PATH, POLISH, USUAL
 from identify.nonlinear.path import Own, Path
@@ -43,6 +45,21 @@ def test_machine_code_and_numpy_give_the_same_path(mounted: bool) -> None:
     assert np.allclose(whole(compiled).states, whole(plain).states, rtol=1e-9, atol=1e-12)
     assert len(whole(shorter).states) == 321
     assert np.array_equal(whole(shorter).states, whole(plain).states[:321])
+
+
+@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.5])
+def test_the_path_is_the_same_whether_or_not_stops_and_knees_are_met(
+    share: float, bent: bool
+) -> None:
+    one, own = made(True), moving()
+    if not bent:
+        smooth = slice(0, KNEES)
+        one = replace(one, corner=one.corner[:, smooth], d_corner=one.d_corner[:, smooth], knots=())
+    own = replace(own, motion=share * own.motion)
+    (compiled,) = fast.integrate([one], [own], [END_S], USUAL.step_s, PATH)
+    (plain,) = reference.integrate([one], [own], [END_S], USUAL.step_s, PATH)
+    assert np.allclose(whole(compiled).states, whole(plain).states, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("mounted", [False, True])
