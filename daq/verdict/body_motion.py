@@ -114,11 +114,11 @@ def _turned(own: float, heave: float, other: float) -> float:
 
 
 def _moved_corners(four: tuple[Trace, ...]) -> Corners:
-    """Return how the corners move together: the strongest pattern of the four records, (4,)."""
+    """Return how the corners move together, (4,): the strongest pattern of their records."""
     grid = np.arange(0.0, min(trace.time_s[-1] for trace in four), 0.01)
     rows = np.array([np.interp(grid, trace.time_s, trace.value) for trace in four])
-    u, s, _ = np.linalg.svd(rows, full_matrices=False)
-    return np.asarray(u[:, 0] * s[0])
+    u, _, _ = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(u[:, 0])
 
 
 def _moved_body(bench: Bench, seen: tuple[Trace, ...]) -> Body | None:

@@ -146,20 +146,20 @@ def test_a_constant_is_tested_where_its_name_and_what_follows_from_it_occur(tmp_
 
 
 def test_what_tests_share_counts_once(tmp_path: Path) -> None:
-    """Of tests that need a session of 15 s all are within the cap of 20 s, of two sessions not."""
+    """Of tests that need a session of 45 s all are within the cap of 60 s, of two sessions not."""
     turns = frozenset({"dbc/wheel.py:Wheel.turn:0"})
     chooser = Chooser(tmp_path, [Blocks("dbc/wheel.py", BRANCHES.encode())])
 
     def chosen(*sessions: str) -> tuple[int, float]:
         tests = [
-            RecordedTest(f"tests/b.py::test_{n}", 0.5, turns, {session: 15.0})
+            RecordedTest(f"tests/b.py::test_{n}", 0.5, turns, {session: 45.0})
             for n, session in enumerate(sessions)
         ]
         choice = chooser.choice(Mutant("dbc/wheel.py", 5, 0, 0, ""), tests)
         return choice.left_out, choice.seconds
 
-    assert chosen("small", "small", "small") == (0, 16.5)
-    assert chosen("small", "large") == (1, 15.5)
+    assert chosen("small", "small", "small") == (0, 46.5)
+    assert chosen("small", "large") == (1, 45.5)
 
 
 def test_a_record_holds_until_a_test_or_a_function_that_it_runs_changes(tmp_path: Path) -> None:
@@ -227,6 +227,12 @@ def test_tests_of_a_file_are_those_of_its_room(tmp_path: Path) -> None:
     assert set(room_tests(_tree(tmp_path), "dbc/wheel.py")) == {
         f"tests/dbc/test_{name}.py" for name in names
     }
+
+
+def test_tests_elsewhere_that_import_a_file_are_among_its_own() -> None:
+    own = room_tests(ROOT, "identify/modes/modal_model.py")
+    assert {"tests/identify/modes/test_rules.py", "tests/identify/test_display.py"} < set(own)
+    assert "tests/identify/test_change.py" not in own
 
 
 def test_every_file_of_the_packages_has_tests() -> None:

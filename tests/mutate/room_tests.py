@@ -1,4 +1,4 @@
-"""The test files of a source file: those of its room."""
+"""The test files of a source file: those of its room, and those that import it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ def room_tests(root: Path, source: str) -> tuple[str, ...]:
     """Return the files in tests/<package>/<room>/.
 
     A file at the root of a package, or a room without tests of its own, has the test files at
-    the root of tests/<package>/.  If none of these imports the file, those of the package that do
-    are added.
+    the root of tests/<package>/.  Those of the package that import the file are added.
     """
     folders = source.split("/")[:-1]
     package = Path(root, "tests", folders[0])
@@ -21,9 +20,8 @@ def room_tests(root: Path, source: str) -> tuple[str, ...]:
     inside = room.rglob("test_*.py") if room != package and room.is_dir() else ()
     files = sorted(inside) or sorted(package.glob("test_*.py"))
     module = source.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-    if not any(module in _imported(root, path) for path in files):
-        everywhere = sorted(package.rglob("test_*.py"))
-        files += [path for path in everywhere if module in _imported(root, path)]
+    everywhere = set(package.rglob("test_*.py")) - set(files)
+    files += sorted(path for path in everywhere if module in _imported(root, path))
     return tuple(path.relative_to(root).as_posix() for path in files)
 
 

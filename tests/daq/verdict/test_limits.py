@@ -120,6 +120,17 @@ def test_a_strike_is_as_high_as_its_energy_in_a_tenth_of_a_second(
     assert finding.value == pytest.approx(2.0 * second, rel=0.02)
 
 
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_a_second_strike_is_sought_at_the_hubs_else_at_the_body_else_anywhere(first: int) -> None:
+    """The first of these channels decides; what the others show does not count."""
+    channels = (HUB, BODY, TRAVEL)[first:]
+    for again in (True, False):
+        own, rest = (strikes(0.8 * share, 1.2) for share in (float(again), float(not again)))
+        records = {c: own if c is channels[0] else rest for c in channels}
+        passed = [finding.passed for finding in found(double_bump, records)]
+        assert all(passed) is not again
+
+
 @pytest.mark.parametrize("size", [1.0, 0.01])
 def test_the_time_of_a_second_strike_does_not_depend_on_its_size(size: float) -> None:
     assert "at +1.20 s" in one(double_bump, {HUB: size * strikes(0.3, 1.2)}).text

@@ -104,6 +104,17 @@ def test_a_wave_is_searched_for_from_five_times_the_noise_on(ratio: float, shows
     assert (body_wave(seen(records), 0.2) is not None) is shows
 
 
+def test_the_wave_is_of_what_shows_the_body_most_clearly() -> None:
+    """The acceleration is quieter, the rate is further above its noise."""
+    records = {
+        BODY: noisy(ringing(2.4, 0.2, 0.3), 0.001),
+        PITCH: noisy(ringing(0.8, 0.2, 50.0), 0.01),
+    }
+    wave = body_wave(seen(records), 0.2)
+    assert wave is not None
+    assert wave[0] == pytest.approx(0.8, rel=0.01)
+
+
 @pytest.mark.parametrize(("stop_s", "shows"), [(1.39, False), (1.42, True)])
 def test_a_wave_needs_a_second_after_the_bump(stop_s: float, shows: bool) -> None:
     """The wheels come to rest 0.2 s after the bump of 0.2 s."""
@@ -270,6 +281,7 @@ def test_judge_names_the_purity_of_the_kind_that_was_due() -> None:
     for kind, purity in (("pitch", 1.0), ("bounce", 0.5), ("roll", 0.25)):
         step = Step(BASELINE, Excitation(kind), 1)
         findings, found = judge(bench_of(*hubs), step, window(hubs), [])
+        assert found.wheels == (frozenset(FRONT) if kind == "pitch" else None)
         assert found.purity == pytest.approx(purity, abs=1e-3)
         assert found.shares["pitch"] == pytest.approx(0.5, abs=1e-3)
         assert (found.peak_m, found.frequency_hz) == (None, None)

@@ -149,6 +149,21 @@ def test_deviations_are_those_of_the_information_matrix() -> None:
     np.testing.assert_allclose(found.noise, noise, rtol=0.1)
 
 
+def test_the_noise_of_few_samples_counts_what_the_fit_took_out_of_them() -> None:
+    """Of two channels of 20 samples a mode takes two figures for its pole and six for motion."""
+    rng = np.random.default_rng(4)
+    poles, shapes = oscillators([2.0], [0.1]), np.array([[1.0], [0.5 + 0j]])
+    record = free_decay(poles, shapes, np.array([3.0]), 20.0, 1.0)
+    run, channel = np.array([0, 0]), np.array([0, 1])
+    squares = []
+    for _ in range(100):
+        values = record + 0.1 * rng.standard_normal(record.shape)
+        block = Block(np.arange(len(record)) / 20.0, values, run, channel)
+        squares.append(most_likely_modes(gathered([block]), poles, shapes).noise ** 2)
+    # 100 variances of some 18 degrees of freedom each: their mean is right to 3 %.
+    assert np.sqrt(np.mean(squares)) == pytest.approx(0.1, rel=0.06)
+
+
 def test_ties_hold_shapes_alike_opposite_and_zero() -> None:
     rng = np.random.default_rng(1)
     poles = oscillators([1.0, 1.02], [0.05, 0.06])

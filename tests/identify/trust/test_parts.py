@@ -17,10 +17,12 @@ from identify.decays.decay import ChannelGroup, Record, Recording
 from identify.fit.estimation import Estimation
 from identify.fit.grey_box import GreyBox
 from identify.trust import cause_texts, contradiction, swaps
+from identify.trust.consistency import _size
 from identify.trust.contradiction import contradictions
 from identify.trust.linear_effects import structural
+from identify.trust.nonlinear_effects import _speeds
 from identify.trust.refit import Explanation
-from identify.trust.sampling import _by_arrival
+from identify.trust.sampling import _by_arrival, _Stretch
 from identify.trust.score_test import fitted_decays
 from identify.trust.sensor_faults import gain_of
 from identify.trust.stuck import _holds
@@ -232,6 +234,75 @@ def test_the_trace_of_an_effect_is_that_of_the_vehicle_with_a_little_of_it() -> 
             slope = (outputs(recording, **{name: h}) - outputs(recording, **{name: -h})) / (2 * h)
             predicted = basis[:, :28] @ trace[:, :, labels.index(name)].T
             np.testing.assert_allclose(predicted, slope, atol=1e-4 * np.abs(slope).max())
+
+
+def test_speeds_of_a_car_that_creeps_back_are_those_of_the_matrix_exponential() -> None:
+    """Five times the damping: some motions do not oscillate, and their poles come alone."""
+    known = shortly_estimated("linear", 1)
+    eta = known.fit.eta.copy()
+    for name in ("c_sf", "c_sr"):
+        eta[known.box.parameters.index(name)] += np.log(5.0)
+    decay = known.decays[0]
+    damped = replace(known, fit=replace(known.fit, eta=eta), decays=(decay,))
+    (one,) = fitted_decays(damped, 50.0)
+    assert (one.at.modes.poles.imag == 0.0).any()
+    A = known.box.system(eta, decay.mass_state).A
+    start = one.linear.solution[:14]
+    time_s = np.array([0.0, 0.01, 0.1, 0.7])
+    expected = [(expm(A * t) @ start)[7:] for t in time_s]
+    np.testing.assert_allclose(_speeds(one, time_s), expected, atol=1e-9 * np.abs(start).max())
+
+
+def test_samples_of_a_swapped_channel_keep_their_own_clock() -> None:
+    here = Channel(
+        "here",
+        Quantity.HUB_ACCELERATION,
+        "m/s2",
+        corner=Corner.FRONT_LEFT,
+        delay_s=0.003,
+        delay_sigma_s=0.001,
+        low_pass_hz=60.0,
+        low_pass_order=2,
+    )
+    there = replace(
+        here,
+        name="there",
+        corner=Corner.FRONT_RIGHT,
+        delay_s=0.0,
+        delay_sigma_s=0.0,
+        low_pass_hz=90.0,
+        low_pass_order=4,
+    )
+    carries = swaps._swapped("swapped", {"here": there}).channel
+    assert carries(there) is there
+    assert carries(here) == replace(here, name="there", corner=Corner.FRONT_RIGHT)
+
+
+@pytest.mark.parametrize(("square", "usable"), [(0.9, False), (1.1, True)])
+def test_silence_is_a_hundredth_of_the_power_of_the_noise(square: float, usable: bool) -> None:
+    assert _Pairs(squares=square * 100.0, n=100, levels=5).usable(noise=10.0) is usable
+
+
+@pytest.mark.parametrize(("n", "levels", "usable"), [(99, 5, 0), (100, 5, 1), (100, 4, 0)])
+def test_a_correlation_needs_a_hundred_pairs_and_five_levels(
+    n: int, levels: int, usable: int
+) -> None:
+    assert _Pairs(squares=1e6, n=n, levels=levels).usable(noise=1.0) is bool(usable)
+
+
+def test_a_stretch_that_begins_late_has_no_early_gap() -> None:
+    assert _Stretch("g", np.array([5.0, 5.1, 5.9]), 0.1).longest_early_s == 0.0
+    assert _Stretch("g", np.array([0.0, 0.02, 0.03, 0.9]), 0.01).longest_early_s == pytest.approx(
+        0.87
+    )
+
+
+def test_the_size_of_a_decay_is_that_of_its_motion_about_its_level() -> None:
+    group = ChannelGroup("g", (Channel("a", Quantity.BODY_ACCELERATION, "m/s2"),) * 2)
+    values = np.array([[1.0, 50.0], [3.0, 50.0]])
+    recording: Any = SimpleNamespace(group=group, values=values)
+    decay: Any = SimpleNamespace(recordings=(recording, recording))
+    assert _size(decay) == pytest.approx(np.sqrt(0.5))
 
 
 def test_a_length_can_be_wrong_only_where_it_is_stated() -> None:

@@ -1,0 +1,100 @@
+"""How the gates make one judgement: what a named cause explains, and which causes compete."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dbc.finding import Finding, Severity
+from identify.trust import judge as gates
+from identify.trust.cause_texts import Causes
+from identify.trust.finding import Quality, Verdict
+from identify.trust.refit import Explanation
+from identify.trust.survival import Survival
+
+NONE = (
+    *("misfit_findings", "scale_findings", "sampling_findings", "saturation_findings"),
+    *("excitation_findings", "whiteness_findings", "lift_off_findings", "undetermined"),
+)
+
+
+def warned(code: str) -> Finding:
+    return Finding(code, Severity.WARNING, code)
+
+
+def estimation(holds: bool) -> Any:
+    box = SimpleNamespace(parameters=("m_s", "k_sf"))
+    return SimpleNamespace(box=box, nonlinear=None, holds=holds, chi2_per_n=3.0, records=())
+
+
+def judged(
+    monkeypatch: pytest.MonkeyPatch, holds: bool, causes: tuple[str, ...]
+) -> tuple[list[str], list[str]]:
+    """Return the codes of all findings, and the names of the hypotheses that compete.
+
+    Some interval is wide and stated values contradict the runs.
+    """
+    competing: list[str] = []
+
+    def survival(_: Any, hypotheses: Any) -> Survival:
+        competing.extend(one.cause for one in hypotheses)
+        return Survival()
+
+    for name in NONE:
+        monkeypatch.setattr(gates, name, lambda *_: ())
+    monkeypatch.setattr(gates, "mode_snr_db", lambda _: {})
+    monkeypatch.setattr(gates, "chi2_by_run", lambda _: {})
+    monkeypatch.setattr(gates, "survival", survival)
+    found = tuple(map(warned, causes))
+    monkeypatch.setattr(gates, "_causes", lambda _: Causes(found))
+    both = (warned("contradiction"), warned("wide"))
+    monkeypatch.setattr(gates, "parameter_findings", lambda _: both)
+    monkeypatch.setattr(gates, "contradictions", lambda _: [SimpleNamespace(name="k_sf")])
+    monkeypatch.setattr(gates, "contradicted_shift", lambda *_: np.zeros(2))
+    session: Any = None
+    quality = gates.judge(session, estimation(holds))
+    return sorted(finding.code for finding in quality.findings), competing
+
+
+@pytest.mark.parametrize(
+    ("holds", "cause", "explained"),
+    [
+        (False, "tyre_damping", True),
+        (True, "tyre_damping", False),  # nothing is left to explain
+        (True, "added_weights_off_by_a_common_factor", True),
+        (False, "amplitude", False),  # says that something is wrong, not what
+    ],
+)
+def test_a_cause_explains_contradictions_and_no_wide_interval(
+    monkeypatch: pytest.MonkeyPatch, holds: bool, cause: str, explained: bool
+) -> None:
+    codes, competing = judged(monkeypatch, holds, (cause,))
+    assert codes == sorted([cause, "wide", *(() if explained else ("contradiction",))])
+    assert competing == ([] if explained else ["k_sf"])
+
+
+def test_without_a_cause_what_contradicts_the_runs_competes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert judged(monkeypatch, False, ()) == (["contradiction", "wide"], ["k_sf"])
+
+
+def test_an_odd_run_explains_what_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """chi2/n is 3 with the run and 1.5 without it: three quarters of the excess."""
+    odd = Finding("odd_run", Severity.ERROR, "odd", "added_roll_2", value=1.5)
+    monkeypatch.setattr(gates, "rank_causes", lambda _: [SimpleNamespace(strength=1.0)])
+    monkeypatch.setattr(gates, "repeat_findings", lambda *_: (odd,))
+    monkeypatch.setattr(gates, "moves_without", lambda *_: {"m_s": 0.1, "k_sf": -0.2})
+    causes = gates._causes(estimation(False))
+    assert causes.findings == (odd,)
+    moved = {"m_s": 0.1, "k_sf": -0.2}
+    assert causes.tried == (Explanation("run added_roll_2", "", "", 0.75, 0.2, "k_sf", moved),)
+
+
+def test_nothing_was_found_where_nothing_was_asked() -> None:
+    quality = Quality((), 1.0)
+    assert quality.verdict is Verdict.OK
+    assert (quality.survival.surviving, dict(quality.survival.lost)) == ((), {})
