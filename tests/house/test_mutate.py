@@ -145,6 +145,19 @@ def test_a_constant_is_tested_where_its_name_and_what_follows_from_it_occur(tmp_
     assert chosen(17) == ([], 0)  # the first branch runs in no test
 
 
+def test_what_is_compiled_bears_no_marks_and_is_found_by_name() -> None:
+    formula = b"def force(u):\n    return 2.0 * u\n"
+    for path, head, compiled in (
+        ("identify/elements/spring.py", b"", True),
+        ("identify/nonlinear/path.py", b"from numba import njit\n", True),
+        ("identify/nonlinear/path.py", b"", False),
+    ):
+        blocks = Blocks(path, head + formula)
+        assert bool(blocks.marked) is not compiled
+        assert bool(blocks.of_line) is not compiled
+        assert (blocks.bound.get(2 + bool(head)) == {"force"}) is compiled
+
+
 def test_what_tests_share_counts_once(tmp_path: Path) -> None:
     """Of tests that need a session of 45 s all are within the cap of 60 s, of two sessions not."""
     turns = frozenset({"dbc/wheel.py:Wheel.turn:0"})

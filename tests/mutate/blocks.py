@@ -18,6 +18,8 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 COMPILED = "numba"
 """A file that imports this is left without marks: its functions do not run as Python."""
+FORMULAS = "identify/elements/"
+"""So are the files in this folder: what imports them compiles them."""
 
 
 class Blocks:
@@ -36,7 +38,7 @@ class Blocks:
         self.functions: dict[str, str] = {}
         """Hash of each function, by the part of its keys before the last colon."""
         tree = ast.parse(source)
-        self._compiled = any(_imports(node, COMPILED) for node in ast.walk(tree))
+        self._compiled = is_compiled(path, source)
         self._outside(tree.body, "", frozenset())
         if self.functions:
             first = next(
@@ -96,6 +98,12 @@ class Blocks:
             for inner in nested if not isinstance(node, FUNCTIONS) else ():
                 self._inside(inner, function, number, prefix, False)
             key = "" if nested else key
+
+
+def is_compiled(path: str, source: bytes) -> bool:
+    """Return whether the functions of a file run as machine code, too."""
+    nodes = ast.walk(ast.parse(source))
+    return path.startswith(FORMULAS) or any(_imports(node, COMPILED) for node in nodes)
 
 
 def _bodies(node: ast.AST) -> Iterator[list[ast.stmt]]:

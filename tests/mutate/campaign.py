@@ -26,8 +26,8 @@ from .trial import PASSED, Chosen, Plugin, Trial, load
 PATIENCE = 4.0
 """A process is ended, and its mutant counted as killed, after this many times the CPU time that its
 tests took when they were recorded: a loop without end never ends."""
-LEAST_CPU_S = 20.0
-"""CPU time, s, before which no process is ended; pytest has to load everything."""
+LEAST_CPU_S = 120.0
+"""CPU time, s, before which no process is ended: all has to be loaded, and perhaps compiled."""
 LONGEST_S = 900.0
 """Seconds after which the trial of a mutant is stopped, and the mutant counted as killed: a process
 that waits for ever takes no CPU time."""
