@@ -10,7 +10,7 @@ from tests.mutate.choice import Chooser
 from tests.mutate.draw import draw, mutants
 from tests.mutate.mutant import Mutant
 from tests.mutate.records import RecordedTest, Records
-from tests.mutate.room_tests import room_tests
+from tests.mutate.room_tests import room_tests, users_tests
 from tests.mutate.sources import sources
 
 ROOT = Path(__file__).parents[2]
@@ -155,7 +155,7 @@ def test_what_is_compiled_bears_no_marks_and_is_found_by_name() -> None:
         blocks = Blocks(path, head + formula)
         assert bool(blocks.marked) is not compiled
         assert bool(blocks.of_line) is not compiled
-        assert (blocks.bound.get(2 + bool(head)) == {"force"}) is compiled
+        assert (blocks.bound.get(2 + bool(head)) == frozenset({"force"})) is compiled
 
 
 def test_what_tests_share_counts_once(tmp_path: Path) -> None:
@@ -246,6 +246,12 @@ def test_tests_elsewhere_that_import_a_file_are_among_its_own() -> None:
     own = room_tests(ROOT, "identify/modes/modal_model.py")
     assert {"tests/identify/modes/test_rules.py", "tests/identify/test_display.py"} < set(own)
     assert "tests/identify/test_change.py" not in own
+
+
+def test_what_no_test_of_a_room_runs_meets_those_of_the_users() -> None:
+    every = users_tests(ROOT)
+    assert {"tests/flow/test_demo.py", "tests/tui/terminal/test_keys.py"} < set(every)
+    assert not any(file.startswith(("tests/dbc/", "tests/identify/")) for file in every)
 
 
 def test_every_file_of_the_packages_has_tests() -> None:

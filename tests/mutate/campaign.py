@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,8 +17,8 @@ from .choice import Choice, Chooser
 from .mutant import Mutant
 from .private_tree import PrivateTree, snapshot
 from .reach import Reach
-from .records import Records, blocks_of
-from .room_tests import room_tests
+from .records import RecordedTest, Records, blocks_of
+from .room_tests import room_tests, users_tests
 from .served import Server, fits
 from .sources import PACKAGES, sources
 from .trial import PASSED, Chosen, Plugin, Trial, load
@@ -94,12 +94,16 @@ class Campaign:
         files = {mutant: room_tests(self.source, mutant.path) for mutant in mutants}
         self._record(sorted({file for of_one in files.values() for file in of_one}))
         chooser = Chooser(self.source, self._blocks)
-        choices: dict[Mutant, Choice] = {}
+        choices = {mutant: chooser.choice(mutant, self._tests(files[mutant])) for mutant in mutants}
+        unrun = [mutant for mutant in mutants if not choices[mutant].tests]
+        if unrun:
+            every = users_tests(self.source)
+            self._record(every)
+            files |= dict.fromkeys(unrun, every)
+            choices |= {mutant: chooser.choice(mutant, self._tests(every)) for mutant in unrun}
         jobs = []
         for mutant in mutants:
-            known = [file for file in files[mutant] if self._records.knows(file)]
-            tests = [test for file in known for test in self._records.tests(file)]
-            choice = choices[mutant] = chooser.choice(mutant, tests)
+            choice = choices[mutant]
             if not choice.tests:
                 yield Outcome(mutant, False, "no test runs it", 0.0)
                 continue
@@ -108,7 +112,8 @@ class Campaign:
             source = (self.source / mutant.path).read_bytes()
             block = chooser.block(mutant)
             can = block and block not in self._records.imported and fits(mutant, source)
-            served_by = tuple(f for f in known if self._records.tests(f)) if can else ()
+            collected = {test.file for test in self._tests(files[mutant])} if can else ()
+            served_by = tuple(sorted(collected))
             jobs.append(Job(choice.files, plugin, LONGEST_S, cpu_s, mutant, served_by))
         jobs.sort(key=lambda job: job.served_by)
         trees = [PrivateTree(self.source, self._folder / name) for name in self._names]
@@ -122,6 +127,10 @@ class Campaign:
                 slow = done.code in (None, -SIGKILL, -SIGXCPU)
                 by = "timeout" if slow else done.found.get("failed") or "on import"
                 yield Outcome(mutant, True, str(by), done.seconds)
+
+    def _tests(self, files: Iterable[str]) -> list[RecordedTest]:
+        known = (file for file in files if self._records.knows(file))
+        return [test for file in known for test in self._records.tests(file)]
 
     def _record(self, files: Sequence[str]) -> None:
         """Record the test files of which nothing is known, or of which too much has changed."""

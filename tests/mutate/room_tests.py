@@ -25,6 +25,13 @@ def room_tests(root: Path, source: str) -> tuple[str, ...]:
     return tuple(path.relative_to(root).as_posix() for path in files)
 
 
+def users_tests(root: Path) -> tuple[str, ...]:
+    """Return the files of tests that drive the product as its users do."""
+    folders = (Path(root, "tests", name) for name in ("flow", "tui"))
+    files = sorted(path for folder in folders for path in folder.rglob("test_*.py"))
+    return tuple(path.relative_to(root).as_posix() for path in files)
+
+
 @cache
 def _imported(root: Path, path: Path) -> frozenset[str]:
     """Return the modules of the tree that a file imports, faces of packages seen through."""
