@@ -6,7 +6,7 @@ import shutil
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from signal import SIGKILL, SIGXCPU
 from tempfile import mkdtemp
@@ -128,6 +128,13 @@ class Campaign:
                 by = "timeout" if slow else done.found.get("failed") or "on import"
                 yield Outcome(mutant, True, str(by), done.seconds)
 
+    @cached_property
+    def _marked(self) -> list[PrivateTree]:
+        trees = [PrivateTree(self.source, self._folder / f"record{name}") for name in self._names]
+        for tree in trees:
+            tree.mark(self._blocks)
+        return trees
+
     def _tests(self, files: Iterable[str]) -> list[RecordedTest]:
         known = (file for file in files if self._records.knows(file))
         return [test for file in known for test in self._records.tests(file)]
@@ -137,11 +144,8 @@ class Campaign:
         left = [file for file in files if not self._records.knows(file)]
         if not left:
             return
-        trees = [PrivateTree(self.source, self._folder / f"record{name}") for name in self._names]
-        for tree in trees:
-            tree.mark(self._blocks)
         jobs = [Job((file,), Reach, RECORD_S) for file in left]
-        for n, done in enumerate(self._run(jobs, trees), start=1):
+        for n, done in enumerate(self._run(jobs, self._marked), start=1):
             (file,) = done.job.files
             tests = done.found.get("tests", {})
             self._show(

@@ -25,8 +25,9 @@ class Child:
 
     def leave(self) -> None:
         """Write the blocks that were run."""
-        path = self.folder / f"{os.getpid()}.json"
-        path.write_text(json.dumps([self.test, sorted(seen)]), "utf-8")
+        part = self.folder / f"{os.getpid()}.part"
+        part.write_text(json.dumps([self.test, sorted(seen)]), "utf-8")
+        part.replace(part.with_suffix(".json"))  # it may be killed, or read, meanwhile
 
 
 def record_children(folder: Path) -> None:
