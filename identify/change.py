@@ -60,7 +60,7 @@ class NamedChange:
     """The same as shares of the value in the first session; NaN of what may be zero there."""
     p: float
     """Chance of as much where the parameter is the same in all sessions."""
-    instead: tuple[str, ...] = ()
+    instead: tuple[str, ...]
     """Others that explain nearly as much in its place: not separated from it at 95 %."""
 
 
@@ -138,7 +138,7 @@ def _amount(change: NamedChange) -> str:
 def _one_amount(e: Estimate, share: float) -> str:
     """Write a change in percent, or in its unit where there may be nothing to compare it with."""
     if not np.isfinite(share):
-        return f"{plus_minus(e.value, e.value - e.low)} {unit_text(e.unit)}"
+        return f"{plus_minus(e.value, e.value - e.low)} {unit_text(e.unit)}".rstrip()
     if not e.value:
         return f"{100.0 * share:+.2f} %"
     return plus_minus(100.0 * share, 100.0 * COVERAGE_95 * abs(e.std / e.value * share)) + " %"

@@ -105,9 +105,9 @@ class Comparison:
     them."""
     common: tuple[str, ...]
     """Facts and weights with uncertainties that all sessions state alike."""
-    open: tuple[str, ...] = ()
+    open: tuple[str, ...]
     """Parameters that at least one session does not determine: they are not compared."""
-    change: Change | None = None
+    change: Change | None
     """The change, by one joint fit of all sessions; None where a session has no fit."""
 
     @property

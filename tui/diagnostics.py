@@ -74,7 +74,7 @@ def report(error: BumpbenchError) -> ExitCode:
     return ExitCode.NO_BUS if isinstance(error, BusError) else ExitCode.BAD_INPUT
 
 
-def report_usage(message: str, command: str = "bumpbench") -> ExitCode:
+def report_usage(message: str, command: str) -> ExitCode:
     """Write a mistake in the command line itself as one line; `command`: whose help is named."""
     from dbc.errors import printable
 

@@ -21,9 +21,9 @@ class TimeRule:
 
     signal: str
     """Name of the signal in its message."""
-    unit: str = ""
+    unit: str
     """Its unit where the DBC states none or a wrong one; empty: as in the DBC."""
-    wrap: float | None = None
+    wrap: float | None
     """Value at which it starts again from 0, in its unit; None: where its bits end."""
 
 
@@ -33,17 +33,17 @@ class MessageRule:
 
     name: str
     """Name of the message."""
-    cycle_s: float | None = None
+    cycle_s: float | None
     """Time between two frames, in place of the DBC's."""
-    counter: str | None = None
+    counter: str | None
     """Its rolling counter."""
-    counter_modulus: int | None = None
+    counter_modulus: int | None
     """Range of the counter; None: all values of its bits."""
-    crc: str | None = None
+    crc: str | None
     """Signal that holds its checksum."""
-    crc_rule: str = "crc8_j1850"
+    crc_rule: str
     """Rule by which the checksum is computed, one of `dbc.crc.CRC_RULES`."""
-    time: TimeRule | None = None
+    time: TimeRule | None
     """Its time stamp."""
 
 

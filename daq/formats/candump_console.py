@@ -94,10 +94,8 @@ class ConsoleParser:
             text = lines.text[lines.start[first] + 1 : lines.end[second] - 1].tobytes()
             try:
                 moment = datetime.fromisoformat(text.decode("ascii"))
-                t_ns[row] = round(moment.timestamp()) * 1_000_000_000
-                t_ns[row] += (
-                    moment.microsecond - 1_000_000 * (moment.microsecond >= 500_000)
-                ) * 1000
+                whole_s = round(moment.replace(microsecond=0).timestamp())
+                t_ns[row] = whole_s * 1_000_000_000 + moment.microsecond * 1000
                 good[row] = True
             except (ValueError, OverflowError, OSError):
                 good[row] = False

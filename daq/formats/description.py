@@ -54,7 +54,7 @@ class GroupDescription:
     """Number of samples."""
     marks: tuple[tuple[int, int], ...]
     """Position and quality bits of the samples that have any."""
-    file: str = ""
+    file: str
     """File that holds the samples, where each group has its own."""
 
 
@@ -84,7 +84,7 @@ class RunDescription:
     losses: Losses
     events: tuple[Event, ...]
     groups: tuple[GroupDescription, ...]
-    span: FrameSpan | None = None
+    span: FrameSpan | None
 
     @property
     def label(self) -> str:

@@ -14,11 +14,11 @@ _NOTES = 8
 class LogLoss:
     """Records that a log should hold and does not."""
 
-    garbled: int = 0
+    garbled: int
     """Records that should be frames and cannot be read."""
-    bytes_cut: int = 0
+    bytes_cut: int
     """Bytes at the end, or passed over, that are no whole record."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
     """The first of them in words, with their places."""
 
     @property

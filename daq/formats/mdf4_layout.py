@@ -89,7 +89,7 @@ class Payload:
     """First byte in the record, of the payload itself or of its place elsewhere."""
     width: int
     """Bytes that the record has for it."""
-    elsewhere: int = 0
+    elsewhere: int
     """Place in the file of the block that holds payloads of any length; 0 if the record has it."""
 
 

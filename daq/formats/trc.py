@@ -104,8 +104,9 @@ class TrcParser:
             flags |= sent * np.uint16(FrameFlag.TRANSMITTED)
         bus = np.zeros(len(rows), np.int64)
         if "B" in columns:  # a dash where there is no number
-            number, _ = integers(lines.text, *lines.token(columns.index("B"), rows), 10, longest=3)
-            bus = np.clip(number - 1, 0, 255)
+            at = lines.token(columns.index("B"), rows)
+            number, is_number = integers(lines.text, *at, 10, longest=3)
+            bus = np.where(is_number, np.clip(number - 1, 0, 255), 0)
 
         letter = "l" if "l" in columns else "L"
         length, has_length = integers(

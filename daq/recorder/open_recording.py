@@ -18,7 +18,7 @@ from ..journal.built import is_outdated
 from ..journal.contents import JournalTail, session_name
 from ..journal.folder import last_campaign, last_recording, next_segment
 from ..journal.format import JournalHead
-from ..journal.segment import JournalFile, SyncedFile
+from ..journal.segment import JournalFile
 from ..journal.write_ledger import WriteLedger
 from ..journal.writer import JournalWriter
 from ..runlog.fold import fold
@@ -91,8 +91,8 @@ def open_journal(
     software: str,
     now: Now,
     barrier: FaultBarrier,
-    create: CreateFile = SyncedFile,
-    tail: JournalTail | None = None,
+    create: CreateFile,
+    tail: JournalTail | None,
 ) -> OpenRecording:
     """Open the journal and begin a campaign in it, or resume the one whose state is `tail`.
 

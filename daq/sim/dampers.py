@@ -109,9 +109,9 @@ class DamperLaw:
     """(4, 1) Slope of the straight part as the wheel approaches the body."""
     rebound_ns_m: Array
     """(4, 1) The same as it leaves it."""
-    bends: Bends | None = None
+    bends: Bends | None
     """Soft knees, where there are any."""
-    hinges: Hinges | None = None
+    hinges: Hinges | None
     """Hard ones."""
 
     @property

@@ -36,7 +36,7 @@ class WitnessReport:
 
     differences: tuple[Difference, ...]
     """Where it reads something else, the messages in use first."""
-    refusal: str = ""
+    refusal: str
     """Why it says nothing; empty if it does, or if it is not asked."""
     compared: int = 0
     """Number of messages whose values were compared."""

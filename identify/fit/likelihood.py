@@ -143,7 +143,7 @@ def normal_blocks(
         PRIORS: NormalBlock(float(prior @ eta**2), np.diag(prior), -prior * eta),
     }
     points = {state: evaluate(box, eta, state, sigma) for state in {d.mass_state for d in decays}}
-    blocks = blocks_of(points, decays, layout)
+    blocks = blocks_of(points, decays, layout or laid_out(decays))
     return result | {decay.label: one for decay, one in zip(decays, blocks, strict=True)}
 
 

@@ -25,13 +25,11 @@ _N = 14  # states of the vehicle
 
 
 def blocks_of(
-    points: Mapping[str, Evaluated],
-    decays: Sequence[FreeDecay],
-    layout: Sequence[Alike] | None = None,
+    points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], layout: Sequence[Alike]
 ) -> list[NormalBlock]:
     """Return the share of each decay in cost, normal matrix and right-hand side.
 
-    Parameters are those of `identify.fit.varpro.linear_parts`.
+    Parameters are those of `identify.fit.varpro.products_of`.
     """
     seen = products_of(points, decays, layout)
     alike: dict[tuple[object, ...], list[int]] = {}

@@ -147,16 +147,10 @@ class LinearPart:
 
 
 def linear_parts(
-    points: Mapping[str, Evaluated],
-    decays: Sequence[FreeDecay],
-    layout: Sequence[Alike] | None = None,
+    points: Mapping[str, Evaluated], decays: Sequence[FreeDecay]
 ) -> tuple[LinearPart, ...]:
-    """Fit the linear part of some decays.
-
-    `points`: the model, for each mass state.  `layout`: of the decays (`laid_out`), for those who
-    come back with other points.
-    """
-    seen = products_of(points, decays, layout)
+    """Fit the linear part of some decays; `points`: the model, for each mass state."""
+    seen = products_of(points, decays, laid_out(decays))
     return tuple(
         _linear_part(points[decay.mass_state], decay, one)
         for decay, one in zip(decays, seen, strict=True)
@@ -164,13 +158,14 @@ def linear_parts(
 
 
 def products_of(
-    points: Mapping[str, Evaluated],
-    decays: Sequence[FreeDecay],
-    layout: Sequence[Alike] | None = None,
+    points: Mapping[str, Evaluated], decays: Sequence[FreeDecay], layout: Sequence[Alike]
 ) -> list[list[Products]]:
-    """Return the products of each recording of some decays; parameters as of `linear_parts`."""
+    """Return the products of each recording of some decays.
+
+    `points`: the model, for each mass state.  `layout`: of the decays, by `laid_out`.
+    """
     seen: list[dict[int, Products]] = [{} for _ in decays]
-    for alike in layout or laid_out(decays):
+    for alike in layout:
         at = points[alike.mass_state]
         late_s = np.array([at.group(group).late_s for group in alike.groups])
         found = products(alike, at.modes.poles, late_s)

@@ -59,7 +59,7 @@ def real_car(
     linear: Estimation,
     vehicles: Sequence[NDArray[np.float64]],
     decided: Mapping[str, bool],
-    log: Log = lambda text: None,
+    log: Log,
 ) -> RealCar | None:
     """Fit the rich model to the decays of an estimation that does not hold.
 

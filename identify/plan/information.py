@@ -25,6 +25,7 @@ from ..decays.decay import ChannelGroup, FreeDecay, Recording
 from ..fit.grey_box import GreyBox, weight_sigmas
 from ..fit.likelihood import normal_blocks
 from ..fit.normal_blocks import blocks_of
+from ..fit.products import laid_out
 from ..fit.varpro import Evaluated, evaluate, linear_coefficients
 from ..model.facts import CORNERS
 from ..model.matrices import loaded_model
@@ -77,7 +78,8 @@ class KnownRuns:
                     at = at or evaluate(box, eta, state.name, sigma)
                     start = _start(at, eta, state, runs.excitation, plan.bump.duration_s)
                     decay = _decay(at, start, state.name, rates, plan.decay_s)
-                    self._known[key] = blocks_of({decay.mass_state: at}, [decay])[0].information
+                    (one,) = blocks_of({decay.mass_state: at}, [decay], laid_out([decay]))
+                    self._known[key] = one.information
                 total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +40,10 @@ class Outlook:
     is."""
     open_directions: int
     """How many independent combinations of parameters are undetermined."""
-    elements: Mapping[str, Estimate] = field(default_factory=dict)
+    elements: Mapping[str, Estimate]
     """Friction, mounts, stops and further unknowns of a real car, by the names of
     `identify.nonlinear.unknowns`, the damper's knees left to `dampers`."""
-    dampers: tuple[DamperPoint, ...] = ()
+    dampers: tuple[DamperPoint, ...]
     """Points of the damper curves of a real car."""
 
 

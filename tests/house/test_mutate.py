@@ -145,6 +145,17 @@ def test_a_constant_is_tested_where_its_name_and_what_follows_from_it_occur(tmp_
     assert chosen(17) == ([], 0)  # the first branch runs in no test
 
 
+def test_what_a_statement_outside_of_functions_changes_depends_on_it() -> None:
+    source = b"""DIGIT = [0] * 9
+for place in (1, 2):
+    DIGIT[place] = place
+app.command("turn")(turn)
+print("no name")
+"""
+    bound = Blocks("dbc/wheel.py", source).bound
+    assert [set(bound[line]) for line in (1, 3, 4)] == [{"DIGIT"}, {"DIGIT"}, {"app"}]
+
+
 def test_what_is_compiled_bears_no_marks_and_is_found_by_name() -> None:
     formula = b"def force(u):\n    return 2.0 * u\n"
     for path, head, compiled in (

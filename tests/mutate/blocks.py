@@ -133,15 +133,27 @@ def _names(node: ast.AST) -> Iterator[str]:
 
 
 def _bound(node: ast.stmt) -> Iterator[str]:
-    """Yield the names that a statement outside of functions binds."""
+    """Yield the names to which a statement outside of functions gives a meaning, or adds to it."""
     if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
         yield node.name
         return
+    if isinstance(node, ast.Expr):
+        yield from _root(node.value)
     for part in ast.walk(node) if next(_bodies(node), None) is None else ():
         if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store):
             yield part.id
+        elif isinstance(part, ast.Subscript | ast.Attribute) and isinstance(part.ctx, ast.Store):
+            yield from _root(part)
         elif isinstance(part, ast.alias) and part.asname:
             yield part.asname
+
+
+def _root(node: ast.expr) -> Iterator[str]:
+    """Yield the name of what is called or changed: `app` of `app.command(name)(function)`."""
+    while isinstance(node, ast.Call | ast.Subscript | ast.Attribute):
+        node = node.func if isinstance(node, ast.Call) else node.value
+    if isinstance(node, ast.Name):
+        yield node.id
 
 
 def _imports(node: ast.AST, module: str) -> bool:

@@ -65,7 +65,7 @@ class Headline:
     kind: Kind
     word: tuple[str, ...]
     """One or two words, each on a line of its own where the screen is narrow."""
-    why: str = ""
+    why: str
     """One line: the reason, or what to do."""
     advice: str = ""
     """A second line: the remedy."""

@@ -31,7 +31,7 @@ class ReportTask:
 
     session: str
     html: str
-    pdf: str = ""
+    pdf: str
     task: Literal["report"] = "report"
 
 

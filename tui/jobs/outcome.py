@@ -32,7 +32,7 @@ class Estimated:
     share: str
     """The same with two digits."""
     unit: str
-    rests_on: str = ""
+    rests_on: str
     """Which runs or facts most of its precision comes from."""
 
 

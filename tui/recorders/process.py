@@ -30,7 +30,7 @@ def start_recorder(
 
 
 def start_demo_recorder(
-    folder: Path, speed: float = 1.0, fault: str = "", bench: Path | None = None
+    folder: Path, speed: float, fault: str, bench: Path | None
 ) -> subprocess.Popen[bytes]:
     """Start a recorder on a simulated bench, which bumps its car whenever a run is armed.
 
@@ -44,9 +44,7 @@ def start_demo_recorder(
     return _start(arguments, folder)
 
 
-def start_replay_recorder(
-    folder: Path, session: Path, speed: float = 1.0
-) -> subprocess.Popen[bytes]:
+def start_replay_recorder(folder: Path, session: Path, speed: float) -> subprocess.Popen[bytes]:
     """Start a recorder on the frames of a recorded session."""
     arguments = ["tui.recorders.replay", str(folder.resolve()), str(session.resolve())]
     return _start([*arguments, "--speed", f"{speed:g}"], folder)

@@ -25,9 +25,9 @@ class Heading:
 
     name: str
     """Full name in the file."""
-    unit: str = ""
+    unit: str
     """Unit as the file states it."""
-    clock: str = ""
+    clock: str
     """Name of what it shares its times with."""
     samples: int = 0
     """Number of values as far as it is known before reading."""

@@ -16,6 +16,8 @@ _SPAN = 6.0
 
 def draw_decay(panel: DecayPanel, figure: FigureBase) -> None:
     """Draw each trace, and beneath it its residual in units of the noise."""
+    if not panel.traces:
+        return
     heights = [part for _ in panel.traces for part in (3.0, 1.15)]
     grid = figure.add_gridspec(
         len(heights), 1, height_ratios=heights, left=0.13, right=0.985, top=0.985, bottom=0.115,
@@ -46,7 +48,6 @@ def draw_decay(panel: DecayPanel, figure: FigureBase) -> None:
         under.set_ylim(-reach, reach)
         under.yaxis.set_major_locator(MaxNLocator(3))
         under.set_ylabel("sigma", fontsize=6.5)
-    if shared is not None:
-        under.tick_params(labelbottom=True)
-        under.set_xlabel("time in the run, s", fontsize=7.5, labelpad=1.5)
-        shared.set_xlim(float(panel.traces[0].measured[0, 0]), panel.end_s)
+    under.tick_params(labelbottom=True)
+    under.set_xlabel("time in the run, s", fontsize=7.5, labelpad=1.5)
+    under.set_xlim(float(panel.traces[0].measured[0, 0]), panel.end_s)

@@ -44,7 +44,7 @@ def draw_trend(panel: TrendPanel, figure: FigureBase) -> None:
     level = float(weight @ panel.values / weight.sum())
     axes.plot(order, level + panel.slope * (order - middle), color=PALETTE[2], lw=1.0)
     axes.ticklabel_format(useOffset=False)
-    axes.set_xticks(order if len(order) <= 12 else order[:: len(order) // 8])
+    axes.set_xticks(order[:: max(len(order) // 8, 1)])
     axes.set_xlabel("session", labelpad=1.0)
     axes.set_ylabel(panel.unit)
     axes.margins(x=0.08)

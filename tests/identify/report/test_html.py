@@ -170,6 +170,13 @@ def test_every_section_of_the_brief_is_there() -> None:
     assert SOURCE.sha256 in {row[1].text for row in trace.rows}
 
 
+def test_the_sections_stand_in_their_order() -> None:
+    assert [section.key for section in reported("linear").sections] == [
+        "parameters", "vehicle", "modes", "decays", "prediction", "information", "correlation",
+        "closed_form", "certificate", "runs", "provenance",
+    ]  # fmt: skip
+
+
 def test_the_cars_move_without_a_script() -> None:
     assert _linear().count("<animate ") == 2 * 7 * 3
     assert _linear().count("<animateTransform ") == 2 * 7 * 4

@@ -81,7 +81,7 @@ def weight_of(values: Values) -> Weight:
     return BodyWeight(mass, stated(values["x_m"]), stated(values["y_m"]), height, sigma, place)
 
 
-def weight_values(weight: Weight, serial: str = "") -> dict[str, str]:
+def weight_values(weight: Weight, serial: str) -> dict[str, str]:
     """Return the form of a weight that is there."""
     values = {
         "serial": serial,

@@ -1,0 +1,356 @@
+"""One line of a text log at a time: each limit on both sides, in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from daq.formats.asc import AscParser
+from daq.formats.busmaster import BusmasterParser
+from daq.formats.can_csv import parse_csv
+from daq.formats.candump import parse_candump
+from daq.formats.candump_console import ConsoleParser
+from daq.formats.crtd import parse_crtd
+from daq.formats.gvret import parse_gvret
+from daq.formats.text import Parse
+from daq.formats.trc import TrcParser
+
+from .shown import shown
+
+BAD = "bad"
+"""The line should be a frame and is none."""
+OTHER = "other"
+"""The line is passed over."""
+
+_64 = "00" * 64
+_64_SPACED = "00 " * 64
+_8_SPACED = "1 2 3 4 5 6 7 8"
+_8 = "0102030405060708"
+
+
+def _is(parser: Parse, head: str, line: str, expected: str) -> None:
+    """Hold what becomes of a line between two lines of a head."""
+    parsed = parser(f"{head}{line}\n".encode())
+    frames = shown(parsed.frames)
+    at = head.count("\n")
+    assert parsed.bad.tolist() == ([at] if expected == BAD else [])
+    assert frames == ([] if expected in (BAD, OTHER) else [expected])
+
+
+CANDUMP = {
+    "(1.5) can0 123#": "1500000000 0 123 0 - -",
+    "(1.000000001) can1 7FF#01": "1000000001 1 7FF 1 01 -",
+    "(1.0000000019) can1 7FF#01": "1000000001 1 7FF 1 01 -",
+    "(1) can1 800#01": BAD,
+    "(1) can1 00000800#01": "1000000000 1 800 1 01 x",
+    "(1) can1 000#01": "1000000000 1 0 1 01 -",
+    "(1) can1 1FFFFFFF#01": "1000000000 1 1FFFFFFF 1 01 x",
+    "(1) can1 20000000#01": "1000000000 1 0 1 01 e",
+    "(1) can1 3FFFFFFF#01": "1000000000 1 1FFFFFFF 1 01 e",
+    "(1) can1 40000000#01": BAD,
+    "(1) can 123#01": "1000000000 0 123 1 01 -",
+    "(1) can12 123#01": "1000000000 12 123 1 01 -",
+    "(1) can255 123#01": "1000000000 255 123 1 01 -",
+    "(1) can256 123#01": "1000000000 56 123 1 01 -",  # the last digits that are a bus
+    f"(1) can0 123#{_8}": f"1000000000 0 123 8 {_8} -",
+    f"(1) can0 123#{_8}09": BAD,
+    f"(1) can0 123#{_8}_E": f"1000000000 0 123 8 {_8} -",
+    f"(1) can0 123#{_8}_E T": f"1000000000 0 123 8 {_8} t",
+    "(1) can0 123#0": BAD,
+    "(1) can0 123#0G": BAD,
+    "(1) can0 12G#01": BAD,
+    "(1) can0 123#R": "1000000000 0 123 0 - r",
+    "(1) can0 123#r8": "1000000000 0 123 8 0000000000000000 r",
+    "(1) can0 123#R9": BAD,
+    "(1) can0 123#R8 T": "1000000000 0 123 8 0000000000000000 rt",
+    "(1) can0 123#R8 R": "1000000000 0 123 8 0000000000000000 r",
+    "(1) can0 123#RA": BAD,
+    "(1) can0 123##0": "1000000000 0 123 0 - f",
+    "(1) can0 123##101": "1000000000 0 123 1 01 fb",
+    "(1) can0 123##201": "1000000000 0 123 1 01 fs",
+    "(1) can0 12345678##301 T": "1000000000 0 12345678 1 01 xfbst",
+    "(1) can0 123##G01": BAD,
+    f"(1) can0 123##0{_64}": f"1000000000 0 123 64 {_64} f",
+    f"(1) can0 123##0{_64}00": BAD,
+    "1) can0 123#01": BAD,
+    "(1 can0 123#01": BAD,
+    "(1.x) can0 123#01": BAD,
+    "(1) 123#01": BAD,
+    "(1) can0 12301": BAD,
+    "(1) can0 123#01 R T": "1000000000 0 123 1 01 -",
+}
+
+SCREEN = {
+    "(1.5) can3 123 [1] 0A": "1500000000 3 123 1 0a -",
+    "(1.5) can 123 [0]": "1500000000 0 123 0 - -",
+    "(1.5) can255 123 [1] 0A": "1500000000 255 123 1 0a -",
+    f"(1.5) can0 7FF [8] {_8_SPACED}": f"1500000000 0 7FF 8 {_8} -",
+    f"(1.5) can0 123 [9] {_8_SPACED} 9": BAD,
+    f"(1.5) can0 123 [08] {_8_SPACED}": f"1500000000 0 123 8 {_8} f",
+    f"(1.5) can0 123 [64] {_64_SPACED}": f"1500000000 0 123 64 {_64} f",
+    f"(1.5) can0 123 [65] {_64_SPACED} 00": BAD,
+    "(1.5) can0 123 [2] 0A": BAD,
+    "(1.5) can0 123 [1] 0G": BAD,
+    "(1.5) can0 123 [1] 0A more": "1500000000 0 123 1 0a -",
+    "(1.5) can0 800 [1] 0A": BAD,
+    "(1.5) can0 00000800 [1] 0A": "1500000000 0 800 1 0a x",
+    "(1.5) can0 1FFFFFFF [1] 0A": "1500000000 0 1FFFFFFF 1 0a x",
+    "(1.5) can0 20000004 [1] 0A ERRORFRAME": "1500000000 0 4 1 0a e",
+    "(1.5) can0 40000004 [1] 0A": BAD,
+    "(1.5) can0 123 [3] remote request": "1500000000 0 123 3 000000 r",
+    "(1.5) can0 TX - - 123 [1] 0A": "1500000000 0 123 1 0a t",
+    "(1.5) can0 RX - - 123 [1] 0A": "1500000000 0 123 1 0a -",
+    "(1.5) can0 TX B E 123 [01] 0A": "1500000000 0 123 1 0a fbst",
+    "(1.5) can0 RX B - 123 [01] 0A": "1500000000 0 123 1 0a fb",
+    "(1.5) can0 RX - E 123 [01] 0A": "1500000000 0 123 1 0a fs",
+    "(1.5) can0 RX B E 123 [1] 0A": "1500000000 0 123 1 0a -",
+    "1.5) can0 123 [1] 0A": BAD,
+    "(1.5) 123 [1] 0A": BAD,
+    "(1.5) can0 123 1 0A": BAD,
+    "(2025-13-09 08:53:20) can0 123 [1] 0A": BAD,
+    "(2025-10-09 08:53:20.250000+00:00) can7 123 [1] 0A": "1760000000250000000 7 123 1 0a -",
+    "(2025-10-09 08:53:20.750001+00:00) can7 123 [1] 0A": "1760000000750001000 7 123 1 0a -",
+    "(2025-10-09 10:53:20.500000+02:00) can7 TX B E 123 [01] 0A": (
+        "1760000000500000000 7 123 1 0a fbst"
+    ),
+}
+
+CRTD = {
+    "1.5 R11 7FF 01 02": "1500000000 0 7FF 2 0102 -",
+    "1.5 R11 800 01 02": BAD,
+    "1.5 R29 800 01 02": "1500000000 0 800 2 0102 x",
+    "1.5 T29 1FFFFFFF 01": "1500000000 0 1FFFFFFF 1 01 xt",
+    "1.5 R29 20000000 01": BAD,
+    "1.5 r11 10": "1500000000 0 10 0 - -",
+    "1.5 1R11 10 AA": "1500000000 0 10 1 aa -",
+    "1.5 2T11 10 AA": "1500000000 1 10 1 aa t",
+    "1.5 9R11 10 AA": "1500000000 8 10 1 aa -",
+    f"1.5 R11 10 {_8_SPACED}": f"1500000000 0 10 8 {_8} -",
+    f"1.5 R11 10 {_8_SPACED} 9": BAD,
+    "1.5 R11 10 GG": BAD,
+    "1.5 R11 10 100": BAD,
+    "1.5 R11 10 0FF": "1500000000 0 10 1 ff -",
+    "1.5 R11": BAD,
+    "1.5 R12 10 01": BAD,
+    "1.5 X11 10 01": BAD,
+    "1.5 R110 10 01": BAD,
+    "1.5 CXX a comment": OTHER,
+    "1.5 CEV": OTHER,
+    "1.5": BAD,
+    "x R11 10 01": BAD,
+}
+
+GVRET_HEAD = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1\n"
+GVRET = {
+    "1500,00000123,false,Rx,2,2,0A,0B,": "1500000 2 123 2 0a0b -",
+    "1500,00000123,false,Tx,2,1,0A,": "1500000 2 123 1 0a t",
+    "1500,00000123,false,2,1,0A,": "1500000 2 123 1 0a -",
+    "1500,00000123,true,Rx,0,0": "1500000 0 123 0 - x",
+    "1500,00000123,1,0,0": "1500000 0 123 0 - x",
+    "1500,000007FF,false,Rx,0,0": "1500000 0 7FF 0 - -",
+    "1500,00000800,false,Rx,0,0": "1500000 0 800 0 - x",
+    "1500,1FFFFFFF,true,Rx,0,0": "1500000 0 1FFFFFFF 0 - x",
+    "1500,20000000,true,Rx,0,0": BAD,
+    "1500,123,maybe,Rx,0,0": BAD,
+    "1500,123,false,Rx,255,0": "1500000 255 123 0 - -",
+    "1500,123,false,Rx,256,0": BAD,
+    "1500,123,false,Rx,0,2,0A": BAD,
+    "1500,123,false,Rx,0,1,0G": BAD,
+    "1500,123,false,Rx,0": BAD,
+    f"1500,123,false,Rx,0,8,{_8_SPACED.replace(' ', ',')}": f"1500000 0 123 8 {_8} -",
+    f"1500,123,false,Rx,0,9,{_8_SPACED.replace(' ', ',')},9": f"1500000 0 123 9 {_8}09 f",
+    f"1500,123,false,Rx,0,64,{_64_SPACED.strip().replace(' ', ',')}": f"1500000 0 123 64 {_64} f",
+    f"1500,123,false,Rx,0,65,{_64_SPACED.replace(' ', ',')}00": BAD,
+    "9007199254740991,123,false,Rx,0,0": "9007199254740991000 0 123 0 - -",
+    "9007199254740992,123,false,Rx,0,0": BAD,
+    "1500,123,false": BAD,
+}
+
+CSV_HEAD = "timestamp,arbitration_id,extended,remote,error,dlc,data\n"
+CSV = {
+    "1.5,0x7ff,0,0,0,1,/w==": "1500000000 0 7FF 1 ff -",
+    "1.5,0x7ff,0,0,0,2,/wE=": "1500000000 0 7FF 2 ff01 -",
+    "1.5,0x7ff,0,0,0,3,/wEC": "1500000000 0 7FF 3 ff0102 -",
+    "1.5,0x7ff,0,0,0,4,/wECAw==": "1500000000 0 7FF 4 ff010203 -",
+    "1.5,0x7ff,0,0,0,5,/wECAwQ=": "1500000000 0 7FF 5 ff01020304 -",
+    "1.5,0x7ff,0,0,0,8,AQIDBAUGBwg=": f"1500000000 0 7FF 8 {_8} -",
+    "1.5,0x7ff,0,0,0,9,AQIDBAUGBwgJ": f"1500000000 0 7FF 9 {_8}09 f",
+    "1.5,0x7ff,0,0,0,2,/wEC": "1500000000 0 7FF 2 ff01 -",  # as many letters as 3 bytes have
+    "1.5,0x7ff,0,0,0,4,/wEC": BAD,
+    "1.5,0x7ff,0,0,0,3,/w=C": BAD,
+    "1.5,0x7ff,0,0,0,3,+-+-": BAD,
+    "1.5,0x800,0,0,0,1,/w==": BAD,
+    "1.5,0x800,1,0,0,1,/w==": "1500000000 0 800 1 ff x",
+    "1.5,0x800,0,0,1,1,/w==": "1500000000 0 800 1 ff e",
+    "1.5,0x1fffffff,1,0,0,0,": "1500000000 0 1FFFFFFF 0 - x",
+    "1.5,0x20000000,1,0,0,0,": BAD,
+    "1.5,0x7ff,0,1,0,8,": "1500000000 0 7FF 8 0000000000000000 r",
+    "1.5,0x7ff,2,0,0,0,": BAD,
+    "1.5,0x7ff,0,0,0,65,": BAD,
+    "1.5,0x7ff,0,0,0": BAD,
+    "2.5e-05,0x7ff,0,0,0,0,": "25000 0 7FF 0 - -",
+    "1e999,0x7ff,0,0,0,0,": BAD,
+    "x,0x7ff,0,0,0,0,": BAD,
+}
+
+BUSMASTER_HEAD = "***BUSMASTER***\n***HEX***\n***ABSOLUTE MODE***\n"
+BUSMASTER = {
+    "1:02:03:4567 Rx 1 0x7FF s 2 0A FF": "3723456700000 0 7FF 2 0aff -",
+    "0:0:0:5 Tx 2 0x7FF s 1 0A": "500000000 1 7FF 1 0a t",
+    "0:0:0:000000001 Rx 1 7FF s 0": "1 0 7FF 0 - -",
+    "0:0:1:0 Rx 0 0x7FF s 0": "1000000000 0 7FF 0 - -",
+    "0:0:1:0 Rx 255 0x7FF s 0": "1000000000 254 7FF 0 - -",
+    "0:0:1:0 Rx 256 0x7FF s 0": BAD,
+    "0:0:1:0 Rx 1 0x800 s 0": BAD,
+    "0:0:1:0 Rx 1 0x800 x 0": "1000000000 0 800 0 - x",
+    "0:0:1:0 Rx 1 0x1FFFFFFF x 0": "1000000000 0 1FFFFFFF 0 - x",
+    "0:0:1:0 Rx 1 0x20000000 x 0": BAD,
+    "0:0:1:0 Rx 1 0x7FF sr 3": "1000000000 0 7FF 3 000000 r",
+    "0:0:1:0 Rx 1 0x800 xr 3": "1000000000 0 800 3 000000 xr",
+    "0:0:1:0 Rx 1 0x7FF sx 0": BAD,
+    "0:0:1:0 Rx 1 0x7FF y 0": BAD,
+    "0:0:1:0 Rx 1 0x7FF srr 0": BAD,
+    f"0:0:1:0 Rx 1 0x7FF s 8 {_8_SPACED}": f"1000000000 0 7FF 8 {_8} -",
+    f"0:0:1:0 Rx 1 0x7FF s 9 {_8_SPACED} 9": BAD,
+    "0:0:1:0 Rx 1 0x7FF s 2 0A": BAD,
+    "0:0:1:0 Rx 1 0x7FF s 1 0G": BAD,
+    "0:0:1:0 Rx 1 0x7FF s": BAD,
+    "0:0:1:0 Sx 1 0x7FF s 0": BAD,
+    "0:0:1 Rx 1 0x7FF s 0": BAD,
+    "0-0-1-0 Rx 1 0x7FF s 0": BAD,
+}
+
+ASC_HEAD = "base hex  timestamps absolute\n"
+_FD_TAIL = "0 0 {} 0 0 0 0"
+ASC = {
+    "1.5 1 7FF Rx d 2 0A FF": "1500000000 0 7FF 2 0aff -",
+    "1.5 2 7FF Tx d 2 0A FF Length = 1": "1500000000 1 7FF 2 0aff t",
+    "1.5 0 7FF Rx d 0": "1500000000 0 7FF 0 - -",
+    "1.5 256 7FF Rx d 0": "1500000000 255 7FF 0 - -",
+    "1.5 300 7FF Rx d 0": "1500000000 255 7FF 0 - -",
+    "1.5 1 800 Rx d 0": BAD,
+    "1.5 1 800x Rx d 0": "1500000000 0 800 0 - x",
+    "1.5 1 1FFFFFFFx Rx d 0": "1500000000 0 1FFFFFFF 0 - x",
+    "1.5 1 20000000x Rx d 0": BAD,
+    f"1.5 1 7FF Rx d 8 {_8_SPACED}": f"1500000000 0 7FF 8 {_8} -",
+    f"1.5 1 7FF Rx d 9 {_8_SPACED}": f"1500000000 0 7FF 8 {_8} -",
+    f"1.5 1 7FF Rx d F {_8_SPACED}": f"1500000000 0 7FF 8 {_8} -",
+    f"1.5 1 7FF Rx d 11 {_8_SPACED}": BAD,
+    "1.5 1 7FF Rx d 8 1 2 3 4 5 6 7": BAD,
+    "1.5 1 7FF Rx d 1 GG": BAD,
+    "1.5 1 7FF Rx r": "1500000000 0 7FF 0 - r",
+    "1.5 1 7FF Rx r 3": "1500000000 0 7FF 3 000000 r",
+    "1.5 1 7FFx Tx r 8": "1500000000 0 7FF 8 0000000000000000 xrt",
+    "1.5 1 7FF Rx d": BAD,
+    "1.5 1 7FF Rx d G": BAD,
+    "1.5 1 7FF Xx d 0": OTHER,
+    "1.5 1 7FF Rx dd 0": OTHER,
+    "1.5 1000 7FF Rx d 0": OTHER,
+    "1.5 1 ErrorFrame": "1500000000 0 0 0 - e",
+    "1.5 2 errorframe Flags = 0x2": "1500000000 1 0 0 - e",
+    "1.5 1 ErrorFrames": OTHER,
+    "1.5 1": OTHER,
+    "1.5 CANFD 1 Rx 7FF 0 0 2 2 0A FF " + _FD_TAIL.format("1000"): "1500000000 0 7FF 2 0aff f",
+    "1.5 CANFD 2 Tx 7FF 1 0 2 2 0A FF " + _FD_TAIL.format("1000"): "1500000000 1 7FF 2 0aff fbt",
+    "1.5 CANFD 1 Rx 800x 0 1 2 2 0A FF " + _FD_TAIL.format("1000"): "1500000000 0 800 2 0aff xfs",
+    "1.5 CANFD 1 Rx 800 0 0 2 2 0A FF " + _FD_TAIL.format("1000"): BAD,
+    "1.5 CANFD 1 Rx 7FF Speed 0 0 2 2 0A FF 0 0 1000": "1500000000 0 7FF 2 0aff f",
+    "1.5 CANFD 1 Rx 7FF 0 0 2 2 0A FF": "1500000000 0 7FF 2 0aff f",  # nothing behind: FD
+    "1.5 CANFD 1 Rx 7FF 0 0 2 2 0A FF 0 0 0": "1500000000 0 7FF 2 0aff -",
+    "1.5 CANFD 1 Rx 7FF 1 0 2 2 0A FF 0 0 0": "1500000000 0 7FF 2 0aff fb",
+    "1.5 CANFD 1 Rx 7FF 0 1 2 2 0A FF 0 0 0": "1500000000 0 7FF 2 0aff fs",
+    f"1.5 CANFD 1 Rx 7FF 0 0 8 8 {_8_SPACED} 0 0 0": f"1500000000 0 7FF 8 {_8} -",
+    f"1.5 CANFD 1 Rx 7FF 0 0 9 9 {_8_SPACED} 9 0 0 0": f"1500000000 0 7FF 9 {_8}09 f",
+    "1.5 CANFD 1 Rx 7FF 0 0 5 0 0 0 10": "1500000000 0 7FF 5 0000000000 r",
+    "1.5 CANFD 1 Rx 7FF 0 0 8 0 0 0 10": "1500000000 0 7FF 8 0000000000000000 r",
+    "1.5 CANFD 1 Rx 7FF 0 0 F 0 0 0 10": "1500000000 0 7FF 8 0000000000000000 r",
+    "1.5 CANFD 1 Rx 7FF 0 0 5 0 0 0 1010": "1500000000 0 7FF 0 - f",
+    f"1.5 CANFD 1 Rx 7FF 0 0 F 64 {_64_SPACED} 0 0 1000": f"1500000000 0 7FF 64 {_64} f",
+    f"1.5 CANFD 1 Rx 7FF 0 0 F 65 {_64_SPACED} 00 0 0 1000": BAD,
+    "1.5 CANFD 1 Rx 7FF 2 0 2 2 0A FF": BAD,
+    "1.5 CANFD 1 Rx 7FF 0 2 2 2 0A FF": BAD,
+    "1.5 CANFD 1 Rx 7FF 0 0 2 3 0A FF": BAD,
+    "1.5 CANFD 1 Rx 7FF 0 0": BAD,
+    "1.5 CANFD x Rx 7FF 0 0 0 0": BAD,
+    "1.5 CANFD 3 Rx ErrorFrame Not Acknowledge error": "1500000000 2 0 0 - e",
+    "1.5 CANFD 1 Ux 7FF 0 0 0 0": OTHER,
+    "// 1.5 1 7FF Rx d 0": OTHER,
+}
+
+_1_1 = ";$FILEVERSION=1.1\n"
+_2_1 = ";$FILEVERSION=2.1\n"
+TRC_1_1 = {
+    "1) 1.5 Rx 0123 2 0A FF": "1500000 0 123 2 0aff -",
+    "1) 1.0000001 Rx 07FF 2 0A FF": "1000000 0 7FF 2 0aff -",
+    "1) 1.5 Tx 00000123 0": "1500000 0 123 0 - xt",
+    "1) 1.5 Rx 0800 0": BAD,
+    "1) 1.5 Rx 1FFFFFFF 0": "1500000 0 1FFFFFFF 0 - x",
+    "1) 1.5 Rx 20000000 0": BAD,
+    "1) 1.5 Rx 0123 3 RTR": "1500000 0 123 3 000000 r",
+    "1) 1.5 Error 0008 4 00 19 08 00": "1500000 0 8 4 00190800 e",
+    "1) 1.5 Warng FFFFFFFF 4 00 00 00 04": OTHER,
+    f"1) 1.5 Rx 0123 8 {_8_SPACED}": f"1500000 0 123 8 {_8} -",
+    f"1) 1.5 Rx 0123 9 {_8_SPACED} 9": BAD,
+    "1) 1.5 Rx 0123 2 0A": BAD,
+    "1) 1.5 Rx 0123 1 GG": BAD,
+    "1) 1.5 Rx 0123": BAD,
+    "1) x Rx 0123 0": BAD,
+}
+TRC_2_1 = {
+    "1 1.5 DT 1 0123 Rx - 2 0A FF": "1500000 0 123 2 0aff -",
+    "1 1.5 DT 16 0123 Tx - 2 0A FF": "1500000 15 123 2 0aff t",
+    "1 1.5 DT - 0123 Tx - 0": "1500000 0 123 0 - t",
+    "1 1.5 RR 1 0123 Rx - 3": "1500000 0 123 3 000000 r",
+    "1 1.5 ER 1 - Rx - 0": BAD,
+    "1 1.5 ER 1 0004 Rx - 1 0A": "1500000 0 4 1 0a e",
+    "1 1.5 FD 1 0123 Rx - 1 0A": "1500000 0 123 1 0a f",
+    "1 1.5 FB 1 0123 Rx - 1 0A": "1500000 0 123 1 0a fb",
+    "1 1.5 FE 1 0123 Rx - 1 0A": "1500000 0 123 1 0a fbs",
+    "1 1.5 BI 1 0123 Rx - 1 0A": "1500000 0 123 1 0a fs",
+    "1 1.5 ST 1 - Rx - 4 00 00 00 08": OTHER,
+    f"1 1.5 FD 1 0123 Rx - 15 {_64_SPACED}": f"1500000 0 123 64 {_64} f",
+    f"1 1.5 FD 1 0123 Rx - 16 {_64_SPACED}": BAD,
+    f"1 1.5 DT 1 0123 Rx - 15 {_8_SPACED}": f"1500000 0 123 8 {_8} -",
+    f"1 1.5 DT 1 0123 Rx - 16 {_8_SPACED}": BAD,
+}
+TRC_1_0 = {
+    "1) 1500 0123 1 0A": "1500000000 0 123 1 0a -",
+    "1) 1500 FFFFFFFF 4 00 00 00 08": OTHER,
+    "1) 1500 00000123 1 0A": "1500000000 0 123 1 0a x",
+}
+
+Make = Callable[[], Parse]
+TABLES: dict[str, tuple[Make, str, dict[str, str]]] = {
+    "candump": (lambda: parse_candump, "", CANDUMP),
+    "candump screen": (ConsoleParser, "", SCREEN),
+    "CRTD": (lambda: parse_crtd, "", CRTD),
+    "SavvyCAN": (lambda: parse_gvret, GVRET_HEAD, GVRET),
+    "python-can": (lambda: parse_csv, CSV_HEAD, CSV),
+    "BUSMASTER": (BusmasterParser, BUSMASTER_HEAD, BUSMASTER),
+    "ASC": (AscParser, ASC_HEAD, ASC),
+    "TRC 1.0": (TrcParser, "", TRC_1_0),
+    "TRC 1.1": (TrcParser, _1_1, TRC_1_1),
+    "TRC 2.1": (TrcParser, _2_1, TRC_2_1),
+}
+LINES = [(name, line) for name, (_, _, table) in TABLES.items() for line in table]
+
+
+@pytest.mark.parametrize(("name", "line"), LINES)
+def test_a_line_is_the_frame_that_its_format_describes(name: str, line: str) -> None:
+    make, head, table = TABLES[name]
+    _is(make(), head, line, table[line])
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_lines_do_not_disturb_each_other(name: str) -> None:
+    make, head, table = TABLES[name]
+    parsed = make()("".join([head, "\r\n\r\n", *(f"{line}\r\n" for line in table)]).encode())
+    first = head.count("\n") + 2
+    dated = name == "candump screen"  # the order of its times says what they count from
+    kept = [each for each in table.values() if each not in (BAD, OTHER)]
+    assert [each.split(" ", dated)[-1] for each in shown(parsed.frames)] == [
+        each.split(" ", dated)[-1] for each in kept
+    ]
+    bad = [first + i for i, each in enumerate(table.values()) if each == BAD]
+    assert parsed.bad.tolist() == bad

@@ -1,0 +1,225 @@
+"""Vehicle, runs, channels, certificate and highlights of a session made by hand, cell by cell."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from daq.channels import Channel, Quantity
+from daq.runs import Event, Excitation, Losses, Run, RunStatus
+from daq.sessions import Session
+from daq.vehicle import (
+    FORD_GRANADA,
+    AddedMass,
+    BodyWeight,
+    Corner,
+    Fact,
+    FactQuantity,
+    HubWeight,
+    MassState,
+    Structure,
+    Vehicle,
+)
+from dbc.frames import FrameBatch
+from identify import Identification, Quality
+from identify.decays.decay import ChannelGroup, Record, Recording
+from identify.fit.estimation import Estimation
+from identify.fit.grey_box import GreyBox
+from identify.fit.likelihood import Fit
+from identify.report.blocks import Source
+from identify.report.provenance import frames_sha256, provenance_section, run_section
+from identify.report.vehicle import vehicle_section
+
+from .pages import sources, tables, texts
+
+SOURCE = Source("car.h5", "ab" * 32, "1.2", {"numpy": "2.1", "scipy": "1.14"}, "2026-11-22")
+CHANNELS = (
+    Channel("z_s", Quantity.BODY_ACCELERATION, "m/s2", "Imu.az", x_m=-1.2, y_m=0.34,
+            delay_s=0.0025, delay_sigma_s=0.0005, serial_number="SN1", calibrated="2026-01-02"),
+    Channel("cg", Quantity.BODY_DISPLACEMENT, "m", "Imu.z", at_cg=True),
+    Channel("hub", Quantity.HUB_ACCELERATION, "m/s2", "Hub.a", corner=Corner.REAR_LEFT),
+    Channel("spare", Quantity.UNUSED, "", "Hub.b"),
+)  # fmt: skip
+
+
+def frames(n: int, first: int = 0) -> FrameBatch:
+    one = np.ones(n, np.uint8)
+    return FrameBatch(
+        np.arange(first, first + n, dtype=np.int64), one.astype(np.uint32),
+        one.astype(np.uint16), one, one, np.zeros((n, 8), np.uint8),
+    )  # fmt: skip
+
+
+def run(repeat: int, status: RunStatus, reasons: tuple[str, ...], n_frames: int) -> Run:
+    losses = Losses(bus_dropped=3, crc_bad=1) if repeat == 2 else Losses()
+    events = (
+        Event(1_000_000_000, "bump"), Event(2_500_000_000, "operator_note", text="door open"),
+        Event(3_000_000_000, "run_end"),
+    )  # fmt: skip
+    return Run(
+        "baseline", Excitation.ROLL, repeat, 1_000_000_000, 0.1, (), status, reasons, losses,
+        events if repeat == 1 else (), frames(n_frames, repeat),
+    )  # fmt: skip
+
+
+def session(**provenance: str) -> Session:
+    runs = (
+        run(1, RunStatus.ACCEPTED, (), 1234),
+        run(2, RunStatus.REJECTED, ("a wheel lifted", "by AE"), 2),
+    )
+    states = (
+        MassState("baseline"),
+        MassState("added", AddedMass((HubWeight(5.0, Corner.REAR_LEFT),))),
+    )
+    return Session(Vehicle("Granada"), CHANNELS, states, runs, provenance)
+
+
+def result() -> Identification:
+    return Identification(Quality((), 1.0), {}, noise={"z_s": 0.03})
+
+
+def test_channels_stand_with_their_place_and_lateness() -> None:
+    made, document = session(), result().document()
+    channels = tables(provenance_section(made, document, SOURCE))["Channels"]
+    assert texts(channels) == [
+        ["z_s", "body acceleration", "x -1.200, y 0.340 m", "2.50 ± 0.50", "0.030000", "m/s2",
+         "Imu.az"],
+        ["cg", "body displacement", "CG", "0.00 ± 0.00", "", "m", "Imu.z"],
+        ["hub", "hub acceleration", "RL", "0.00 ± 0.00", "", "m/s2", "Hub.a"],
+        ["spare", "unused", "", "", "", "", "Hub.b"],
+    ]  # fmt: skip
+    assert sources(channels)[0][4] == "noise/z_s"
+
+
+def test_a_trace_names_file_hashes_programs_and_what_persons_wrote() -> None:
+    notes = [{"label": "baseline_roll_1", "text": "rain", "by": "AE"}]
+    waived = [{"subject": "hub", "reason": "taped", "by": "AE"}]
+    made = session(
+        uuid="one", software_name="bench", bench_toml="[bus]", dbc="BO_ 1", verdicts="[]",
+        notes=json.dumps(notes), overrides=json.dumps(waived),
+    )  # fmt: skip
+    section = provenance_section(made, result().document(), SOURCE)
+    whole = hashlib.sha256()
+    for one in (frames(1234, 1), frames(2, 2)):
+        for column in (one.t_ns, one.can_id, one.flags, one.length, one.data):
+            whole.update(column.tobytes())
+    assert texts(tables(section)["Trace"]) == [
+        ["session file", "car.h5"],
+        ["sha256 of the file", "ab" * 32],
+        ["sha256 of the raw frames of its runs", whole.hexdigest()],
+        ["identified by", "bumpbench 1.2"],
+        ["with", "numpy 2.1, scipy 1.14"],
+        ["uuid", "one"],
+        ["software name", "bench"],
+        ["note", "baseline_roll_1: rain (AE)"],
+        ["warning overridden", "hub: taped (AE)"],
+        ["sha256 of the DBC", hashlib.sha256(b"BO_ 1").hexdigest()],
+    ]
+    assert texts(tables(section)["Settings of the recording: bench.toml"]) == [["[bus]"]]
+    bare = provenance_section(replace(session(), runs=()), result().document(), SOURCE)
+    assert [block.title for block in bare.blocks] == ["Trace", "Channels"]
+    assert texts(tables(bare)["Trace"])[2][1] == "no raw frames"
+    assert frames_sha256(()) == ""
+
+
+def test_runs_stand_with_status_frames_losses_and_reasons() -> None:
+    section = run_section(session(), result())
+    found = tables(section)
+    assert texts(found["Runs of the session"]) == [
+        ["baseline_roll_1", "✓ accepted", "", "", "1,234", "none", ""],
+        ["baseline_roll_2", "✕ rejected", "", "", "2", "bus dropped 3, crc bad 1",
+         "a wheel lifted; by AE"],
+    ]  # fmt: skip
+    assert texts(found["Notes, faults and decisions during the runs"]) == [
+        ["baseline_roll_1", "1.500", "operator note", "door open"]
+    ]
+    assert run_section(replace(session(), runs=()), result()).blocks == ()
+
+
+def estimation() -> Estimation:
+    """Return a fit of one run with uncertain weight, lateness, place and motion ratio."""
+    travel = Channel(
+        "travel", Quantity.SUSPENSION_TRAVEL, "m", corner=Corner.FRONT_LEFT,
+        motion_ratio_sigma=0.02, delay_sigma_s=0.001,
+    )  # fmt: skip
+    body = Channel("z_s", Quantity.BODY_ACCELERATION, "m/s2", position_sigma_m=0.005)
+    weight = BodyWeight(50.0, -1.0, 0.5, 0.2, 0.1, 0.003)
+    box = GreyBox(
+        (ChannelGroup("travel", (travel,)), ChannelGroup("imu", (body,))),
+        (MassState("baseline"), MassState("added", AddedMass((weight,)))),
+        None,
+        facts=(Fact(FactQuantity.WHEELBASE, 2.75, 0.01),),
+    )
+    truth = FORD_GRANADA.to_array()
+    eta = np.concatenate([box.unknowns(truth)[:15], np.arange(1, len(box.corrections) + 1) * 1e-3])
+    variance = np.where(np.arange(len(eta)) < 15, 4e-6, 1e-6)
+    fit = Fit(eta, np.diag(variance), 1.0, {}, 1, True)
+    time_s = np.arange(101) / 100.0
+    record = Record(
+        "baseline_roll_1", "baseline", 0.1,
+        (Recording(ChannelGroup("imu", (body,)), time_s, np.ones((101, 1))),),
+    )  # fmt: skip
+    return Estimation(box, (record,), fit, (record.decay(0.25),), {}, {}, (), 1.0)
+
+
+def test_an_accepted_run_stands_with_the_stretch_that_was_fitted() -> None:
+    made = replace(result(), estimation=estimation())
+    rows = texts(tables(run_section(session(), made))["Runs of the session"])
+    assert [row[2:4] for row in rows] == [["0.250", "0.750"], ["", ""]]
+    every = replace(session(), runs=(replace(session().runs[0], status=RunStatus.REJECTED),))
+    rows = texts(tables(run_section(every, made))["Runs of the session"])
+    assert rows[0][2:4] == ["", ""]
+
+
+def test_the_vehicle_as_stated_and_how_it_agrees_with_the_fit() -> None:
+    """The Granada's wheelbase is 1.25 + 1.51 m: one sigma of 10 mm above 2.75 m."""
+    section = vehicle_section(session(), estimation())
+    found = tables(section)
+    assert texts(found["Model of the vehicle"]) == [
+        ["sides", "left and right alike"],
+        ["beyond the 15 parameters", "nothing"],
+        ["lengths a, b, t_f, t_r", "identified"],
+        ["facts", "none"],
+        ["mass states", "baseline, added"],
+    ]
+    (fact,) = texts(found["Facts: scales and tape measure"])
+    assert fact == ["wheelbase m", "2.7500", "0.010000", "2.7600", "-1.00"]
+    weights = found["Weights of mass state added"]
+    assert texts(weights) == [["hub RL", "", "", "", "", "5.0000", "0"]]
+    assert "Weights of mass state baseline" not in found
+    title = "Stated uncertainties: what the decays say of them"
+    assert texts(found[title]) == [
+        ["x of z_s", "5", "+1.000", "1.000", "mm", "+0.20"],
+        ["y of z_s", "5", "+2.000", "1.000", "mm", "+0.40"],
+        ["ratio of travel", "2", "+0.300", "0.100", "%", "+0.15"],
+        ["delay of travel", "1", "+4.000", "1.000", "ms", "+4.00"],
+        ["weight 1 of state added", "0.1", "+0.005", "0.001", "kg", "+0.05"],
+        ["x of weight 1 of state added", "3", "+6.000", "1.000", "mm", "+2.00"],
+        ["y of weight 1 of state added", "3", "+7.000", "1.000", "mm", "+2.33"],
+    ]
+
+
+def test_what_a_vehicle_has_beyond_the_usual_is_named() -> None:
+    car = Vehicle(
+        "car", FORD_GRANADA.geometry, Structure(False, True, True, True),
+        (Fact("m_s", 1.0, 1.0), Fact("k_sf", 1.0, 1.0)),
+    )  # fmt: skip
+    weight = BodyWeight(50.0, -1.0, 0.5, 0.2, 0.1, 0.003)
+    made = replace(
+        session(), vehicle=car, mass_states=(MassState("laden", AddedMass((weight,))),)
+    )  # fmt: skip
+    fitted = estimation()
+    box = GreyBox(fitted.box.groups[:0], (), None)
+    fitted = replace(fitted, box=box)
+    section = vehicle_section(made, fitted)
+    found = tables(section)
+    assert list(found) == ["Model of the vehicle", "Weights of mass state laden"]
+    assert [row[1] for row in texts(found["Model of the vehicle"])] == [
+        "each for itself", "anti roll bars, tyre damping, cg offset", "given", "2", "laden",
+    ]  # fmt: skip
+    assert texts(found["Weights of mass state laden"]) == [
+        ["body", "-1.000", "0.500", "0.200", "0.003", "50.000", "0.1"]
+    ]

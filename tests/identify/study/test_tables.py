@@ -1,0 +1,296 @@
+"""Tables, remarks and diagrams of the studies from outcomes that were made up, cell by cell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf, nan, sqrt
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from daq.runs import Excitation
+from daq.vehicle import FORD_GRANADA, PARAMETER_NAMES
+from dbc.errors import InputError
+from identify.study.campaign import Campaign, box_of, records_of, require_noise
+from identify.study.fig9 import fig9_study
+from identify.study.fir import taps
+from identify.study.fleet import FleetCase, fleet_study
+from identify.study.noise import Outcome, noise_study
+from identify.study.result import CurvePanel, DotPanel
+from identify.study.table2 import table2_study
+from identify.study.table3 import Attempt, table3_campaign, table3_study
+
+
+def shares(*first: float) -> NDArray[np.float64]:
+    """Return 15 numbers that begin with these; the others are 1."""
+    return np.array([*first, *[1.0] * (15 - len(first))])
+
+
+@pytest.mark.parametrize(
+    ("given", "taken"),
+    [
+        ({"rate_hz": 40.0}, True),
+        ({"rate_hz": 39.9}, False),
+        ({"rate_hz": 20_000.0}, True),
+        ({"rate_hz": 20_001.0}, False),
+        ({"noise_db": -20.0}, True),
+        ({"noise_db": -20.1}, False),
+        ({"noise_db": inf}, True),
+        ({"scales_sigma_kg": 0.0}, True),
+        ({"scales_sigma_kg": -0.1}, False),
+        ({"scales_sigma_kg": inf}, False),
+    ],
+)
+def test_a_campaign_is_taken_within_its_limits(given: dict[str, float], taken: bool) -> None:
+    if taken:
+        Campaign(**given)  # type: ignore[arg-type]
+    else:
+        with pytest.raises(InputError):
+            Campaign(**given)  # type: ignore[arg-type]
+
+
+def test_noise_above_100_db_is_none_to_study() -> None:
+    require_noise(Campaign(noise_db=100.0))
+    with pytest.raises(InputError, match=r"^noise: 100\.1 dB leaves no noise to study"):
+        require_noise(Campaign(noise_db=100.1))
+
+
+def test_scales_show_the_load_of_the_car_and_of_its_front_axle() -> None:
+    """1380 + 2 (40.5 + 45.4) kg, of which 1380 * 1.51 / 2.76 + 2 * 40.5 kg stand in front."""
+    total, front = box_of(Campaign(scales_sigma_kg=2.0), None).facts
+    assert (total.quantity, front.quantity) == ("total_mass_kg", "front_axle_kg")
+    assert total.value == pytest.approx(1551.8)
+    assert front.value == pytest.approx(836.0)
+    assert total.sigma == front.sigma == 2.0
+    assert box_of(Campaign(), None).facts == ()
+
+
+def test_each_seed_draws_what_the_scales_show() -> None:
+    drawn = np.array(
+        [
+            [fact.value for fact in box_of(Campaign(rate_hz=40.0, scales_sigma_kg=2.0), seed).facts]
+            for seed in range(40)
+        ]
+    ) - [1551.8, 836.0]
+    # Forty draws know their mean to 0.32 and their deviation to 0.22 kg.
+    np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=1.0)
+    np.testing.assert_allclose(drawn.std(axis=0), 2.0, atol=0.7)
+    assert abs(np.corrcoef(drawn.T)[0, 1]) < 0.5
+
+
+def fig9() -> tuple[dict[str, list[float]], tuple[tuple[CurvePanel, ...], ...]]:
+    study = fig9_study(500.0, 30.0, 3)
+    rows: dict[str, list[float]] = {}
+    for name, *values in study.rows:
+        rows[str(name)] = [float(value) for value in values]
+    panels = tuple(tuple(p for p in row if isinstance(p, CurvePanel)) for row in study.panels)
+    return rows, panels
+
+
+def test_fig9_shows_the_bounce_of_body_and_hub_and_their_tails() -> None:
+    rows, panels = fig9()
+    assert list(rows) == ["z_s", "z_uA"]
+    assert [[p.title for p in row] for row in panels] == [
+        ["Body, vertical (z_s)", "The same, enlarged"],
+        ["Front left hub (z_uA)", "The same, enlarged"],
+    ]
+    assert {p.x_label for row in panels for p in row} == {"time / s"}
+    for whole, tail in panels:
+        assert [(curve.label, curve.hue) for curve in whole.curves] == [
+            ("noisy", 0),
+            ("filtered", 2),
+        ]
+        for panel, (start, end) in ((whole, (0.0, 1.2)), (tail, (0.5, 0.8))):
+            half = len(taps(500.0)) // 2 / 500.0
+            noisy, low = panel.curves
+            assert (noisy.x[0], noisy.x[-1]) == pytest.approx((start, end))
+            assert (low.x[0], low.x[-1]) == pytest.approx((max(start, half), end))
+        first, second = whole.curves[0], tail.curves[0]
+        inside = (first.x >= 0.5) & (first.x <= 0.8)
+        np.testing.assert_array_equal(first.y[inside], second.y)
+        # What the low-pass leaves lies over what it was given, in the middle of its memory.
+        noisy, low = whole.curves
+        given = np.convolve(noisy.y, taps(500.0), mode="valid")
+        np.testing.assert_allclose(low.y[: len(given)], given, atol=1e-9)
+
+
+def test_fig9_counts_noise_from_the_whole_run_and_the_decay_after_the_bump() -> None:
+    rows, _ = fig9()
+    loud, quiet = (fig9_study(500.0, decibel, 3).numbers for decibel in (20.0, 40.0))
+    for name, (signal, noise, filtered, decay, decay_filtered) in rows.items():
+        assert loud("noise_rms")[name] / noise == pytest.approx(10**0.5)
+        assert noise / quiet("noise_rms")[name] == pytest.approx(10**0.5)
+        assert quiet("decay_db")[name] - decay == pytest.approx(10.0)
+        assert decay_filtered - loud("decay_filtered_db")[name] == pytest.approx(10.0)
+        assert loud("signal_rms")[name] == signal
+        assert filtered < noise
+        assert decay < 20.0 * np.log10(signal / noise)  # the decay is weaker than the bump
+
+
+def test_the_filtered_decay_begins_when_the_filter_has_left_the_bump() -> None:
+    campaign = Campaign(rate_hz=500.0, noise_db=30.0, cases=(Excitation.BOUNCE,))
+    noisy, clean = (
+        records_of(replace(campaign, noise_db=decibel), 3)[0].recordings[0]
+        for decibel in (30.0, inf)
+    )
+    half = len(taps(500.0)) // 2
+    column = [channel.name for channel in noisy.group.channels].index("z_uA")
+    low = [np.convolve(r.values[:, column], taps(500.0), mode="valid") for r in (noisy, clean)]
+    after = noisy.time_s[half:-half] > 0.3 + half / 500.0
+    signal, noise = low[1][after], (low[0] - low[1])[after]
+    expected = 10.0 * np.log10(np.mean(signal**2) / np.mean(noise**2))
+    rows, _ = fig9()
+    assert rows["z_uA"][4] == pytest.approx(expected, abs=1e-6)
+
+
+def case(name: str, verdict: str, worst: float, covered: int, cpu_s: float) -> FleetCase:
+    return FleetCase(
+        name, verdict, 1.02, worst, "k_sf", covered, 13, cpu_s, ("friction", "bump_stops"),
+        ("friction", "damper_mounts"), ("friction", "bump_stops"),
+    )  # fmt: skip
+
+
+def test_a_fleet_has_a_row_for_each_car_and_remarks_on_all() -> None:
+    cases = [
+        case("1 city", "ok", 2.0, 13, 10.0),
+        case("2 van", "ok", 6.0, 12, 30.0),
+        case("3 van", "doubtful", 4.0, 10, 20.0),
+        case("4 bus", "refused", 50.0, 1, 90.0),
+    ]
+    study = fleet_study("A fleet", cases)
+    assert study.title == "A fleet"
+    assert study.panels == ()
+    assert study.rows[1] == (
+        "2 van", "ok", 1.02, 6.0, "k_sf", 12.0, 13.0, 30.0, "friction, damper_mounts", "bump_stops",
+        "damper_mounts",
+    )  # fmt: skip
+    assert [(c.key, c.heading, c.form) for c in study.columns[2:5]] == [
+        ("chi2_per_n", "chi2/n", ".3f"), ("worst_percent", "worst %", ".2f"),
+        ("worst", "of", "+z.2f"),
+    ]  # fmt: skip
+    assert study.notes == (
+        "75 % of 4 cars end ok or doubtful, 50 % ok",
+        "of these 33 % have all masses, inertias, stiffnesses and lengths within 3 %, 67 % within "
+        "5 %",
+        "1 cars are called ok with an error above 5 %",
+        "95 % intervals hold 96.2 % for ok",
+        "95 % intervals hold 76.9 % for doubtful",
+        "50.0 % of the force elements with an effect above its 95 % interval are named; of the "
+        "named ones 50.0 % are not there",
+        "median 20.0 CPU s for the usable ones",
+        "median 90.0 CPU s for the refused ones",
+    )
+
+
+def test_table_2_draws_the_printed_errors_beside_those_found() -> None:
+    ((panel,),) = table2_study("exact").panels
+    assert isinstance(panel, DotPanel)
+    assert (panel.title, panel.x_label) == ("Noise-free identification", "error / %")
+    assert panel.items == PARAMETER_NAMES
+    assert [(one.label, one.hue) for one in panel.series] == [
+        ("paper, printed", 0), ("found here, exact response", 2),
+    ]  # fmt: skip
+    assert panel.series[0].values[[0, 5, 14]].tolist() == [-0.011, -0.170, -0.161]
+    assert np.max(np.abs(panel.series[1].values)) < 1e-5
+
+
+def outcome(error: float, std: float, chi2: float = 1.0, converged: bool = True) -> Outcome:
+    return Outcome(shares(error), shares(std), chi2, converged)
+
+
+@pytest.mark.parametrize(
+    ("made", "lost"),
+    [
+        (outcome(1.0, 25.0, 1.5), False),
+        (outcome(1.0, 25.1, 1.5), True),
+        (outcome(1.0, 25.0, 1.51), True),
+        (outcome(1.0, nan), True),
+        (outcome(1.0, 1.0, nan), True),
+        (outcome(1.0, 1.0, 1.0, False), True),
+    ],
+)
+def test_a_campaign_is_lost_beyond_its_limits(made: Outcome, lost: bool) -> None:
+    assert made.lost == lost
+
+
+def test_a_noise_study_sums_up_the_campaigns_that_are_not_lost() -> None:
+    """Errors of 3 and -1 %: rms sqrt(5); stated 1 and 7 %: sqrt(25); one of two intervals holds."""
+    kept = [outcome(3.0, 1.0), outcome(-1.0, 7.0)]
+    lost = [outcome(99.0, 1.0, 2.0), outcome(99.0, 1.0, 2.0, False), outcome(9.0, 30.0)]
+    study = noise_study(Campaign(), shares(2.5), [*kept, *lost])
+    assert study.title == "Noise study: 5 campaigns at 30 dB, 200 Hz, bounce, pitch, roll"
+    name, *cells = study.rows[0]
+    assert name == "m_s"
+    assert cells == pytest.approx([sqrt(5.0), 5.0, 2.5, sqrt(5.0) / 2.5, 50.0])
+    assert list(study.rows[1][1:]) == pytest.approx([1.0, 1.0, 1.0, 1.0, 100.0])
+    ratio = sqrt((0.8 + 14.0) / 15.0)
+    assert study.notes == (
+        "lost: 3 of 5 (not converged 1, chi2/n above 1.5 2, a standard deviation above 25 % 1)",
+        f"rms error 2.236 % at most; 0.894 .. 1.000 times the bound, {ratio:.3f} in the mean "
+        "square",
+        "95 % intervals hold the truth in 96.7 % of all cases; for one parameter, 50 .. 100 % may "
+        "be chance",
+    )
+    ((errors, covered),) = study.panels
+    assert isinstance(errors, DotPanel)
+    assert isinstance(covered, DotPanel)
+    assert [(one.label, one.hue) for one in errors.series] == [
+        ("Cramér-Rao bound", 0), ("stated", 3), ("rms error", 2),
+    ]  # fmt: skip
+    assert [one.values[0] for one in errors.series] == pytest.approx([2.5, 5.0, sqrt(5.0)])
+    assert covered.expected == (50.0, 100.0)
+    assert covered.series[0].values[0] == 50.0
+
+
+def test_chance_is_what_99_of_100_studies_show() -> None:
+    """Of 20 intervals of 95 %, 15 or fewer hold in 0.26 % of all studies, 16 or fewer in 1.6 %."""
+    study = noise_study(Campaign(), shares(), [outcome(0.0, 1.0)] * 20)
+    panel = study.panels[0][1]
+    assert isinstance(panel, DotPanel)
+    assert panel.expected == pytest.approx((80.0, 100.0))
+
+
+def test_lengths_that_are_given_are_not_in_a_noise_study() -> None:
+    given = Campaign(geometry=FORD_GRANADA.geometry, cases=(Excitation.BOUNCE,))
+    study = noise_study(given, shares(inf, 1.0, inf), [])
+    assert [row[0] for row in study.rows] == list(PARAMETER_NAMES[:11])
+    assert study.notes == (
+        "lost: 0 of 0 (not converged 0, chi2/n above 1.5 0, a standard deviation above 25 % 0)",
+        "these cases do not determine m_s, I_xx: take bounce, pitch and roll",
+    )
+
+
+def test_table_3_has_median_and_worst_of_the_attempts_that_answered() -> None:
+    def errors(first: float) -> NDArray[np.float64]:
+        return np.array([first, *[1.0] * 10])
+
+    attempts = [
+        Attempt(errors(-9.0), errors(nan), errors(0.1)),
+        Attempt(errors(2.0), errors(nan), errors(-0.3)),
+        Attempt(errors(4.0), errors(5.0), errors(nan)),
+    ]
+    campaign = table3_campaign(250.0, 25.0)
+    assert campaign.geometry == FORD_GRANADA.geometry
+    study = table3_study(campaign, attempts)
+    assert study.title == (
+        "Table 3, size of the errors in % at 25 dB, 250 Hz, geometry measured, 3 campaigns"
+    )
+    assert list(study.rows[0][1:]) == pytest.approx([2.307, 4.0, 9.0, 5.0, 5.0, 0.2, 0.3])
+    assert [column.heading for column in study.columns] == [
+        "parameter", "paper", "chain, 16 Hz: median", "worst", "chain, unfiltered: median",
+        "worst", "likelihood: median", "worst",
+    ]  # fmt: skip
+    assert study.notes[:3] == (
+        "chain, 16 Hz: no answer in 0 of 3 campaigns.",
+        "chain, unfiltered: no answer in 2 of 3 campaigns.",
+        "likelihood: no answer in 1 of 3 campaigns.",
+    )
+    ((panel,),) = study.panels
+    assert isinstance(panel, DotPanel)
+    assert panel.logarithmic
+    assert [one.hue for one in panel.series] == [0, 1, 2, 3]
+    reach = panel.series[3].reach
+    assert reach is not None
+    assert (panel.series[3].values[0], reach[0]) == pytest.approx((0.2, 0.3))
+    assert panel.series[0].reach is None
