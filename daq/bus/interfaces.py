@@ -59,6 +59,8 @@ RECEIVE_BUFFER_BYTES = 8 << 20
 _SO_RCVBUFFORCE = 33
 _IP_MULTICAST_ALL = 49
 _IPV6_MULTICAST_ALL = 29
+_STRAY_DATAGRAMS = 10_000
+"""Datagrams that a multicast socket may have received while it was opened: no buffer holds more."""
 
 _OPTIONS: dict[str, dict[str, Any]] = {
     # The simulated car carries its own clock; real time would make a fast replay meaningless.
@@ -165,7 +167,8 @@ def _tune_socket(bus: can.BusABC) -> None:
     """Give a bus that is a socket a buffer that outlasts a stall of this process.
 
     A multicast socket is in addition limited to its own group: by default it receives every group
-    that any process of this machine has joined.
+    that any process of this machine has joined.  What came of those while it was opened is thrown
+    away.
     """
     try:
         twin = socket.socket(fileno=os.dup(bus.fileno()))
@@ -183,6 +186,10 @@ def _tune_socket(bus: can.BusABC) -> None:
         for level, option, value in options if sys.platform == "linux" else options[:1]:
             with contextlib.suppress(OSError):  # forcing needs a privilege
                 twin.setsockopt(level, option, value)
+        if sys.platform == "linux" and twin.family in (socket.AF_INET, socket.AF_INET6):
+            with contextlib.suppress(OSError):  # until none waits; a busy bus may always have one
+                for _ in range(_STRAY_DATAGRAMS):
+                    twin.recv(1, socket.MSG_DONTWAIT)
 
 
 Doze = Callable[[float], object]

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from typing import Any
 
 import can
 import numpy as np
@@ -294,6 +295,28 @@ def test_junk_and_other_groups_on_the_same_port_do_not_disturb() -> None:
     neighbour.close()
     assert list(batch.can_id) == [1, 2]
     assert 0x7F in crossing.can_id
+
+
+def test_what_other_groups_sent_while_a_bus_was_opened_is_not_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened = can.Bus
+    with open_bus(BusConfig("udp_multicast", OTHER_GROUP, 1_000_000)) as other:
+
+        def interrupted(**options: Any) -> can.BusABC:
+            bus = opened(**options)
+            other.send(frame(0x7F))
+            return bus
+
+        monkeypatch.setattr(can, "Bus", interrupted)
+        source = open_source(BusConfig("udp_multicast", GROUP, 1_000_000), 0)
+        monkeypatch.undo()
+        with open_bus(BusConfig("udp_multicast", GROUP, 1_000_000)) as bus:
+            bus.send(frame(1))
+            bus.send(frame(2))
+        batch = read_until(source, 2)
+        source.close()
+    assert list(batch.can_id) == [1, 2]
 
 
 @pytest.mark.parametrize(
