@@ -156,6 +156,15 @@ print("no name")
     assert [set(bound[line]) for line in (1, 3, 4)] == [{"DIGIT"}, {"DIGIT"}, {"app"}]
 
 
+def test_a_record_outlives_another_docstring_and_no_other_statement() -> None:
+    first, reworded, changed = (
+        Blocks("dbc/wheel.py", f"def turn(n):\n    {text}\n    return {value}\n".encode()).functions
+        for text, value in (("'Turn.'", "n"), ("'Return the turns.'", "n"), ("'Turn.'", "-n"))
+    )
+    assert first == reworded != changed
+    assert Blocks("dbc/wheel.py", b"def turn(n):\n    'Turn.'\n").functions.keys() == first.keys()
+
+
 def test_what_is_compiled_bears_no_marks_and_is_found_by_name() -> None:
     formula = b"def force(u):\n    return 2.0 * u\n"
     for path, head, compiled in (

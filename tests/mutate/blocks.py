@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Iterator
+from copy import copy
 from hashlib import sha1
 from itertools import count
 
@@ -36,7 +37,7 @@ class Blocks:
         self.derived: defaultdict[str, set[str]] = defaultdict(set)
         """Names whose meaning depends on a name, by a statement outside of functions."""
         self.functions: dict[str, str] = {}
-        """Hash of each function, by the part of its keys before the last colon."""
+        """Hash of each function but its docstring, by the part of its keys before the last colon."""
         tree = ast.parse(source)
         self._compiled = is_compiled(path, source)
         self._outside(tree.body, "", frozenset())
@@ -70,10 +71,12 @@ class Blocks:
         function = f"{self.path}:{prefix}{node.name}"
         while function in self.functions:  # a property and its setter
             function += "'"
-        self.functions[function] = sha1(ast.dump(node).encode()).hexdigest()[:16]
+        documented = ast.get_docstring(node, clean=False) is not None
+        undocumented = copy(node)
+        undocumented.body = node.body[int(documented) :]
+        self.functions[function] = sha1(ast.dump(undocumented).encode()).hexdigest()[:16]
         for name in {node.name, *owner, *_names(node)}:
             self.mentions[name].add(f"{function}:0")
-        documented = ast.get_docstring(node, clean=False) is not None
         self._inside(node.body, function, count(), f"{prefix}{node.name}.", documented)
 
     def _inside(
