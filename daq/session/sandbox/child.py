@@ -32,7 +32,7 @@ def limit(max_bytes: int, max_s: int, max_file_bytes: int = 0) -> None:
     """Bound this process: memory, time, size of files that it writes, no core dumped."""
     try:
         import resource
-    except ModuleNotFoundError:  # Windows has none; there the parent's clock is the only limit
+    except ModuleNotFoundError:  # not on Windows; there the parent's time limit is the only one
         return
     resource.setrlimit(resource.RLIMIT_AS, (max_bytes, max_bytes))
     resource.setrlimit(resource.RLIMIT_CPU, (max_s, max_s + 1))
