@@ -161,7 +161,7 @@ def _clock(message: MessageLayout, time: TimeRule) -> SensorClock:
         what = f"time signal {signal.name} has the unknown unit {time.unit or signal.unit!r}"
         raise InputError(where, what, "state time_unit as s, ms, us or ns") from error
     if si.unit != "s" or signal.is_multiplexed:
-        what = f"time signal {signal.name} has the unit {time.unit or signal.unit!r}, not one of time"
+        what = f"time signal {signal.name} has the unit {time.unit or signal.unit!r}, not of time"
         raise InputError(where, what, "state time_unit as s, ms, us or ns")
     wrap = time.wrap
     if wrap is None:

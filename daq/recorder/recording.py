@@ -15,7 +15,7 @@ from dbc import Codec
 from dbc.finding import Finding, Severity
 from dbc.frames import FrameBatch
 
-from ..alarms import AlarmState, Turn, acknowledged, reconfigured, watch
+from ..alarms import AlarmState, Cycle, acknowledged, reconfigured, watch
 from ..bench.campaign import Step
 from ..bench.config import Bench, bench_codec
 from ..bus.source import HopLosses, LinkFacts
@@ -162,12 +162,12 @@ class Recording:
         if restamped:
             text = "time stamps of another epoch: frames are stamped on arrival"
             self._log_event(Event(self._t_ns, RESTAMPED, hops.restamped, text), events)
-        turn = Turn(now, batch, None, self._health, links, hops, disk, queue, storage)
-        turn = self._barrier.value("decode", now, turn, lambda: self._decoded(turn))
-        if turn.decoded is not None:
-            self._barrier.run("samples", now, lambda: self._take(turn, events))
+        cycle = Cycle(now, batch, None, self._health, links, hops, disk, queue, storage)
+        cycle = self._barrier.value("decode", now, cycle, lambda: self._decoded(cycle))
+        if cycle.decoded is not None:
+            self._barrier.run("samples", now, lambda: self._take(cycle, events))
         self._barrier.run("run loop", now, self._pass_time)
-        self._barrier.run("alarms", now, lambda: self._watch(turn, events))
+        self._barrier.run("alarms", now, lambda: self._watch(cycle, events))
         for event in self._barrier.events(now, self._t_ns or now.wall_ns):
             self._log_event(event, events)
         return tuple(events)
@@ -290,22 +290,22 @@ class Recording:
             bench.procedure.accept_after_s,
         )
 
-    def _decoded(self, turn: Turn) -> Turn:
-        if not len(turn.batch):
-            return turn
-        decoded = self._codec.decode(turn.batch)
+    def _decoded(self, cycle: Cycle) -> Cycle:
+        if not len(cycle.batch):
+            return cycle
+        decoded = self._codec.decode(cycle.batch)
         self._health = health.advance(self._codec.messages, self._health, decoded)
-        return replace(turn, decoded=decoded, health=self._health)
+        return replace(cycle, decoded=decoded, health=self._health)
 
-    def _take(self, turn: Turn, events: list[Event]) -> None:
+    def _take(self, cycle: Cycle, events: list[Event]) -> None:
         """Keep the samples, and process the bumps found in them."""
-        assert turn.decoded is not None  # held by the caller
+        assert cycle.decoded is not None  # held by the caller
         block = {
             m.channel.name: (samples.t_ns, m.values(samples))
             for m in self._mapped
-            if (samples := turn.decoded.samples.get(m.channel.signal)) is not None
+            if (samples := cycle.decoded.samples.get(m.channel.signal)) is not None
         }
-        self._judge.add(int(turn.batch.t_ns.min()), self._t_ns, block, self.losses)
+        self._judge.add(int(cycle.batch.t_ns.min()), self._t_ns, block, self.losses)
         self._live.add(block)
         trigger_block = {name: piece for name, piece in block.items() if name in self._triggers}
         self._trigger, found = trigger.advance(self._bench.trigger, self._trigger, trigger_block)
@@ -314,7 +314,7 @@ class Recording:
                 case trigger.BUMP:
                     self._bumped(event, events)
                 case trigger.RUN_END:
-                    self._ended(event, turn, events)
+                    self._ended(event, cycle, events)
                 case _:
                     self._log_event(event, events)
                     if event.code == trigger.CLOCK_STEP:
@@ -332,15 +332,17 @@ class Recording:
         self._loop = run_loop.bumped(self._loop, due.label, event.t_ns)
         self._bump_ns = event.t_ns
 
-    def _ended(self, event: Event, turn: Turn, events: list[Event]) -> None:
+    def _ended(self, event: Event, cycle: Cycle, events: list[Event]) -> None:
         if not self._loop.running:
             self._log_event(replace(event, code=trigger.UNPLANNED + event.code), events)
             return
         label = self._loop.label
         self._log_event(replace(event, text=label), events)
-        findings = self._barrier.value("verdict", turn.now, UNJUDGED, lambda: self._findings(label))
+        findings = self._barrier.value(
+            "verdict", cycle.now, UNJUDGED, lambda: self._findings(label)
+        )
         self._log_event(verdict_entry(event.t_ns, label, findings), events)
-        seen_ns = max(event.t_ns, int(turn.batch.t_ns[0]))  # a bus may have paused meanwhile
+        seen_ns = max(event.t_ns, int(cycle.batch.t_ns[0]))  # a bus may have paused meanwhile
         self._loop = run_loop.judged(self._loop, self._surroundings(seen_ns))
 
     def _reject(self, finding: Finding, events: list[Event]) -> None:
@@ -361,10 +363,10 @@ class Recording:
     def _pass_time(self) -> None:
         self._loop = run_loop.turned(self._loop, self._surroundings(self._t_ns))
 
-    def _watch(self, turn: Turn, events: list[Event]) -> None:
-        turn = replace(turn, failed=self._barrier.failed(turn.now))
+    def _watch(self, cycle: Cycle, events: list[Event]) -> None:
+        cycle = replace(cycle, failed=self._barrier.failed(cycle.now))
         self._alarms, alarm_events = watch(
-            self._bench.recorder, self._codec, self._mapped, self._alarms, turn
+            self._bench.recorder, self._codec, self._mapped, self._alarms, cycle
         )
         at_end = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
         self._judge.saw_saturated(self._t_ns, at_end)
