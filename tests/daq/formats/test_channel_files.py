@@ -267,12 +267,12 @@ def _sparse(path: Path) -> None:
     ("make", "why"),
     [
         (lambda p: p.write_bytes(b""), "is empty"),
-        (lambda p: p.write_text("nothing but\nwords here\n"), "is no table of numbers"),
-        (lambda p: p.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(500)), "is no table of numbers"),
-        (_sparse, "is no table of numbers"),
+        (lambda p: p.write_text("nothing but\nwords here\n"), "is not a table of numbers"),
+        (lambda p: p.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(500)), "is not a table of numbers"),
+        (_sparse, "is not a table of numbers"),
         (lambda p: p.write_bytes(b"UnFinMF 4.10"), "was not finished by its logger"),
-        (lambda p: p.write_text("a\n1\n2\n"), "is no table of numbers"),
-        (lambda p: p.mkdir(), "is no regular file"),
+        (lambda p: p.write_text("a\n1\n2\n"), "is not a table of numbers"),
+        (lambda p: p.mkdir(), "is not a regular file"),
     ],
 )
 def test_what_is_no_table_is_refused(
