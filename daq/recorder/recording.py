@@ -1,8 +1,8 @@
-"""One recording: journal first, then decode, watch, find the bumps, judge them.
+"""Processes one recording: journal first, then decode, watch, find the bumps, judge them.
 
-`Recording.store` does the first for one block, `Recording.look` the others for all blocks since the
-last look, without threads and without a clock; `daq.recorder.recorder` calls them.  A failure after
-the journal costs no frame: the event `consumer_failed` reports it.
+`Recording.store` writes one block to the journal; `Recording.look` does the other steps for all
+blocks since the last look.  Both have no threads and no clock; `daq.recorder.recorder` calls them.
+A failure after the journal loses no frame: the event `consumer_failed` reports it.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ RESTAMPED = "restamped"
 
 
 class Recording:
-    """One recording: of a campaign, or of what is on the bus between two, where nothing is armed.
+    """One recording: of a campaign, or of the traffic between two campaigns, when nothing is armed.
 
-    `store`: for frames and events; the caller closes it.  `run_log`: of a recording that is
-    resumed.  Raises InputError if a channel and the DBC do not fit, or no channel can trigger.
+    `store`: for frames and events; the caller closes it.  `run_log`: run log of a resumed
+    recording.  Raises InputError if a channel contradicts the DBC, or no channel can trigger.
     """
 
     def __init__(
@@ -76,9 +76,9 @@ class Recording:
         self.adopt(bench, codec)
 
     def adopt(self, bench: Bench, codec: Codec) -> None:
-        """Go on with another bench.toml.
+        """Continue with another bench.toml.
 
-        Raises InputError as the constructor; nothing has changed then.
+        Raises InputError as the constructor; then nothing is changed.
         """
         mapped, triggers = bench_mapping(bench, codec)
         self._bench, self._codec, self._mapped, self._triggers = bench, codec, mapped, triggers
@@ -88,12 +88,12 @@ class Recording:
         self._counted: tuple[RunLog, Counts] | None = None
         self._compared: tuple[tuple[RunLog, int], tuple[LeftOut, ...]] | None = None
         self._alarms = reconfigured(self._alarms)
-        # If it was killed after the last run, or plans fewer runs now, it is complete.
+        # It is complete if it was killed after the last run, or now plans fewer runs.
         self._loop = run_loop.decided(self._loop, self._surroundings(self._t_ns))
 
     @property
     def bench(self) -> Bench:
-        """The bench in force."""
+        """The present bench."""
         return self._bench
 
     @property
@@ -103,7 +103,7 @@ class Recording:
 
     @property
     def running(self) -> str:
-        """Label of the run that is being recorded, also if it is rejected already; else empty."""
+        """Label of the run that is being recorded, also if it is already rejected; else empty."""
         return self._loop.label if self._loop.running else ""
 
     @property
@@ -130,8 +130,8 @@ class Recording:
         """Store one block of frames, and keep it for the next look.
 
         `batch`: in order of arrival; may be empty.  `hops`: cumulative counts up to this block,
-        since this recorder was started.  Raises JournalError if the store raises it; nothing else
-        is done with the block then.
+        since this recorder was started.  Raises JournalError if the store raises it; the block is
+        then not processed.
         """
         if len(batch) or hops != self._hops:
             self._store.append(batch, hops)
@@ -151,7 +151,7 @@ class Recording:
         queue: QueueStatus = NO_QUEUE,
         storage: StorageStatus = NO_STORAGE,
     ) -> tuple[Event, ...]:
-        """Look at all frames since the last look; called without frames, too, for the alarms.
+        """Process all frames since the last look; also called without frames, for the alarms.
 
         `links`, `disk`, `queue`, `storage`: their present state.  Returns the events stored: `bump`
         and `run_end` have the label of their run.
@@ -173,10 +173,10 @@ class Recording:
         return tuple(events)
 
     def carry_out(self, order: Order, by: str, now: Now) -> None:
-        """Carry out an order of the run loop or of the run log; its event is stored first.
+        """Execute an order of the run loop or of the run log; its event is stored first.
 
-        `order`: not one that begins or ends a recording.  `by`: name of its sender.  Raises
-        OrderError if it makes no sense now; nothing has changed then.
+        `order`: any order except those that begin or end a recording.  `by`: name of its sender.
+        Raises OrderError if the order is not possible now; then nothing is changed.
         """
         t_ns = self._t_ns or now.wall_ns
         if isinstance(order, LeaveOut):
@@ -206,7 +206,7 @@ class Recording:
                 self._loop = run_loop.decided(self._loop, surroundings)
 
     def reconfigure(self, bench: Bench, now: Now) -> None:
-        """Go on with a bench that was checked, and store its text."""
+        """Continue with a checked bench, and store its text."""
         self.note(Code.BENCH, 0.0, bench.text, now)
         self.adopt(bench, bench_codec(bench))
 
@@ -259,7 +259,7 @@ class Recording:
 
     @property
     def _proposed(self) -> tuple[LeftOut, ...]:
-        # After a restart the measures come later than the runs.
+        # After a restart the measures arrive later than the runs.
         known = self._run_log, len(self.measures)
         if self._compared is None or self._compared[0] != known:
             self._compared = known, proposed(self._bench, self._run_log, self.measures)
@@ -299,7 +299,7 @@ class Recording:
 
     def _take(self, cycle: Cycle, events: list[Event]) -> None:
         """Keep the samples, and process the bumps found in them."""
-        assert cycle.decoded is not None  # held by the caller
+        assert cycle.decoded is not None  # ensured by the caller
         block = {
             m.channel.name: (samples.t_ns, m.values(samples))
             for m in self._mapped
@@ -319,10 +319,10 @@ class Recording:
                     self._log_event(event, events)
                     if event.code == trigger.CLOCK_STEP:
                         self._first_ns = event.t_ns
-                        self.cut("the time stamps fell back")
+                        self.cut("the time stamps went back")
 
     def _bumped(self, event: Event, events: list[Event]) -> None:
-        surroundings = self._surroundings(event.t_ns, ready=True)  # as of the bump
+        surroundings = self._surroundings(event.t_ns, ready=True)  # the state at the bump
         self._loop = run_loop.turned(self._loop, surroundings)
         due = self._due
         if due is None or not self._loop.takes_bumps:
@@ -342,7 +342,7 @@ class Recording:
             "verdict", cycle.now, UNJUDGED, lambda: self._findings(label)
         )
         self._log_event(verdict_entry(event.t_ns, label, findings), events)
-        seen_ns = max(event.t_ns, int(cycle.batch.t_ns[0]))  # a bus may have paused meanwhile
+        seen_ns = max(event.t_ns, int(cycle.batch.t_ns[0]))  # a bus may have paused in between
         self._loop = run_loop.judged(self._loop, self._surroundings(seen_ns))
 
     def _reject(self, finding: Finding, events: list[Event]) -> None:
@@ -352,7 +352,7 @@ class Recording:
 
     def _findings(self, label: str) -> Sequence[Finding]:
         step = parse_label(label)
-        assert step is not None  # the recorder gave it
+        assert step is not None  # given by the recorder
         return self._judge.verdict(step, self._bump_ns, self._run_log)
 
     def _peak_left(self) -> float | None:

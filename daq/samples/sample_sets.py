@@ -1,4 +1,4 @@
-"""Which frames belong to one sample: binding by the order of arrival, and by counters."""
+"""Finds the frames that belong to one sample, by the order of arrival or by counters."""
 
 from __future__ import annotations
 
