@@ -75,7 +75,7 @@ def test_orders_are_written_down_and_those_that_make_no_sense_refused(
     recording.carry_out(Reject(reason="foot"), "Ann", now())
     with pytest.raises(OrderError, match="already rejected"):
         recording.carry_out(Reject("baseline_bounce_1"), "Ann", now())
-    with pytest.raises(OrderError, match="say why"):
+    with pytest.raises(OrderError, match="give the reason"):
         recording.carry_out(Accept("baseline_bounce_1"), "Ann", now())
     recording.carry_out(Undo(), "Ann", now())
     recording.carry_out(Redo(), "Ann", now())
