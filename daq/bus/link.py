@@ -91,7 +91,7 @@ class Link:
         self._halted.set()
 
     def close(self) -> None:
-        """Close the bus for good."""
+        """Close the bus permanently."""
         self._halted.set()
         self._drop()
         self._facts = replace(self._facts, connected=False, losses=self._before)

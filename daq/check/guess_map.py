@@ -112,7 +112,7 @@ def guess_corner(name: str, message: str, comment: str) -> tuple[Corner, str] | 
 def guess_quantity(
     message: str, signal: SignalLayout, comment: str, level: float | None
 ) -> Guess | None:
-    """Return a guess at what a signal measures, or None if it is no quantity of the method.
+    """Return a guess at what a signal measures, or None if the method does not use it.
 
     `message`: name of its message.  `comment`: its comment in the DBC.  `level`: its value at rest
     in its own unit, if it was measured.

@@ -159,7 +159,7 @@ def _group(
     time_s = time_s[rows]
     back = np.flatnonzero(np.diff(time_s) <= 0.0)
     if len(back):
-        what = f"the times of {printable(name, 100)} do not increase behind {time_s[back[0]]:.6g} s"
+        what = f"the times of {printable(name, 100)} do not increase after {time_s[back[0]]:.6g} s"
         raise InputError(where, what, "name another column of times, or cut the file there")
     quality = np.where(filled[:, rows].all(axis=0), 0, np.uint8(Quality.MISSING)).astype(np.uint8)
     t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)

@@ -33,7 +33,7 @@ def built_recordings(folder: Path, segments: Iterable[SegmentInfo]) -> set[str]:
 
 
 def is_outdated(folder: Path, recording: str, stop: int) -> bool:
-    """Return whether a session file was built that lacks blocks of the recording before `stop`."""
+    """Return whether the session file of a recording misses blocks before `stop`."""
     note = _read_note(folder, recording)
     return note is not None and note.stop < stop
 

@@ -29,7 +29,7 @@ from .recording import Recording
 
 CreateFile = Callable[[Path], JournalFile]
 OWN_BENCH = (
-    "the resumed recording goes on with its own bench.toml, not with the one in the file: reload "
+    "the resumed recording continues with its own bench.toml, not with the one in the file: reload "
     "to use that, or start a new recording"
 )
 NOT_RESUMED = "the last recording was not ended and cannot be resumed ({}): a new one is begun"

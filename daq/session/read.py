@@ -104,7 +104,7 @@ def _session(file: Group) -> Session:
     measured = {name for run in runs for group in run.groups for name in group.values}
     unknown = measured - {channel.name for channel in channels}
     if unknown:
-        raise ValueError(f"{min(unknown)} is no channel of /channels")
+        raise ValueError(f"{min(unknown)} is not a channel of /channels")
     return Session(
         vehicle=_vehicle(file.group("session")),
         channels=channels,
@@ -116,13 +116,13 @@ def _session(file: Group) -> Session:
 
 def _int(value: Attribute) -> int:
     if not isinstance(value, int) or not -(2**63) <= value < 2**63:
-        raise ValueError(f"{value!r} is no whole number of 64 bits")
+        raise ValueError(f"{value!r} is not a whole number of 64 bits")
     return value
 
 
 def _float(value: Attribute) -> float:
     if not isinstance(value, int | float):
-        raise ValueError(f"{value!r} is no number")
+        raise ValueError(f"{value!r} is not a number")
     return float(value)
 
 

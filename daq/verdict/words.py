@@ -65,7 +65,7 @@ WORDS: Mapping[str, Words] = MappingProxyType(
         "wrong_mode": Words(
             "wrong bump",
             "The wheels or the body moved as in another kind of bump.",
-            "check which wheels stand before the boards, then bump again",
+            "check which wheels are before the boards, then bump again",
         ),
         "mirrored": Words(
             "other side",

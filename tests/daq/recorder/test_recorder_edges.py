@@ -222,7 +222,7 @@ def test_whose_bench_toml_holds_is_said(
         assert f"campaign: {status.begun}" in list(status_lines(status))
         writer = running.recorder._opened.writer
         assert writer.limits == limits  # the disk is the host's affair
-    assert "goes on with its own bench.toml" in caplog.text
+    assert "continues with its own bench.toml" in caplog.text
     caplog.clear()
     other = replace(quick, dbc_text=quick.dbc_text + "\n")
     with Running(other, tmp_path, sources(Script([]))) as running:

@@ -84,7 +84,7 @@ def _other_text(file: h5py.File) -> None:
             "/",
             "hub_fl is no",
         ),
-        (_attribute(RUN, "repeat", np.uint64(2**63)), "/", "is no whole number of 64 bits"),
+        (_attribute(RUN, "repeat", np.uint64(2**63)), "/", "is not a whole number of 64 bits"),
     ],
 )
 def test_what_breaks_the_schema(
